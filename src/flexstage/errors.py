@@ -1,0 +1,39 @@
+"""Errors that flexstage raises on purpose.
+
+Each class is also the built-in that a caller would expect, so ``except ValueError`` works for a
+user who does not know this module. The message is one sentence: what is wrong, what was got, what
+is allowed, how to mend it.
+"""
+
+__all__ = [
+    "ConvergenceError",
+    "FlexstageError",
+    "HingeError",
+    "ModelError",
+    "StageError",
+    "UnitError",
+]
+
+
+class FlexstageError(Exception):
+    """Base of every error that flexstage raises on purpose."""
+
+
+class UnitError(FlexstageError, ValueError):
+    """A text that should be a quantity is not one, or has the wrong unit."""
+
+
+class StageError(FlexstageError, ValueError):
+    """A stage description, or the file that holds it, is not a possible stage."""
+
+
+class HingeError(FlexstageError, ValueError):
+    """A hinge profile has impossible dimensions, or a method is not defined for it."""
+
+
+class ModelError(FlexstageError, ValueError):
+    """A model is asked for something that it cannot give."""
+
+
+class ConvergenceError(FlexstageError, RuntimeError):
+    """An iteration ended before it reached its tolerance."""

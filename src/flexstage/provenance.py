@@ -1,0 +1,102 @@
+"""Where a result comes from: software, description, settings, time."""
+
+import dataclasses
+import datetime
+import hashlib
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import flexstage
+
+__all__ = ["Provenance", "content_hash", "provenance"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What a result was made from and with.
+
+    Parameters
+    ----------
+    version : str
+        Version of flexstage.
+    input_hash : str
+        SHA-256 of the description that the result was computed from.
+    created : str
+        Date and time, UTC, ISO 8601.
+    settings : Mapping
+        Choices that change the result.
+    python : str
+        Version of Python.
+    machine : str
+        Operating system and processor.
+    """
+
+    version: str
+    input_hash: str
+    created: str
+    settings: Mapping[str, str] = field(default_factory=dict)
+    python: str
+    machine: str
+
+
+def content_hash(description: object) -> str:
+    """Return a hash of a description that is equal exactly when its fields are.
+
+    Parameters
+    ----------
+    description : object
+        A dataclass of numbers, texts, tuples and other such dataclasses.
+
+    Returns
+    -------
+    str
+        SHA-256, 64 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    _feed(digest, description)
+    return digest.hexdigest()
+
+
+def _feed(digest: "hashlib._Hash", value: object) -> None:
+    if dataclasses.is_dataclass(value):
+        digest.update(f"{type(value).__name__}(".encode())
+        for f in dataclasses.fields(value):
+            digest.update(f"{f.name}=".encode())
+            _feed(digest, getattr(value, f.name))
+        digest.update(b")")
+    elif isinstance(value, (tuple, list)):
+        digest.update(b"[")
+        for item in value:
+            _feed(digest, item)
+            digest.update(b",")
+        digest.update(b"]")
+    elif isinstance(value, float):
+        digest.update(value.hex().encode())
+    else:
+        digest.update(repr(value).encode())
+
+
+def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
+    """Record where a result comes from, now.
+
+    Parameters
+    ----------
+    description : object
+        What the result is computed from.
+    settings : Mapping, optional
+        Choices that change the result.
+
+    Returns
+    -------
+    Provenance
+        The record.
+    """
+    return Provenance(
+        version=flexstage.__version__,
+        input_hash=content_hash(description),
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        settings=dict(settings or {}),
+        python=platform.python_version(),
+        machine=f"{platform.system()} {platform.machine()}",
+    )

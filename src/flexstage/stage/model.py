@@ -1,0 +1,350 @@
+"""The description of a stage: bodies, hinges, drives, probes, material, thickness. No physics."""
+
+import difflib
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, TypeVar
+
+from flexstage.characteristic import Characteristic
+from flexstage.errors import StageError
+from flexstage.hinges import Profile
+from flexstage.material import Material
+from flexstage.stage.drive import Drive
+from flexstage.stage.outline import Circle, Loop, Point
+from flexstage.units import DIMENSIONS
+
+__all__ = ["Axis", "Body", "ExtraMass", "Hinge", "Manufacture", "Probe", "Stage"]
+
+Length = Annotated[float, DIMENSIONS["length"]]
+Angle = Annotated[float, DIMENSIONS["angle"]]
+_T = TypeVar("_T", "Body", "Hinge", "Drive", "Probe", "Axis")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtraMass:
+    """Something mounted on a body that is not of the plate.
+
+    Parameters
+    ----------
+    mass : float
+        Its mass [kg].
+    at : tuple of float
+        Its centre of mass in the plane [m].
+    inertia : float
+        Its moment of inertia about its own centre, normal to the plane [kg m^2].
+    """
+
+    mass: Annotated[float, DIMENSIONS["mass"]]
+    at: Point
+    inertia: Annotated[float, DIMENSIONS["inertia"]] = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """A part of the plate that is meant to be rigid.
+
+    Its outline leaves the notches out; the half of each notch that touches it belongs to it.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    outline : Loop
+        Its outline, without the half notches cut into it.
+    holes : tuple of Loop or Circle
+        Openings in it; other bodies may lie inside them.
+    mounting_holes : tuple of Circle
+        Holes by which it is bolted down or carries a load.
+    fixed : bool
+        Whether it is held.
+    extra_masses : tuple of ExtraMass
+        What is mounted on it.
+    """
+
+    name: str
+    outline: Loop
+    holes: tuple[Loop | Circle, ...] = ()
+    mounting_holes: tuple[Circle, ...] = ()
+    fixed: bool = False
+    extra_masses: tuple[ExtraMass, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hinge:
+    """A notch between two bodies.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    bodies : tuple of str
+        The bodies a and b that it joins.
+    at : tuple of float
+        Centre of the neck [m].
+    direction : float
+        Direction from body a to body b, from the x axis to the left [rad].
+    profile : Profile
+        The shape of the notch.
+    """
+
+    name: str
+    bodies: tuple[str, str]
+    at: Point
+    direction: Angle
+    profile: Profile
+
+    def to_plane(self, along: float, across: float) -> tuple[float, float]:
+        """Map a point in the hinge's own axes to the plane of the stage.
+
+        Parameters
+        ----------
+        along : float
+            Distance from the neck towards body b [m].
+        across : float
+            Distance from the hinge's line, positive to the left [m].
+
+        Returns
+        -------
+        tuple of float
+            The point (x, y) [m].
+        """
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        return (self.at[0] + c * along - s * across, self.at[1] + s * along + c * across)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """A place where motion is read.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    body : str
+        The body whose motion is read.
+    at : tuple of float
+        The point [m].
+    direction : float
+        The direction that is read, from the x axis to the left [rad].
+    relative_to : str, optional
+        The body against which it is read; the ground where not given.
+    """
+
+    name: str
+    body: str
+    at: Point
+    direction: Angle
+    relative_to: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """One direction of positioning: what drives it and where its motion is read.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    drive : str
+        The drive that moves it.
+    probe : str
+        The probe that reads it.
+    """
+
+    name: str
+    drive: str
+    probe: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manufacture:
+    """Limits of the process that cuts the stage.
+
+    Parameters
+    ----------
+    wire_width : float
+        Width of the narrowest slot that can be cut [m].
+    minimum_neck : float
+        Thinnest neck that can be cut [m].
+    """
+
+    wire_width: Length = 0.35e-3
+    minimum_neck: Length = 0.3e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """A monolithic flexure stage.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    title : str
+        One line that says what it is.
+    thickness : float
+        Thickness of the plate [m].
+    material : Material
+        What it is cut from.
+    bodies : tuple of Body
+        Its rigid parts.
+    hinges : tuple of Hinge
+        Its notches.
+    drives : tuple of Drive
+        What moves it.
+    probes : tuple of Probe
+        Where its motion is read.
+    axes : tuple of Axis
+        Its directions of positioning.
+    manufacture : Manufacture
+        Limits of the cutting process.
+    published : tuple of Characteristic
+        Figures that others have given for it.
+    notes : tuple of str
+        Remarks that belong to every result of it.
+
+    Raises
+    ------
+    StageError
+        Two things share a name, or a name is used that nothing has.
+    """
+
+    name: str
+    title: str = ""
+    thickness: Length
+    material: Material
+    bodies: tuple[Body, ...]
+    hinges: tuple[Hinge, ...] = ()
+    drives: tuple[Drive, ...] = ()
+    probes: tuple[Probe, ...] = ()
+    axes: tuple[Axis, ...] = ()
+    manufacture: Manufacture = field(default_factory=Manufacture)
+    published: tuple[Characteristic, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.thickness < math.inf:
+            raise StageError(f"the thickness must be positive and finite, got {self.thickness!r} m")
+        if not self.bodies:
+            raise StageError("a stage needs at least one body, got none")
+        bodies = _unique("body", self.bodies)
+        _unique("hinge", self.hinges)
+        drives = _unique("drive", self.drives)
+        probes = _unique("probe", self.probes)
+        _unique("axis", self.axes)
+        for h in self.hinges:
+            for name in h.bodies:
+                _known(f"hinge '{h.name}'", "body", name, bodies)
+            if h.bodies[0] == h.bodies[1]:
+                raise StageError(f"hinge '{h.name}' joins body '{h.bodies[0]}' to itself")
+        for d in self.drives:
+            for name in (d.pushes, d.reacts):
+                _known(f"drive '{d.name}'", "body", name, bodies)
+        for p in self.probes:
+            for name in (p.body, *(() if p.relative_to is None else (p.relative_to,))):
+                _known(f"probe '{p.name}'", "body", name, bodies)
+        for a in self.axes:
+            _known(f"axis '{a.name}'", "drive", a.drive, drives)
+            _known(f"axis '{a.name}'", "probe", a.probe, probes)
+
+    def body(self, name: str) -> Body:
+        """Return a body by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Body
+            The body.
+        """
+        return _find("body", name, self.bodies)
+
+    def hinge(self, name: str) -> Hinge:
+        """Return a hinge by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Hinge
+            The hinge.
+        """
+        return _find("hinge", name, self.hinges)
+
+    def drive(self, name: str) -> Drive:
+        """Return a drive by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Drive
+            The drive.
+        """
+        return _find("drive", name, self.drives)
+
+    def probe(self, name: str) -> Probe:
+        """Return a probe by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Probe
+            The probe.
+        """
+        return _find("probe", name, self.probes)
+
+    def axis(self, name: str) -> Axis:
+        """Return an axis by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Axis
+            The axis.
+        """
+        return _find("axis", name, self.axes)
+
+
+def _unique(noun: str, things: tuple) -> set[str]:
+    seen: set[str] = set()
+    for thing in things:
+        if thing.name in seen:
+            raise StageError(f"two {noun} entries are called '{thing.name}': give each its own name")
+        seen.add(thing.name)
+    return seen
+
+
+def _known(who: str, noun: str, name: str, names: set[str]) -> None:
+    if name not in names:
+        near = difflib.get_close_matches(name, sorted(names), n=1, cutoff=0.3)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        have = ", ".join(sorted(names)[:12]) or "none"
+        raise StageError(
+            f"{who} names the {noun} '{name}', which does not exist (there are: {have}){hint}"
+        )
+
+
+def _find(noun: str, name: str, things: tuple[_T, ...]) -> _T:
+    for thing in things:
+        if thing.name == name:
+            return thing
+    _known("the request", noun, name, {t.name for t in things})
+    raise AssertionError

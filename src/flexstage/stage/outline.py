@@ -1,0 +1,262 @@
+"""Closed outlines of straight lines and circular arcs, and their exact area integrals."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import StageError
+from flexstage.units import DIMENSIONS
+
+__all__ = ["AreaIntegrals", "Circle", "Loop", "Point"]
+
+Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
+
+
+class AreaIntegrals(NamedTuple):
+    """Integrals over an area, about the origin.
+
+    Parameters
+    ----------
+    area : float
+        Integral of 1 [m^2].
+    x, y : float
+        Integrals of x and of y [m^3].
+    xx, yy, xy : float
+        Integrals of x^2, y^2 and x y [m^4].
+    """
+
+    area: float
+    x: float
+    y: float
+    xx: float
+    yy: float
+    xy: float
+
+    def plus(self, other: "AreaIntegrals", sign: float = 1.0) -> "AreaIntegrals":
+        """Add another area, or take it away.
+
+        Parameters
+        ----------
+        other : AreaIntegrals
+            The other area.
+        sign : float
+            1 to add, -1 to take away.
+
+        Returns
+        -------
+        AreaIntegrals
+            The sum.
+        """
+        return AreaIntegrals(*(a + sign * b for a, b in zip(self, other, strict=True)))
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A closed line of straight segments and arcs.
+
+    Segment i runs from point i to point i + 1; its bulge is the tangent of a quarter of the angle
+    of its arc, positive where the arc turns left, 0 for a straight line (the convention of DXF).
+
+    Parameters
+    ----------
+    points : tuple of tuple of float
+        The corners [m], each (x, y), at least three, or two where arcs join them.
+    bulges : tuple of float
+        One for each segment [1]; left out if all are straight.
+
+    Raises
+    ------
+    StageError
+        Too few points, a number that is not finite, or the wrong number of bulges.
+
+    Examples
+    --------
+    >>> square = Loop(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)))
+    >>> square.integrals().area
+    4.0
+    """
+
+    points: tuple[tuple[float, float], ...]
+    bulges: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.points)
+        if self.bulges and not any(self.bulges):
+            object.__setattr__(self, "bulges", ())
+        if n < (2 if self.bulges else 3):
+            raise StageError(f"an outline needs at least 3 points, or 2 joined by arcs, got {n}")
+        if self.bulges and len(self.bulges) != n:
+            raise StageError(
+                f"an outline of {n} points needs {n} bulges, one for each segment, "
+                f"got {len(self.bulges)}"
+            )
+        if not all(map(math.isfinite, (*(c for p in self.points for c in p), *self.bulges))):
+            raise StageError("an outline has a coordinate that is not a finite number")
+
+    def segments(self) -> list[tuple[tuple[float, float], tuple[float, float], float]]:
+        """Return the segments in order.
+
+        Returns
+        -------
+        list of tuple
+            Start [m], end [m] and bulge [1] of each.
+        """
+        ends = self.points[1:] + self.points[:1]
+        bulges = self.bulges or (0.0,) * len(self.points)
+        return list(zip(self.points, ends, bulges, strict=True))
+
+    def integrals(self) -> AreaIntegrals:
+        """Integrate over the enclosed area, exactly for arcs as well.
+
+        Returns
+        -------
+        AreaIntegrals
+            Positive whichever way round the loop runs.
+        """
+        total = AreaIntegrals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        for start, end, bulge in self.segments():
+            total = total.plus(_triangle(start, end))
+            if bulge:
+                total = total.plus(_circular_segment(start, end, bulge))
+        return total if total.area >= 0.0 else AreaIntegrals(*(-v for v in total))
+
+    def polyline(self, tolerance: float = 2e-6) -> NDArray[np.float64]:
+        """Return the loop as a polygon.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest distance of a chord from its arc [m].
+
+        Returns
+        -------
+        numpy.ndarray
+            Corners [m], shape (n, 2), the first not repeated.
+        """
+        corners: list[tuple[float, float]] = []
+        for start, end, bulge in self.segments():
+            corners.append(start)
+            if bulge:
+                centre, radius, first, sweep = _arc(start, end, bulge)
+                step = 2.0 * math.acos(max(1.0 - tolerance / radius, 0.0))
+                for k in range(1, count := max(2, math.ceil(abs(sweep) / step))):
+                    angle = first + sweep * k / count
+                    corners.append(
+                        (
+                            centre[0] + radius * math.cos(angle),
+                            centre[1] + radius * math.sin(angle),
+                        )
+                    )
+        return np.array(corners)
+
+    def mapped(self, move: Callable[[tuple[float, float]], tuple[float, float]]) -> "Loop":
+        """Move every point by a rotation, translation or reflection.
+
+        Parameters
+        ----------
+        move : callable
+            Maps (x, y) to (x, y) [m]; distances must be kept.
+
+        Returns
+        -------
+        Loop
+            The moved loop; a reflection turns the arcs over as it should.
+        """
+        origin, e1, e2 = move((0.0, 0.0)), move((1.0, 0.0)), move((0.0, 1.0))
+        a = (e1[0] - origin[0], e1[1] - origin[1])
+        b = (e2[0] - origin[0], e2[1] - origin[1])
+        turn = math.copysign(1.0, a[0] * b[1] - a[1] * b[0])
+        return Loop(tuple(map(move, self.points)), tuple(turn * v for v in self.bulges))
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A circle.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        Its centre [m].
+    radius : float
+        Its radius [m].
+
+    Raises
+    ------
+    StageError
+        The radius is not positive.
+    """
+
+    centre: Point
+    radius: Annotated[float, DIMENSIONS["length"]]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius < math.inf or not all(map(math.isfinite, self.centre)):
+            raise StageError(f"a circle needs a positive radius, got {self.radius!r} m")
+
+    def loop(self) -> Loop:
+        """Return it as a loop of two half circles.
+
+        Returns
+        -------
+        Loop
+            Counter-clockwise, exact.
+        """
+        x, y = self.centre
+        return Loop(((x - self.radius, y), (x + self.radius, y)), (1.0, 1.0))
+
+
+def _arc(
+    start: tuple[float, float], end: tuple[float, float], bulge: float
+) -> tuple[tuple[float, float], float, float, float]:
+    """Return centre, radius, first angle and signed sweep of an arc."""
+    sweep = 4.0 * math.atan(bulge)
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    # distance of the centre from the chord's middle, to its left, in chords: cot(sweep/2)/2
+    q = (1.0 - bulge**2) / (4.0 * bulge)
+    centre = (0.5 * (start[0] + end[0]) - q * dy, 0.5 * (start[1] + end[1]) + q * dx)
+    radius = math.hypot(dx, dy) * (1.0 + bulge**2) / (4.0 * abs(bulge))
+    first = math.atan2(start[1] - centre[1], start[0] - centre[0])
+    return centre, radius, first, sweep
+
+
+def _triangle(p: tuple[float, float], q: tuple[float, float]) -> AreaIntegrals:
+    """Integrate over the triangle of the origin, p and q."""
+    cross = p[0] * q[1] - p[1] * q[0]
+    return AreaIntegrals(
+        cross / 2.0,
+        cross * (p[0] + q[0]) / 6.0,
+        cross * (p[1] + q[1]) / 6.0,
+        cross * (p[0] ** 2 + p[0] * q[0] + q[0] ** 2) / 12.0,
+        cross * (p[1] ** 2 + p[1] * q[1] + q[1] ** 2) / 12.0,
+        cross * (2 * p[0] * p[1] + p[0] * q[1] + q[0] * p[1] + 2 * q[0] * q[1]) / 24.0,
+    )
+
+
+def _circular_segment(
+    start: tuple[float, float], end: tuple[float, float], bulge: float
+) -> AreaIntegrals:
+    """Integrate over the area between a chord and its arc, positive where the arc turns left."""
+    (cx, cy), r, first, sweep = _arc(start, end, bulge)
+    a = abs(sweep) / 2.0
+    sign = math.copysign(1.0, sweep)
+    # in axes through the centre, u along the bisector of the arc
+    area = r**2 * (a - math.sin(2.0 * a) / 2.0)
+    u = 2.0 / 3.0 * r**3 * math.sin(a) ** 3
+    uu = r**4 / 4.0 * (a - math.sin(4.0 * a) / 4.0)
+    vv = 2.0 / 3.0 * r**4 * (3.0 * a / 8.0 - math.sin(2.0 * a) / 4.0 + math.sin(4.0 * a) / 32.0)
+    middle = first + sweep / 2.0
+    c, s = math.cos(middle), math.sin(middle)
+    x, y = c * u, s * u
+    xx, yy, xy = c * c * uu + s * s * vv, s * s * uu + c * c * vv, c * s * (uu - vv)
+    return AreaIntegrals(
+        sign * area,
+        sign * (x + cx * area),
+        sign * (y + cy * area),
+        sign * (xx + 2.0 * cx * x + cx**2 * area),
+        sign * (yy + 2.0 * cy * y + cy**2 * area),
+        sign * (xy + cx * y + cy * x + cx * cy * area),
+    )

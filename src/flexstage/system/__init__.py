@@ -1,0 +1,68 @@
+"""A stage as a linear mechanical system: statics, modes, responses, reduction, characteristics."""
+
+from flexstage.system.analysis import Analysis, AxisAnalysis, analyse, analyse_axis
+from flexstage.system.characteristics import axis_characteristics, axis_mode
+from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
+from flexstage.system.mechanical import (
+    AxisPort,
+    BodyPort,
+    DriveCondition,
+    DrivePort,
+    MechanicalSystem,
+    ProbePort,
+    StressMap,
+)
+from flexstage.system.modes import Modes, modes
+from flexstage.system.reduction import guyan_reduction, modal_reduction, transformed
+from flexstage.system.response import (
+    FrequencyResponse,
+    TimeResponse,
+    default_frequencies_hz,
+    frequency_response,
+    time_response,
+)
+from flexstage.system.state_space import StateSpace, state_space
+from flexstage.system.statics import (
+    StaticSolution,
+    drive_stiffness,
+    probe_stiffness,
+    static_displacements,
+    static_forces,
+)
+
+__all__ = [
+    "Analysis",
+    "AxisAnalysis",
+    "AxisPort",
+    "BodyPort",
+    "Damping",
+    "DriveCondition",
+    "DrivePort",
+    "FrequencyResponse",
+    "LossFactor",
+    "MechanicalSystem",
+    "ModalDamping",
+    "Modes",
+    "ProbePort",
+    "RayleighDamping",
+    "StateSpace",
+    "StaticSolution",
+    "StressMap",
+    "TimeResponse",
+    "analyse",
+    "analyse_axis",
+    "axis_characteristics",
+    "axis_mode",
+    "default_frequencies_hz",
+    "drive_stiffness",
+    "frequency_response",
+    "guyan_reduction",
+    "modal_reduction",
+    "modes",
+    "probe_stiffness",
+    "state_space",
+    "static_displacements",
+    "static_forces",
+    "time_response",
+    "transformed",
+]

@@ -1,0 +1,177 @@
+"""Everything that is said of a stage by one model: statics, modes, responses, characteristics."""
+
+from dataclasses import dataclass
+
+from flexstage.characteristic import Characteristic
+from flexstage.errors import ModelError
+from flexstage.provenance import Provenance, provenance
+from flexstage.stage import Stage
+from flexstage.system.characteristics import axis_characteristics
+from flexstage.system.mechanical import AxisPort, DriveCondition, MechanicalSystem
+from flexstage.system.modes import Modes, modes
+from flexstage.system.response import (
+    FrequencyResponse,
+    default_frequencies_hz,
+    frequency_response,
+)
+from flexstage.system.statics import StaticSolution, drive_stiffness, static_displacements
+
+__all__ = ["Analysis", "AxisAnalysis", "analyse", "analyse_axis"]
+
+_CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisAnalysis:
+    """What one drive does to the stage over its stroke, the other drives removed.
+
+    Parameters
+    ----------
+    axis : str
+        Name of the axis.
+    drive : str
+        Its drive.
+    probe : str
+        Its probe.
+    input_displacement : float
+        Elongation of the drive [m].
+    output_displacement : float
+        Reading of the probe [m].
+    input_stiffness : float
+        Force of the drive over its elongation [N/m].
+    static : StaticSolution
+        The whole state.
+    """
+
+    axis: str
+    drive: str
+    probe: str
+    input_displacement: float
+    output_displacement: float
+    input_stiffness: float
+    static: StaticSolution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Analysis:
+    """What one model says of a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        The system that was analysed.
+    axes : tuple of AxisAnalysis
+        Static state of each axis.
+    modes : dict
+        Modes by condition of the drives.
+    responses : tuple of FrequencyResponse
+        Response of each axis' probe to its drive, drives removed and in place.
+    characteristics : tuple of Characteristic
+        The figures that are quoted.
+    validity : tuple of str
+        Where they stop being valid.
+    provenance : Provenance
+        Where they come from.
+    """
+
+    stage: Stage
+    system: MechanicalSystem
+    axes: tuple[AxisAnalysis, ...]
+    modes: dict[DriveCondition, Modes]
+    responses: tuple[FrequencyResponse, ...]
+    characteristics: tuple[Characteristic, ...]
+    validity: tuple[str, ...]
+    provenance: Provenance
+
+    @property
+    def hinge_stress(self) -> dict[str, dict[str, float]]:
+        """Largest equivalent stress of each hinge at full stroke, by axis [Pa]."""
+        return {a.axis: a.static.hinge_stress for a in self.axes}
+
+
+def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:
+    """Push one drive over its stroke.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    axis : AxisPort
+        The axis.
+
+    Returns
+    -------
+    AxisAnalysis
+        The state at full stroke; of a pure force, at its largest force.
+
+    Raises
+    ------
+    ModelError
+        The drive has neither a stroke nor a largest force.
+    """
+    port = system.drive(axis.drive)
+    stroke = port.stroke
+    if stroke is None:
+        if port.largest_force is None:
+            raise ModelError(f"drive '{port.name}' has neither a stroke nor a largest force")
+        stroke = port.largest_force / drive_stiffness(system, port.name)
+    static = static_displacements(system, {axis.drive: stroke})
+    return AxisAnalysis(
+        axis=axis.name,
+        drive=axis.drive,
+        probe=axis.probe,
+        input_displacement=stroke,
+        output_displacement=static.readings[axis.probe],
+        input_stiffness=static.drive_force[axis.drive] / stroke,
+        static=static,
+    )
+
+
+def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
+    """Analyse a stage by one of its systems.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of it.
+
+    Returns
+    -------
+    Analysis
+        Statics of each axis, modes in each condition of the drives, responses, characteristics.
+
+    Raises
+    ------
+    ModelError
+        The stage is a mechanism, or a drive has no stroke.
+    """
+    axes = tuple(analyse_axis(system, axis) for axis in system.axes)
+    # without drives the three conditions are one
+    conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
+    found = {c: modes(system, drives=c, count=12) for c in conditions}
+    responses = []
+    for axis in system.axes:
+        for condition in conditions[:2]:
+            f = default_frequencies_hz(found[condition])
+            responses.append(
+                frequency_response(system, f, axis.drive, axis.probe, drives=condition)
+            )
+    rows: list[Characteristic] = []
+    for axis in axes:
+        rows += axis_characteristics(stage, system, axis, found["removed"])
+    return Analysis(
+        stage=stage,
+        system=system,
+        axes=axes,
+        modes=found,
+        responses=tuple(responses),
+        characteristics=tuple(rows),
+        validity=system.validity,
+        provenance=provenance(
+            stage, {} if system.provenance is None else system.provenance.settings
+        ),
+    )

@@ -1,0 +1,329 @@
+"""A stage as a linear mechanical system, whatever model it comes from."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.provenance import Provenance
+from flexstage.system.damping import Damping, ModalDamping
+
+__all__ = [
+    "AxisPort",
+    "BodyPort",
+    "DriveCondition",
+    "DrivePort",
+    "MechanicalSystem",
+    "ProbePort",
+    "StressMap",
+]
+
+Array = NDArray[np.float64]
+
+#: What is done with the drives: taken out, left in with their stiffness, or held at their length.
+DriveCondition = Literal["removed", "in place", "locked"]
+
+_T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DrivePort:
+    """Where a drive acts.
+
+    Parameters
+    ----------
+    name : str
+        Name of the drive.
+    vector : numpy.ndarray
+        Elongation of the drive for each coordinate [m], shape (n,); also the force of the
+        coordinates for a unit force of the drive.
+    stiffness : float or None
+        Stiffness of the drive itself [N/m]; None if rigid, 0 if it is a pure force.
+    stroke : float or None
+        Largest free displacement [m].
+    smallest_displacement : float or None
+        Smallest commanded change [m].
+    largest_force : float or None
+        Largest force, of a drive that is a pure force [N].
+    """
+
+    name: str
+    vector: Array
+    stiffness: float | None
+    stroke: float | None = None
+    smallest_displacement: float | None = None
+    largest_force: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProbePort:
+    """Where motion is read.
+
+    Parameters
+    ----------
+    name : str
+        Name of the probe.
+    vector : numpy.ndarray
+        Reading for each coordinate, shape (n,).
+    unit : str
+        Unit of the reading.
+    body : str
+        Body that is read.
+    """
+
+    name: str
+    vector: Array
+    unit: str = "m"
+    body: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyPort:
+    """Motion of a body, for drawing and for rotations.
+
+    Parameters
+    ----------
+    name : str
+        Name of the body.
+    centre : tuple of float
+        The point whose displacement is given [m].
+    matrix : numpy.ndarray
+        Displacement x, y [m] and rotation [rad] for each coordinate, shape (3, n).
+    """
+
+    name: str
+    centre: tuple[float, float]
+    matrix: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressMap:
+    """Stress at the critical points of each hinge, linear in the coordinates.
+
+    Parameters
+    ----------
+    hinges : tuple of str
+        Names of the hinges.
+    matrix : numpy.ndarray
+        Signed equivalent stress at each point for each coordinate [Pa], shape (m, n).
+    owner : numpy.ndarray
+        Index into `hinges` of each point, shape (m,).
+    """
+
+    hinges: tuple[str, ...]
+    matrix: Array
+    owner: NDArray[np.intp]
+
+    def largest(self, q: Array) -> dict[str, float]:
+        """Return the largest stress in each hinge.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        dict
+            Largest magnitude of the equivalent stress by hinge [Pa].
+        """
+        worst = np.zeros(len(self.hinges))
+        np.maximum.at(worst, self.owner, np.abs(self.matrix @ q))
+        return dict(zip(self.hinges, worst.tolist(), strict=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisPort:
+    """An axis of positioning.
+
+    Parameters
+    ----------
+    name : str
+        Name of the axis.
+    drive : str
+        Drive that moves it.
+    probe : str
+        Probe that reads it.
+    """
+
+    name: str
+    drive: str
+    probe: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MechanicalSystem:
+    r"""A linear mechanical system with named drives and probes.
+
+    .. math:: M\ddot q + C\dot q + K q = \sum_i d_i F_i, \quad y_j = p_j^T q
+
+    M and K are those of the bare stage: fixed bodies held, drives removed. A drive in place adds the
+    spring :math:`k d d^T` and the input :math:`k d w` of its free displacement w.
+
+    Parameters
+    ----------
+    name : str
+        Name of the stage.
+    model : str
+        Model that it comes from: lumped, superelement, plane or solid.
+    M : numpy.ndarray
+        Mass matrix, shape (n, n).
+    K : numpy.ndarray
+        Stiffness matrix, shape (n, n).
+    coordinates : tuple of str
+        Name and unit of each coordinate.
+    drives : tuple of DrivePort
+        Where drives act.
+    probes : tuple of ProbePort
+        Where motion is read.
+    bodies : tuple of BodyPort
+        Motion of the bodies.
+    stress : StressMap or None
+        Stress in the hinges.
+    axes : tuple of AxisPort
+        Directions of positioning.
+    damping : ModalDamping or RayleighDamping or LossFactor
+        Damping.
+    validity : tuple of str
+        Where the model stops being valid.
+    provenance : Provenance or None
+        Where it comes from.
+
+    Raises
+    ------
+    ModelError
+        The shapes do not fit, or the matrices are not symmetric.
+    """
+
+    name: str
+    model: str
+    M: Array
+    K: Array
+    coordinates: tuple[str, ...]
+    drives: tuple[DrivePort, ...] = ()
+    probes: tuple[ProbePort, ...] = ()
+    bodies: tuple[BodyPort, ...] = ()
+    stress: StressMap | None = None
+    axes: tuple[AxisPort, ...] = ()
+    damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
+    validity: tuple[str, ...] = ()
+    provenance: Provenance | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.coordinates)
+        for name, matrix in (("M", self.M), ("K", self.K)):
+            if matrix.shape != (n, n):
+                raise ModelError(f"{name} must have shape {(n, n)}, got {matrix.shape}")
+            scale = np.abs(matrix).max(initial=0.0)
+            if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-9 * scale):
+                raise ModelError(f"{name} must be symmetric")
+
+    @property
+    def order(self) -> int:
+        """Number of coordinates n."""
+        return len(self.coordinates)
+
+    def drive(self, name: str) -> DrivePort:
+        """Return a drive by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        DrivePort
+            The drive.
+        """
+        return _find("drive", name, self.drives)
+
+    def probe(self, name: str) -> ProbePort:
+        """Return a probe by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        ProbePort
+            The probe.
+        """
+        return _find("probe", name, self.probes)
+
+    def body(self, name: str) -> BodyPort:
+        """Return a body by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        BodyPort
+            The body.
+        """
+        return _find("body", name, self.bodies)
+
+    def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
+        """Return what the drives add to the bare stage.
+
+        Parameters
+        ----------
+        condition : str
+            ``removed``, ``in place`` or ``locked``.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            The stiffness of the drives, shape (n, n), and the vectors of those that are held at
+            their length, one a column, shape (n, m). A rigid drive in place is held.
+
+        Raises
+        ------
+        ModelError
+            There is no such condition.
+        """
+        if condition not in ("removed", "in place", "locked"):
+            raise ModelError(
+                f"unknown drive condition '{condition}': expected removed, in place or locked"
+            )
+        added = np.zeros_like(self.K)
+        held: list[Array] = []
+        for d in self.drives:
+            if condition == "removed" or d.stiffness == 0.0:
+                continue
+            if condition == "locked" or d.stiffness is None:
+                held.append(d.vector)
+            else:
+                added += d.stiffness * np.outer(d.vector, d.vector)
+        return added, np.array(held).reshape(len(held), self.order).T
+
+    def with_damping(self, damping: Damping) -> "MechanicalSystem":
+        """Return the same system with other damping.
+
+        Parameters
+        ----------
+        damping : ModalDamping or RayleighDamping or LossFactor
+            The damping.
+
+        Returns
+        -------
+        MechanicalSystem
+            The new system.
+        """
+        return replace(self, damping=damping)
+
+
+def _find(noun: str, name: str, ports: tuple[_T, ...]) -> _T:
+    for port in ports:
+        if port.name == name:
+            return port
+    raise ModelError(
+        f"there is no {noun} '{name}': the system has {', '.join(p.name for p in ports) or 'none'}"
+    )

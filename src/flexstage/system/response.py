@@ -1,0 +1,301 @@
+"""Frequency response and time response of a system, by its modes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.system.mechanical import DriveCondition, MechanicalSystem
+from flexstage.system.modes import Modes, modes
+
+__all__ = [
+    "FrequencyResponse",
+    "TimeResponse",
+    "default_frequencies_hz",
+    "frequency_response",
+    "time_response",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrequencyResponse:
+    """Response of one probe to one drive over frequency.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Frequencies [Hz], shape (k,).
+    value : numpy.ndarray
+        Complex response in `unit`, shape (k,).
+    drive : str
+        The drive.
+    probe : str
+        The probe.
+    drives : str
+        Condition of the drives.
+    input_kind : str
+        ``force``, or ``free displacement`` of a drive in place.
+    unit : str
+        Unit of `value`.
+    """
+
+    frequency_hz: Array
+    value: NDArray[np.complex128]
+    drive: str
+    probe: str
+    drives: DriveCondition
+    input_kind: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TimeResponse:
+    """Response over time.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Times [s], shape (k,).
+    q : numpy.ndarray
+        Coordinates, shape (k, n).
+    velocity : numpy.ndarray
+        Their rates, shape (k, n).
+    readings : dict
+        Reading of each probe [m], shape (k,).
+    """
+
+    time: Array
+    q: Array
+    velocity: Array
+    readings: dict[str, Array]
+
+
+def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:
+    """Return frequencies that show the lowest modes, denser at each resonance.
+
+    Parameters
+    ----------
+    result : Modes
+        Modes of the system.
+    count : int
+        Number of evenly spread points (in the logarithm).
+    modes_shown : int
+        Number of modes that are to be seen.
+
+    Returns
+    -------
+    numpy.ndarray
+        Frequencies [Hz], rising.
+    """
+    shown = result.frequency_hz[:modes_shown]
+    shown = shown[shown > 0.0]
+    if shown.size == 0:
+        return np.geomspace(1.0, 1e4, count)
+    spread = np.geomspace(shown[0] / 30.0, shown[-1] * 1.5, count)
+    width = np.maximum(result.damping_ratio[: shown.size], 1e-4)[:, None]
+    near = shown[:, None] * (1.0 + width * np.linspace(-6.0, 6.0, 61))
+    return np.unique(np.concatenate((spread, near[near > 0.0].ravel())))
+
+
+def frequency_response(
+    system: MechanicalSystem,
+    frequency_hz: ArrayLike,
+    drive: str,
+    probe: str,
+    *,
+    drives: DriveCondition = "removed",
+) -> FrequencyResponse:
+    r"""Return the response of a probe to a drive.
+
+    With the drives removed the input is a force. With the drives in place it is the free
+    displacement of the drive, which acts through the drive's own stiffness.
+
+    .. math:: H(\omega) = \sum_i \frac{(p^T\phi_i)(\phi_i^T b)}
+              {\omega_i^2 - \omega^2 + 2 i\zeta_i\omega_i\omega}
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    frequency_hz : array_like
+        Frequencies [Hz], shape (k,).
+    drive : str
+        The drive that is excited.
+    probe : str
+        The probe that is read.
+    drives : str
+        ``removed`` or ``in place``.
+
+    Returns
+    -------
+    FrequencyResponse
+        The response.
+
+    Raises
+    ------
+    ModelError
+        The drives are locked; a rigid drive in place imposes its displacement, whose response is
+        found with ``drives="in place"``.
+    """
+    f = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+    if drives not in ("removed", "in place"):
+        raise ModelError(
+            f"a frequency response needs the drives removed or in place, got '{drives}'"
+        )
+    port, reader = system.drive(drive), system.probe(probe)
+    result = modes(system, drives=drives, count=None)
+    if drives == "in place" and port.stiffness is None:
+        value = _imposed(system, port.vector, reader.vector, f, result)
+        kind, unit = "free displacement", f"{reader.unit}/m"
+    else:
+        gain = 1.0
+        kind, unit = "force", f"{reader.unit}/N"
+        if drives == "in place" and port.stiffness:
+            gain, kind, unit = port.stiffness, "free displacement", f"{reader.unit}/m"
+        weight = gain * (reader.vector @ result.shapes) * (port.vector @ result.shapes)
+        value = _sum_of_modes(result, weight, f)
+    return FrequencyResponse(
+        frequency_hz=f,
+        value=value,
+        drive=drive,
+        probe=probe,
+        drives=drives,
+        input_kind=kind,
+        unit=unit,
+    )
+
+
+def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex128]:
+    omega = 2.0 * np.pi * f[:, None]
+    own = result.omega[None, :]
+    dynamic = own**2 - omega**2 + 2j * result.damping_ratio[None, :] * own * omega
+    return np.sum(weight / dynamic, axis=1)
+
+
+def _imposed(
+    system: MechanicalSystem, drive: Array, probe: Array, f: Array, held: Modes
+) -> NDArray[np.complex128]:
+    """Response to an imposed elongation w: q = g w + modes that hold the drive, driven by inertia."""
+    added, vectors = system.drive_springs("in place")
+    # static shape of a unit elongation with every held drive at its length but this one
+    n, m = vectors.shape
+    saddle = np.block([[system.K + added, vectors], [vectors.T, np.zeros((m, m))]])
+    right = np.zeros(n + m)
+    right[n + int(np.argmax([np.array_equal(v, drive) for v in vectors.T]))] = 1.0
+    shape = np.linalg.solve(saddle, right)[:n]
+    omega = 2.0 * np.pi * f
+    weight = (probe @ held.shapes) * (held.shapes.T @ system.M @ shape)
+    return probe @ shape + omega**2 * _sum_of_modes(held, weight, f)
+
+
+def time_response(
+    system: MechanicalSystem,
+    time: ArrayLike,
+    inputs: Mapping[str, ArrayLike],
+    *,
+    drives: DriveCondition = "in place",
+    q0: ArrayLike | None = None,
+    velocity0: ArrayLike | None = None,
+) -> TimeResponse:
+    """Return the motion under inputs that are straight lines between the given times.
+
+    Each mode is stepped by its exact solution, so the step size adds no error.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    time : array_like
+        Times, rising [s], shape (k,).
+    inputs : Mapping
+        For each drive its force [N] (drives removed) or free displacement [m] (drives in place),
+        shape (k,).
+    drives : str
+        ``removed`` or ``in place``; a rigid drive cannot be in place here.
+    q0 : array_like, optional
+        Coordinates at the first time, shape (n,); zero where not given.
+    velocity0 : array_like, optional
+        Their rates at the first time, shape (n,); zero where not given.
+
+    Returns
+    -------
+    TimeResponse
+        The motion at the given times.
+
+    Raises
+    ------
+    ModelError
+        The times do not rise, a shape does not fit, or a rigid drive is in place.
+    """
+    t = np.asarray(time, dtype=np.float64)
+    if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
+        raise ModelError("the times of a time response must be at least two and rise")
+    if drives == "locked":
+        raise ModelError("a time response needs the drives removed or in place, got 'locked'")
+    result = modes(system, drives=drives, count=None)
+    force = np.zeros((t.size, result.omega.size))
+    for name, values in inputs.items():
+        port = system.drive(name)
+        u = np.asarray(values, dtype=np.float64)
+        if u.shape != t.shape:
+            raise ModelError(f"the input of '{name}' must have shape {t.shape}, got {u.shape}")
+        gain: float | None = 1.0
+        if drives == "in place" and port.stiffness != 0.0:
+            gain = port.stiffness
+        if gain is None:
+            raise ModelError(
+                f"drive '{name}' is rigid: give it a stiffness to command its displacement in time"
+            )
+        force += np.outer(u, gain * (port.vector @ result.shapes))
+    modal = system.M @ result.shapes
+    z = np.zeros((t.size, result.omega.size))
+    v = np.zeros_like(z)
+    if q0 is not None:
+        z[0] = np.asarray(q0, dtype=np.float64) @ modal
+    if velocity0 is not None:
+        v[0] = np.asarray(velocity0, dtype=np.float64) @ modal
+    _step_modes(t, result, force, z, v)
+    q = z @ result.shapes.T
+    return TimeResponse(
+        time=t,
+        q=q,
+        velocity=v @ result.shapes.T,
+        readings={p.name: q @ p.vector for p in system.probes},
+    )
+
+
+def _step_modes(t: Array, result: Modes, force: Array, z: Array, v: Array) -> None:
+    """Fill z and v by the exact solution of each mode for a force that is linear in each step."""
+    steps = np.diff(t)
+    # equal steps share their coefficients; differences below rounding of the times are equal
+    key = np.round(steps / (np.finfo(float).eps * 4.0 * max(abs(t[-1]), abs(t[0]))))
+    previous, c = None, None
+    for k, h in enumerate(steps):
+        if c is None or key[k] != previous:
+            c, previous = _coefficients(result.omega, result.damping_ratio, float(h)), key[k]
+        rate = (force[k + 1] - force[k]) / h
+        z[k + 1] = c[0] * z[k] + c[1] * v[k] + c[2] * force[k] + c[3] * rate
+        v[k + 1] = c[4] * z[k] + c[5] * v[k] + c[1] * force[k] + c[2] * rate
+
+
+def _coefficients(omega: Array, zeta: Array, h: float) -> tuple[Array, ...]:
+    """Exact step of z'' + 2 zeta omega z' + omega^2 z = f0 + rate t.
+
+    With g the impulse response, z = (g' + 2 zeta omega g) z0 + g v0 + G1 f0 + G2 rate, where G1 and
+    G2 are the first and second integral of g.
+    """
+    a = zeta * omega
+    damped = omega * np.sqrt(1.0 - zeta**2)
+    decay = np.exp(-a * h)
+    g = h * decay * np.sinc(damped * h / np.pi)
+    cos = decay * np.cos(damped * h)
+    dg = cos - a * g
+    slow = omega * h < 1e-4
+    safe = np.where(slow, 1.0, omega)
+    g1 = np.where(slow, h**2 / 2.0 - a * h**3 / 3.0, (1.0 - cos - a * g) / safe**2)
+    g2 = np.where(slow, h**3 / 6.0, (h - 2.0 * a * g1 - g) / safe**2)
+    return dg + 2.0 * a * g, g, g1, g2, -(omega**2) * g, dg

@@ -1,0 +1,183 @@
+"""Static response of a system to forces and to imposed drive displacements."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.system.linalg import solve_stiffness
+from flexstage.system.mechanical import DriveCondition, MechanicalSystem
+
+__all__ = [
+    "StaticSolution",
+    "drive_stiffness",
+    "probe_stiffness",
+    "static_displacements",
+    "static_forces",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StaticSolution:
+    """A state of equilibrium.
+
+    Parameters
+    ----------
+    q : numpy.ndarray
+        Coordinates, shape (n,).
+    drive_force : dict
+        Force of each drive that was given a force or a displacement [N].
+    drive_displacement : dict
+        Elongation of every drive [m].
+    readings : dict
+        Reading of every probe [m].
+    body_motion : dict
+        Displacement x, y [m] and rotation [rad] of every body.
+    hinge_stress : dict
+        Largest equivalent stress in every hinge [Pa].
+    """
+
+    q: Array
+    drive_force: dict[str, float]
+    drive_displacement: dict[str, float]
+    readings: dict[str, float]
+    body_motion: dict[str, tuple[float, float, float]]
+    hinge_stress: dict[str, float]
+
+
+def static_forces(
+    system: MechanicalSystem,
+    forces: Mapping[str, float],
+    *,
+    drives: DriveCondition = "removed",
+) -> StaticSolution:
+    """Return the equilibrium under forces of the drives.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    forces : Mapping
+        Force by drive [N].
+    drives : str
+        ``removed``, ``in place`` or ``locked``: what all drives do besides pushing with `forces`.
+
+    Returns
+    -------
+    StaticSolution
+        The state.
+
+    Raises
+    ------
+    ModelError
+        A drive does not exist, or the stage is a mechanism.
+    """
+    right = np.zeros((system.order, 1))
+    for name, force in forces.items():
+        right[:, 0] += force * system.drive(name).vector
+    added, held = system.drive_springs(drives)
+    q, _ = solve_stiffness(system.K + added, right, held)
+    return _solution(system, q[:, 0], dict(forces))
+
+
+def static_displacements(
+    system: MechanicalSystem,
+    displacements: Mapping[str, float],
+    *,
+    others: DriveCondition = "removed",
+) -> StaticSolution:
+    """Return the equilibrium with the elongation of some drives imposed.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    displacements : Mapping
+        Elongation by drive [m].
+    others : str
+        What the drives that are not named do: ``removed``, ``in place`` or ``locked``.
+
+    Returns
+    -------
+    StaticSolution
+        The state; the drive forces are those that the displacements need.
+
+    Raises
+    ------
+    ModelError
+        A drive does not exist, or the stage is a mechanism.
+    """
+    names = list(displacements)
+    vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
+    rest = _without(system, names)
+    added, held = rest.drive_springs(others)
+    compliance, _ = solve_stiffness(system.K + added, vectors, held)
+    wanted = np.array([displacements[n] for n in names])
+    force = np.linalg.solve(vectors.T @ compliance, wanted)
+    return _solution(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
+
+
+def drive_stiffness(
+    system: MechanicalSystem, drive: str, *, others: DriveCondition = "removed"
+) -> float:
+    """Return the stiffness that a drive works against.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    drive : str
+        Name of the drive.
+    others : str
+        What the other drives do: ``removed``, ``in place`` or ``locked``.
+
+    Returns
+    -------
+    float
+        Force over elongation [N/m], without the drive's own stiffness.
+    """
+    return static_displacements(system, {drive: 1.0}, others=others).drive_force[drive]
+
+
+def probe_stiffness(
+    system: MechanicalSystem, probe: str, *, drives: DriveCondition = "removed"
+) -> float:
+    """Return the stiffness against a force at a probe, along its direction.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    probe : str
+        Name of the probe.
+    drives : str
+        ``removed``, ``in place`` or ``locked``.
+
+    Returns
+    -------
+    float
+        Force over reading [N/m].
+    """
+    vector = system.probe(probe).vector[:, None]
+    added, held = system.drive_springs(drives)
+    q, _ = solve_stiffness(system.K + added, vector, held)
+    return 1.0 / float(vector[:, 0] @ q[:, 0])
+
+
+def _without(system: MechanicalSystem, names: list[str]) -> MechanicalSystem:
+    return replace(system, drives=tuple(d for d in system.drives if d.name not in names))
+
+
+def _solution(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:
+    motion = {b.name: b.matrix @ q for b in system.bodies}
+    return StaticSolution(
+        q=q,
+        drive_force=force,
+        drive_displacement={d.name: float(d.vector @ q) for d in system.drives},
+        readings={p.name: float(p.vector @ q) for p in system.probes},
+        body_motion={k: (float(v[0]), float(v[1]), float(v[2])) for k, v in motion.items()},
+        hinge_stress={} if system.stress is None else system.stress.largest(q),
+    )
