@@ -1,0 +1,71 @@
+# Each target sets up the environment that it needs, from Python and the package index alone;
+# a second run finds it ready. `make help` lists the targets.
+
+PYTHON ?= python3
+OUT ?= out
+PYTEST_ARGS ?=
+
+main := .venv/bin
+dev := .venv-dev/bin
+
+# The tools find this Python, and each other, first; pyright runs the Node.js of the lock and
+# looks for no newer version of itself.
+dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
+	PYRIGHT_PYTHON_IGNORE_WARNINGS=1
+
+.DEFAULT_GOAL := help
+.PHONY: study test slow bench docs lint format lock clean help python env env-dev
+
+study: env ## both stages of the study, with a report each, into out/
+	$(main)/flexstage study vgtu-mechanical --out $(OUT)/vgtu-mechanical
+	$(main)/flexstage study vgtu-piezo --out $(OUT)/vgtu-piezo
+
+test: lint ## lint, then every test but the slow ones
+	$(dev_run) pytest -n auto $(PYTEST_ARGS)
+
+slow: env-dev ## the slow evidence: peers, long runs, the built package
+	$(dev_run) pytest -m slow $(PYTEST_ARGS)
+
+bench: env-dev ## speed, as ratios against named alternatives
+	$(dev_run) python -m benchmarks
+
+docs: env-dev ## the manual, as HTML, into out/docs
+	$(dev_run) sphinx-build -q -W --keep-going -b html -d $(OUT)/.doctrees docs $(OUT)/docs
+	@echo "the manual is in $(OUT)/docs/index.html"
+
+lint: env-dev ## style, format, types, layers, spelling
+	$(dev_run) ruff check .
+	$(dev_run) ruff format --check .
+	$(dev_run) pyright
+	$(dev_run) lint-imports
+	$(dev_run) codespell
+
+format: env-dev ## put the code into the common format
+	$(dev_run) ruff check --fix .
+	$(dev_run) ruff format .
+
+lock: python ## write the requirement locks again
+	PYTHON="$(PYTHON)" scripts/lock.sh
+
+clean: ## remove the environments, outputs and caches
+	rm -rf .venv .venv-dev .venv-lock .venv.lock .venv-dev.lock $(OUT) dist docs/reference/api
+	rm -rf .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find src tests docs benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+
+env: python
+	@$(PYTHON) scripts/environment.py .venv requirements/main.txt
+
+env-dev: python
+	@$(PYTHON) scripts/environment.py .venv-dev requirements/dev.txt
+
+python:
+	@command -v $(PYTHON) >/dev/null || { \
+	  echo "flexstage needs Python 3.11 or later, and there is no '$(PYTHON)': \
+	say 'make PYTHON=/path/to/python3.11'." >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "flexstage needs Python 3.11 or later, and '$(PYTHON)' is" \
+	  "$$($(PYTHON) -c 'import platform; print(platform.python_version())'):" \
+	  "say 'make PYTHON=/path/to/python3.11'." >&2; exit 2; }

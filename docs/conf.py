@@ -1,0 +1,56 @@
+"""The manual: Sphinx with MyST, and a reference page for every room that exists."""
+
+import importlib.util
+from pathlib import Path
+
+import flexstage
+
+project = "flexstage"
+author = "The flexstage developers"
+copyright = "2026, The flexstage developers"
+version = release = flexstage.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+exclude_patterns = ["examples", "reference/api/.*"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_custom_sections = ["Validity", "Equation", "Source"]
+
+html_theme = "alabaster"
+html_title = "flexstage"
+html_theme_options = {"description": "Flexure stages: design, verify, identify, drive"}
+
+# The rooms from low to high. What does not exist yet has no page.
+ROOMS = [
+    "errors", "units", "material", "characteristic", "provenance",
+    "records", "hinges", "stage", "designs", "system", "lumped",
+    "fem", "hysteresis", "experiment", "instruments", "centring", "control",
+    "explore", "export", "report", "web",
+]  # fmt: skip
+
+
+def write_reference() -> None:
+    """Write one page for each room, and the list of them."""
+    folder = Path(__file__).parent / "reference" / "api"
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.md"):
+        old.unlink()
+    rooms = [room for room in ROOMS if importlib.util.find_spec(f"flexstage.{room}")]
+    rooms = [room for room in rooms if importlib.util.find_spec(f"flexstage.{room}").origin]
+    for room in rooms:
+        module = f".. automodule:: flexstage.{room}\n   :members:\n   :show-inheritance:"
+        if importlib.util.find_spec(f"flexstage.{room}").submodule_search_locations:
+            # A room shows what its `__all__` names, wherever in the room that lives.
+            module += "\n   :imported-members:"
+        page = f"# flexstage.{room}\n\n```{{eval-rst}}\n{module}\n```\n"
+        (folder / f"{room}.md").write_text(page, encoding="utf-8")
+    listing = "# The rooms of the library\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(rooms)
+    (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
+
+
+write_reference()

@@ -1,0 +1,24 @@
+#!/usr/bin/env bash
+# Installs the Debian packages that some tests use when they find them. Nothing depends on them:
+# where they cannot be installed this says so, and those tests skip.
+set -uo pipefail
+
+declare -A program=([chromium]=chromium) # package -> the program it brings
+missing=()
+for package in "${!program[@]}"; do
+    command -v "${program[$package]}" >/dev/null || missing+=("$package")
+done
+[[ ${#missing[@]} -eq 0 ]] && exit 0
+
+skip() {
+    echo "debian-packages: ${missing[*]} not installed ($1); tests that use it will skip"
+    exit 0
+}
+command -v apt-get >/dev/null || skip "no apt-get here"
+[[ $(id -u) -eq 0 ]] || skip "not root"
+export DEBIAN_FRONTEND=noninteractive
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+{ apt-get update && apt-get install --yes --no-install-recommends "${missing[@]}"; } \
+    >"$log" 2>&1 </dev/null || { tail -n 3 "$log"; skip "apt-get failed"; }
+echo "debian-packages: installed ${missing[*]}"
