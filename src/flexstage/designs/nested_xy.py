@@ -1,0 +1,161 @@
+"""A nested, decoupled XY stage with symmetric levers, as a family of stages."""
+
+from flexstage.designs.actuator import Place
+from flexstage.designs.nested_xy_axis import AxisLayout
+from flexstage.designs.nested_xy_checks import check_aperture, check_axis
+from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
+from flexstage.designs.placement import Placement
+from flexstage.stage import Axis, Body, Circle, Drive, Loop, Probe, Stage
+
+__all__ = ["AxisParameters", "NestedXYParameters", "nested_xy"]
+
+
+def nested_xy(parameters: NestedXYParameters) -> Stage:
+    """Build a nested XY stage: every outline, notch, drive, probe and axis.
+
+    Each axis is the same mechanism. A drive pushes the *input block*; two *levers*, mirror images
+    of each other, turn about their *fulcrums* on the ground and push the *platform* through two
+    *links*; four *guide legs* let the platform move along the axis only. The ground of the x axis
+    is the frame, and that of the y axis is the platform of the x axis: the axes are nested, so
+    neither drive works against the guide of the other. One half of an axis, u along the motion::
+
+          ground
+          | fulcrum )( lever  |                   ||  leg_bar_length  ||
+          |            |      |                   ||                  ||
+          | a          |      | b                 ||    guide leg     ||
+          |            |      |                _ _)(_ _ _ _ _ _ _ _ _ )(_ _
+          |            |      )( link )( recess|       platform            |
+        drive > input )(      |                |                           |
+         - - -  block  - - - - - - - - - - - - | - - - - - - - - - - - - - | - - v = 0
+
+    The lever ratio is about b/a: a stage with b < a reduces, one with b > a amplifies. A link has
+    two notches because the end of the lever moves sideways too. All rules are continuous in the
+    dimensions, so a search may vary every one of them. Slots are `slot` wide everywhere. The x
+    platform is as large as the y axis and the walls about it need, the frame as large as the x
+    axis and its wall need.
+
+    Bodies are ``G`` (frame, fixed), ``PX`` and ``PY`` (platforms) and, for each axis, ``in`` (input
+    block), ``L`` (levers), ``K`` (links), ``G0`` and ``G1`` (guide legs), u or d by the half in
+    which they lie: ``xLu``, ``yG1d``.
+
+    Parameters
+    ----------
+    parameters : NestedXYParameters
+        Its dimensions.
+
+    Returns
+    -------
+    Stage
+        21 bodies, 32 hinges, drives, probes and axes ``x`` and ``y``; both probes read the y
+        platform at the centre of its aperture.
+
+    Raises
+    ------
+    StageError
+        The dimensions do not go together.
+
+    Notes
+    -----
+    Validity: geometrically possible are dimensions for which the fulcrum lies beyond the input
+    block (lever_arm_input at least notch height + lever_edge + slot), both levers and both recesses
+    keep apart at the line of symmetry, the links meet the left edge of the platform, a lever keeps
+    a slot from it (link_length at least link_recess - 4 lever_notch_radius + slot), the guide legs
+    stand on the platform with slots apart, and the aperture clears the recesses. Whether the stage
+    is any good, and whether its necks can be cut, is for the models and for the check of the stage
+    to say.
+
+    Examples
+    --------
+    >>> from flexstage.designs.vgtu_piezo import PARAMETERS
+    >>> stage = nested_xy(PARAMETERS)
+    >>> len(stage.bodies), len(stage.hinges)
+    (21, 32)
+    """
+    p = parameters
+    y = AxisLayout(
+        name="y", parameters=p.y, length=p.platform_length, height=p.platform_height, slot=p.slot
+    )
+    check_axis(y)
+    check_aperture(p, y)
+    x = _outer_axis(p, y)
+    check_axis(x)
+    at_x = Placement()
+    # the window of the y axis begins at the wall beside the recesses, and one wall from below
+    at_y = Placement(
+        origin=(
+            p.x.link_recess + p.platform_wall_at_recess + y.half_window,
+            p.platform_wall_below - x.height / 2.0 - y.reaction_face,
+        ),
+        turned=True,
+    )
+    centre = at_y.to_plane((y.length / 2.0 + p.aperture_offset, 0.0))
+    aperture = () if p.aperture_diameter is None else (Circle(centre, p.aperture_diameter / 2.0),)
+    x_platform = Body(
+        name="PX", outline=x.platform_outline(), holes=(y.window().mapped(at_y.to_plane),)
+    )
+    y_platform = Body(name="PY", outline=y.platform_outline().mapped(at_y.to_plane), holes=aperture)
+    return Stage(
+        name="nested-xy",
+        title="Nested decoupled XY stage with symmetric levers",
+        thickness=p.thickness,
+        material=p.material,
+        bodies=(*x.bodies(at_x), *y.bodies(at_y), x_platform, y_platform, _frame(p, x)),
+        hinges=(*x.hinges(at_x, "PX", "G"), *y.hinges(at_y, "PY", "PX")),
+        drives=(_drive(p, x, at_x, "G"), _drive(p, y, at_y, "PX")),
+        probes=tuple(
+            Probe(name=axis.name, body="PY", at=centre, direction=place.angle)
+            for axis, place in ((x, at_x), (y, at_y))
+        ),
+        axes=tuple(Axis(name=name, drive=name, probe=name) for name in ("x", "y")),
+    )
+
+
+def _outer_axis(p: NestedXYParameters, y: AxisLayout) -> AxisLayout:
+    """Return the x axis, its platform as large as the y axis needs."""
+    window_length = y.length + p.slot - y.reaction_face
+    return AxisLayout(
+        name="x",
+        parameters=p.x,
+        length=(
+            p.x.link_recess + p.platform_wall_at_recess + 2.0 * y.half_window + p.platform_wall
+        ),
+        height=p.platform_wall_below + window_length + p.platform_wall,
+        slot=p.slot,
+    )
+
+
+def _frame(p: NestedXYParameters, x: AxisLayout) -> Body:
+    left, right = x.reaction_face - p.frame_wall, x.length + p.slot + p.frame_wall
+    top, inset = x.half_window + p.frame_wall, p.frame_wall / 2.0
+    corner, station = top - inset, p.mounting_hole_station * top
+    centres = [
+        *(
+            (u, v)
+            for u in (left + inset, (left + right) / 2.0, right - inset)
+            for v in (-corner, corner)
+        ),
+        (right - inset, 0.0),
+        (left + inset, -station),
+        (left + inset, station),
+    ]
+    return Body(
+        name="G",
+        outline=Loop(((left, -top), (right, -top), (right, top), (left, top))),
+        holes=(x.window(),),
+        mounting_holes=tuple(Circle(c, p.mounting_hole_diameter / 2.0) for c in centres),
+        fixed=True,
+    )
+
+
+def _drive(p: NestedXYParameters, axis: AxisLayout, place: Placement, ground: str) -> Drive:
+    faces = ((axis.block_left, 0.0), (axis.reaction_face, 0.0))
+    return axis.parameters.actuator.drive(
+        Place(
+            name=axis.name,
+            pushes=f"{axis.name}in",
+            reacts=ground,
+            at=(place.to_plane(faces[0]), place.to_plane(faces[1])),
+            direction=place.angle,
+            patch_half_width=p.force_patch_half_width,
+        )
+    )

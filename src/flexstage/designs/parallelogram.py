@@ -1,0 +1,195 @@
+"""A parallelogram guide with four circular hinges, as a family of stages."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from flexstage.designs.actuator import Place, ScrewActuator, StackActuator, VoiceCoil
+from flexstage.designs.nested_xy_parameters import require_positive
+from flexstage.errors import StageError
+from flexstage.hinges import RightCircular
+from flexstage.material import CATALOGUE, Material
+from flexstage.stage import Axis, Body, Circle, Hinge, Loop, Probe, Stage
+from flexstage.units import DIMENSIONS
+
+__all__ = ["ParallelogramParameters", "parallelogram"]
+
+Length = Annotated[float, DIMENSIONS["length"]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParallelogramParameters:
+    """The dimensions of a parallelogram guide.
+
+    Parameters
+    ----------
+    leg_spacing : float
+        Distance between the two legs [m].
+    leg_bar_length : float
+        Length of the bar between the two notches of a leg [m].
+    notch_radius : float
+        Radius of the notches [m].
+    neck_thickness : float
+        Neck thickness of the notches [m].
+    platform_overhang : float
+        How far the platform reaches beyond the legs, on both sides [m].
+    platform_height : float
+        Height of the platform across its motion [m].
+    base_height : float
+        Height of the base under the legs [m].
+    column_width : float
+        Width of the column of the base that holds the drive [m].
+    actuator_length : float
+        Distance between column and platform [m].
+    mounting_hole_diameter : float
+        Diameter of the two holes by which the base is bolted down [m].
+    actuator : ScrewActuator or StackActuator or VoiceCoil
+        What drives the guide.
+    force_patch_half_width : float
+        Half of the width over which the drive spreads its force [m].
+    thickness : float
+        Thickness of the plate [m].
+    material : Material
+        What it is cut from.
+
+    Raises
+    ------
+    StageError
+        A dimension is not positive and finite, or they do not go together.
+    """
+
+    leg_spacing: Length = 40e-3
+    leg_bar_length: Length = 26e-3
+    notch_radius: Length = 2e-3
+    neck_thickness: Length = 0.5e-3
+    platform_overhang: Length = 4e-3
+    platform_height: Length = 12e-3
+    base_height: Length = 15e-3
+    column_width: Length = 12e-3
+    actuator_length: Length = 2e-3
+    mounting_hole_diameter: Length = 5.5e-3
+    actuator: ScrewActuator | StackActuator | VoiceCoil = field(
+        default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
+    )
+    force_patch_half_width: Length = 2e-3
+    thickness: Length = 8e-3
+    material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if name not in {"actuator", "material"}:
+                require_positive(name, getattr(self, name))
+        leg_width = 2.0 * self.notch_radius + self.neck_thickness
+        if not self.leg_spacing > leg_width:
+            raise StageError(
+                f"leg_spacing must be over the width of a leg, {leg_width * 1e3:.6g} mm, "
+                f"got {self.leg_spacing * 1e3:.6g} mm"
+            )
+        if not self.mounting_hole_diameter < self.base_height:
+            raise StageError(
+                f"mounting_hole_diameter must be under the base_height of "
+                f"{self.base_height * 1e3:.6g} mm, got {self.mounting_hole_diameter * 1e3:.6g} mm"
+            )
+
+
+def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
+    """Build a parallelogram guide.
+
+    A platform stands on two legs; each leg has a notch at either end, so that the platform moves
+    along x, and by about d^2/(2 l) towards the base when it has moved by d on legs whose necks are
+    l apart. The base carries a column, against which the drive pushes the platform. y = 0 is the
+    top of the base, x = 0 the middle of the platform.
+
+    Parameters
+    ----------
+    parameters : ParallelogramParameters, optional
+        Its dimensions; the usual ones where not given.
+
+    Returns
+    -------
+    Stage
+        Bodies ``base`` (fixed), ``left-leg``, ``right-leg`` and ``platform``; hinges
+        ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``; drive, probe and axis
+        ``x``.
+
+    Examples
+    --------
+    >>> stage = parallelogram()
+    >>> stage.hinge("left-upper").at
+    (-0.02, 0.032)
+    """
+    p = parameters or ParallelogramParameters()
+    r = p.notch_radius
+    leg_bottom, leg_top = 2.0 * r, 2.0 * r + p.leg_bar_length
+    platform_bottom = leg_top + 2.0 * r
+    platform_top = platform_bottom + p.platform_height
+    half_leg = r + 0.5 * p.neck_thickness
+    half_platform = 0.5 * p.leg_spacing + half_leg + p.platform_overhang
+    face = -half_platform - p.actuator_length
+    left = face - p.column_width
+    base = Body(
+        name="base",
+        outline=Loop(
+            (
+                (left, -p.base_height),
+                (half_platform, -p.base_height),
+                (half_platform, 0.0),
+                (face, 0.0),
+                (face, platform_top),
+                (left, platform_top),
+            )
+        ),
+        mounting_holes=tuple(
+            Circle(
+                (sign * 0.5 * p.leg_spacing, -0.5 * p.base_height), 0.5 * p.mounting_hole_diameter
+            )
+            for sign in (-1.0, 1.0)
+        ),
+        fixed=True,
+    )
+    notch = RightCircular(neck_thickness=p.neck_thickness, radius=r)
+    legs, hinges = [], []
+    for name, x in (("left", -0.5 * p.leg_spacing), ("right", 0.5 * p.leg_spacing)):
+        leg = _rectangle(f"{name}-leg", (x - half_leg, leg_bottom), (x + half_leg, leg_top))
+        legs.append(leg)
+        ends = (("lower", "base", leg.name, r), ("upper", leg.name, "platform", leg_top + r))
+        for end, below, above, y in ends:
+            hinges.append(
+                Hinge(
+                    name=f"{name}-{end}",
+                    bodies=(below, above),
+                    at=(x, y),
+                    direction=math.pi / 2.0,
+                    profile=notch,
+                )
+            )
+    middle = 0.5 * (platform_bottom + platform_top)
+    place = Place(
+        name="x",
+        pushes="platform",
+        reacts="base",
+        at=((-half_platform, middle), (face, middle)),
+        direction=0.0,
+        patch_half_width=p.force_patch_half_width,
+    )
+    return Stage(
+        name="parallelogram",
+        title="Parallelogram guide with four circular hinges",
+        thickness=p.thickness,
+        material=p.material,
+        bodies=(
+            base,
+            *legs,
+            _rectangle(
+                "platform", (-half_platform, platform_bottom), (half_platform, platform_top)
+            ),
+        ),
+        hinges=tuple(hinges),
+        drives=(p.actuator.drive(place),),
+        probes=(Probe(name="x", body="platform", at=(0.0, middle), direction=0.0),),
+        axes=(Axis(name="x", drive="x", probe="x"),),
+    )
+
+
+def _rectangle(name: str, low: tuple[float, float], high: tuple[float, float]) -> Body:
+    return Body(name=name, outline=Loop((low, (high[0], low[1]), high, (low[0], high[1]))))

@@ -1,0 +1,175 @@
+"""Stages by name: those that are built in, and the families that stage files build from."""
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from flexstage.designs import nested_xy, parallelogram, vgtu_mechanical, vgtu_piezo
+from flexstage.designs.from_text import parameters_from_text
+from flexstage.errors import StageError
+from flexstage.stage import Stage
+
+__all__ = ["DESIGNS", "PARAMETER_SETS", "TOPOLOGIES", "Topology", "build", "design"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topology:
+    """A family of stages that differ in their dimensions.
+
+    Parameters
+    ----------
+    name : str
+        Its name in stage files.
+    title : str
+        One line that says what it is.
+    parameters : type
+        The dataclass of its dimensions.
+    construct : callable
+        Builds a stage from dimensions.
+    """
+
+    name: str
+    title: str
+    parameters: type
+    construct: Callable[[Any], Stage]
+
+
+#: Parametric families.
+TOPOLOGIES: dict[str, Topology] = {
+    t.name: t
+    for t in (
+        Topology(
+            name="nested-xy",
+            title="nested, decoupled XY stage with symmetric levers",
+            parameters=nested_xy.NestedXYParameters,
+            construct=nested_xy.nested_xy,
+        ),
+        Topology(
+            name="parallelogram",
+            title="parallelogram guide with four circular hinges",
+            parameters=parallelogram.ParallelogramParameters,
+            construct=parallelogram.parallelogram,
+        ),
+    )
+}
+
+#: Built-in stages.
+DESIGNS: dict[str, Callable[[], Stage]] = {
+    "vgtu-mechanical": vgtu_mechanical.vgtu_mechanical,
+    "vgtu-piezo": vgtu_piezo.vgtu_piezo,
+    "parallelogram": parallelogram.parallelogram,
+}
+
+#: Topology and dimensions of each built-in stage, for stage files that start from one.
+PARAMETER_SETS: dict[str, tuple[str, Any]] = {
+    "vgtu-mechanical": ("nested-xy", vgtu_mechanical.PARAMETERS),
+    "vgtu-piezo": ("nested-xy", vgtu_piezo.PARAMETERS),
+    "parallelogram": ("parallelogram", parallelogram.ParallelogramParameters()),
+}
+
+
+def design(name: str) -> Stage:
+    """Return a built-in stage; it is built once.
+
+    Parameters
+    ----------
+    name : str
+        One of `DESIGNS`, upper or lower case.
+
+    Returns
+    -------
+    Stage
+        The stage.
+
+    Raises
+    ------
+    StageError
+        There is no such design; the nearest name is in the message.
+
+    Examples
+    --------
+    >>> len(design("vgtu-piezo").bodies)
+    21
+    """
+    return _built(_known("built-in design", name, DESIGNS))
+
+
+def build(name: str, parameters: Mapping[str, object]) -> Stage:
+    """Build a stage of a parametric family from plain data, as a stage file gives it.
+
+    Parameters
+    ----------
+    name : str
+        One of `TOPOLOGIES`; or one of `DESIGNS`, from which all other dimensions are then taken.
+    parameters : mapping
+        Dimensions by name, as texts with units, nested as the dataclass of the family is; and
+        ``based_on``, the name of the built-in design from which all others are taken.
+
+    Returns
+    -------
+    Stage
+        The stage. One that differs from the design it is based on carries none of its published
+        figures, and says what it varies.
+
+    Raises
+    ------
+    StageError
+        An unknown family, design or parameter (with the nearest name), or impossible dimensions.
+    UnitError
+        A quantity has no unit, or a wrong one.
+
+    Examples
+    --------
+    >>> longer = {"based_on": "vgtu-piezo", "x": {"lever_arm_input": "9.5 mm"}}
+    >>> build("nested-xy", longer).hinge("xful-u").at[1]
+    0.02134
+    """
+    name = _known("design", name, [*TOPOLOGIES, *DESIGNS])
+    given = dict(parameters)
+    base_name = given.pop("based_on", None)
+    if name not in TOPOLOGIES:
+        if base_name is not None:
+            raise StageError(
+                f"'based_on' goes with a parametric design ({', '.join(TOPOLOGIES)}), got "
+                f"'{name}': name one of those, or leave 'based_on' out"
+            )
+        name, base_name = PARAMETER_SETS[name][0], name
+    topology = TOPOLOGIES[name]
+    if base_name is None:
+        return topology.construct(parameters_from_text(topology.parameters, given))
+    if not isinstance(base_name, str):
+        raise StageError(f"'based_on' must be the name of a built-in design, got {base_name!r:.60}")
+    base_name = _known("built-in design", base_name, PARAMETER_SETS)
+    family, base = PARAMETER_SETS[base_name]
+    if family != topology.name:
+        raise StageError(
+            f"'{base_name}' is a {family} design and cannot be the base of a {topology.name} one"
+        )
+    dimensions = parameters_from_text(topology.parameters, given, base=base)
+    if dimensions == base:
+        return design(base_name)
+    return replace(
+        topology.construct(dimensions),
+        name=f"{base_name}-variation",
+        notes=(
+            f"A variation of {base_name}: figures published for that stage do not belong to it.",
+        ),
+    )
+
+
+@cache
+def _built(name: str) -> Stage:
+    return DESIGNS[name]()
+
+
+def _known(noun: str, name: str, names: Iterable[str]) -> str:
+    """Return a name as it is registered."""
+    wanted = name.strip().casefold()
+    if wanted in set(names):
+        return wanted
+    near = difflib.get_close_matches(wanted[:100], list(names), n=1, cutoff=0.3)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    have = ", ".join(names)
+    raise StageError(f"there is no {noun} '{name[:60]}' (there are: {have}){hint}")
