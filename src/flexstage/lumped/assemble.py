@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.hinges import HingeCompliance, PlaneState, Profile, compliance, stress_rows
 from flexstage.lumped.hinge_kinematics import Layout, hinge_matrix, point_matrix
-from flexstage.provenance import provenance
-from flexstage.stage import Drive, Force, Hinge, Probe, Stage, mass_properties, root_widths
+from flexstage.stage import (
+    Drive,
+    Force,
+    Hinge,
+    MassProperties,
+    Probe,
+    Stage,
+    mass_properties,
+    root_widths,
+)
 from flexstage.system import (
     AxisPort,
     BodyPort,
@@ -55,6 +63,11 @@ class HingeSpring:
     method: str
     plane: PlaneState
     root_widths: tuple[float, float] | None
+
+
+@lru_cache(maxsize=64)
+def _masses(stage: Stage) -> dict[str, MassProperties]:
+    return mass_properties(stage)
 
 
 @lru_cache(maxsize=4096)
@@ -105,6 +118,14 @@ def hinge_springs(
     StageError
         A hinge does not grow from its bodies.
     """
+    return _springs(stage, method, plane)
+
+
+# A description is immutable, so what follows from its geometry alone is found once for each stage.
+@lru_cache(maxsize=64)
+def _springs(
+    stage: Stage, method: str, plane: PlaneState | Literal["auto"]
+) -> tuple[HingeSpring, ...]:
     elastic = (stage.material.youngs_modulus, stage.material.poissons_ratio)
     springs = []
     for hinge in stage.hinges:
@@ -135,7 +156,7 @@ def layout_of(stage: Stage) -> Layout:
     Layout
         Three coordinates for each free body, in the order of the stage.
     """
-    properties = mass_properties(stage)
+    properties = _masses(stage)
     return Layout(
         {name: p.centre for name, p in properties.items()},
         tuple(b.name for b in stage.bodies if not b.fixed),
@@ -185,7 +206,7 @@ def lumped_system(
     motion across the axis is far too small, where platforms, levers or input blocks bend; first
     frequencies are within about 2 % of finite elements. Out-of-plane motion is left out.
     """
-    properties = mass_properties(stage)
+    properties = _masses(stage)
     free = tuple(b.name for b in stage.bodies if not b.fixed)
     if not free:
         raise ModelError(f"every body of stage '{stage.name}' is fixed: nothing can move")
@@ -231,9 +252,7 @@ def lumped_system(
         axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
         damping=damping,
         validity=_validity(stage, method, planes, damping),
-        provenance=provenance(
-            stage, {"model": "lumped", "method": method, "plane": " and ".join(planes)}
-        ),
+        settings={"model": "lumped", "method": method, "plane": " and ".join(planes)},
     )
 
 
@@ -268,7 +287,7 @@ def _validity(
 ) -> tuple[str, ...]:
     notes = [
         "Lumped model: bodies are rigid. Against 3D finite elements of the study's stages its "
-        "transmission ratio is 3 to 5 % large and its first frequencies are within 2 %; motion "
+        "transmission ratio is 3 to 5 % large and its first frequencies are 1 to 2.5 % high; motion "
         "across the axis, which comes from bending of the platform, is far too small.",
         "Plane motion only: modes out of the plane are left out.",
         f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",

@@ -171,7 +171,5 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
         responses=tuple(responses),
         characteristics=tuple(rows),
         validity=system.validity,
-        provenance=provenance(
-            stage, {} if system.provenance is None else system.provenance.settings
-        ),
+        provenance=provenance(stage, system.settings),
     )

@@ -1,5 +1,6 @@
 """A stage as a linear mechanical system, whatever model it comes from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
@@ -7,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
-from flexstage.provenance import Provenance
 from flexstage.system.damping import Damping, ModalDamping
 
 __all__ = [
@@ -188,8 +188,8 @@ class MechanicalSystem:
         Damping.
     validity : tuple of str
         Where the model stops being valid.
-    provenance : Provenance or None
-        Where it comes from.
+    settings : Mapping
+        Choices of the model that change its figures.
 
     Raises
     ------
@@ -209,7 +209,7 @@ class MechanicalSystem:
     axes: tuple[AxisPort, ...] = ()
     damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
     validity: tuple[str, ...] = ()
-    provenance: Provenance | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.coordinates)

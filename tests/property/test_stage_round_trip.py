@@ -1,0 +1,72 @@
+"""A stage that is written and read again is the same to the last bit."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from flexstage.errors import StageError
+from flexstage.stage import Stage
+from flexstage.stage.codec import FAMILIES
+from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
+from tests.reference_stages import NAMES, reference_stage
+from tests.strategies import drives, profiles, stages
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(stages())
+def test_round_trip(stage: Stage) -> None:
+    again = stage_from_text(stage_to_text(stage))
+    # repr tells -0.0 from 0.0 and shows all digits of a float, which equality alone would not
+    assert repr(again) == repr(stage)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_round_trip_of_the_reference_stages(name: str) -> None:
+    stage = reference_stage(name).stage
+    assert repr(stage_from_text(stage_to_text(stage))) == repr(stage)
+
+
+def test_every_kind_is_in_the_strategies() -> None:
+    from hypothesis import find
+
+    for family, strategy in zip(FAMILIES, (drives("d", ["a", "b"]), profiles()), strict=True):
+        for kind in FAMILIES[family].values():
+            find(strategy, lambda value, kind=kind: type(value) is kind)
+
+
+@given(st.text(max_size=200))
+@example("a: !!binary x")
+@example("'")
+@settings(max_examples=200, deadline=None)
+def test_no_text_ends_in_anything_but_a_stage_error(text: str) -> None:
+    with pytest.raises(StageError):
+        stage_from_text(text)
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = reference_stage("piezo").stage
+    path = tmp_path / "stage.yaml"
+    write_stage(stage, path)
+    assert read_stage(path) == stage
+    path.chmod(0o640)
+    before = path.read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StageError, match="cannot be written: No space left"):
+        write_stage(reference_stage("mechanical").stage, path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.undo()
+    write_stage(reference_stage("mechanical").stage, path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    with pytest.raises(StageError, match="cannot be written"):
+        write_stage(stage, tmp_path / "nowhere" / "stage.yaml")
