@@ -60,26 +60,27 @@ DIMENSIONS: dict[str, Dimension] = {
 }
 
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
-_UNIT = r"(?:1|[A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?)(?:[*·/][A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?){0,4}"  # noqa: RUF001
+_UNIT = r"(?:1|[A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?)(?:[*·/][A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?){0,4}"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
 
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
     # pint is a third of a second to import and is needed only where text is read
-    import pint  # noqa: PLC0415
+    import pint
 
-    return pint.UnitRegistry(non_int_type=Decimal)
+    decimal: Any = Decimal  # allowed by pint, but for its annotation
+    return pint.UnitRegistry(non_int_type=decimal)
 
 
 @lru_cache(maxsize=512)
 def _factor(unit: str, dimension: str) -> Decimal:
     """Return how many SI units of a dimension one `unit` is."""
-    import pint  # noqa: PLC0415
+    import pint
 
     wanted = DIMENSIONS[dimension]
     spelled = unit.replace("°", "deg").replace("·", "*")
-    spelled = re.sub(r"(?<=[A-Za-zµμ])(-?[1-4])(?![0-9])", r"^\1", spelled)  # noqa: RUF001
+    spelled = re.sub(r"(?<=[A-Za-zµμ])(-?[1-4])(?![0-9])", r"^\1", spelled)
     known = sorted({u for d in DIMENSIONS.values() for u in d.units})
     allowed = f"a {wanted.name} in {', '.join(wanted.units)}"
     try:
@@ -132,7 +133,7 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     example = f'"10 {wanted.units[0]}"'
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise UnitError(f"expected a {wanted.name} such as {example}, got {_short(text)}")
-    # a number keeps its shortest digits, so 0.1 is read as one tenth and not as its binary neighbour
+    # a number keeps its shortest digits: 0.1 is one tenth, and not its binary neighbour
     match = _QUANTITY.fullmatch(text if isinstance(text, str) else repr(text))
     if match is None:
         raise UnitError(f"expected a {wanted.name} such as {example}, got {_short(text)}")
@@ -177,7 +178,7 @@ def to_text(value: float, dimension: str, unit: str | None = None) -> str:
         number = Decimal(repr(float(value))) / _factor(name, dimension)
         # the fewest digits that come back to the same bits: 90 deg, not 89.99999999999999889812643
         for digits in (12, 15, 17, 28):
-            text = f"{_plain(Context(prec=digits).plus(number))} {name}"
+            text = f"{_plain(Context(prec=digits).create_decimal(number))} {name}"
             if parse(text, dimension) == value:
                 return text
     return f"{float(value)!r} {wanted.si}"

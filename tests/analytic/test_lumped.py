@@ -194,7 +194,9 @@ def test_turning_the_stage_changes_nothing() -> None:
     turned = replace(
         stage,
         bodies=tuple(replace(b, outline=b.outline.mapped(turn)) for b in stage.bodies),
-        hinges=tuple(replace(h, at=turn(h.at), direction=h.direction + angle) for h in stage.hinges),
+        hinges=tuple(
+            replace(h, at=turn(h.at), direction=h.direction + angle) for h in stage.hinges
+        ),
         drives=tuple(
             replace(d, at=(turn(d.at[0]), turn(d.at[1])), direction=d.direction + angle)
             for d in stage.drives

@@ -69,9 +69,7 @@ def test_half_notches_belong_to_their_bodies(kind: str, one_sided: bool) -> None
     """The drawn outline of each half, integrated as a polygon, is what is added to the body."""
     from hypothesis import find
 
-    profile = find(
-        profiles(), lambda p: type(p).kind == kind and p.one_sided is one_sided
-    )
+    profile = find(profiles(), lambda p: type(p).kind == kind and p.one_sided is one_sided)
     hinge = Hinge(name="h", bodies=("plate", "b"), at=(0.05, 0.04), direction=0.7, profile=profile)
     other = dataclasses.replace(plate(), name="b")
     bare = mass_properties(alone(plate(), other))
@@ -86,6 +84,22 @@ def test_half_notches_belong_to_their_bodies(kind: str, one_sided: bool) -> None
         centroid = moment / (b.mass - a.mass)
         reach = 2e-3 * max(profile.length, profile.root_height)
         assert centroid == pytest.approx((outline.centroid.x, outline.centroid.y), abs=reach)
+        # Steiner: about the common centre, plate and notch add up
+        polar = surface * polar_moment(outline, b.centre)
+        plate_part = a.inertia + a.mass * math.dist(a.centre, b.centre) ** 2
+        assert b.inertia - plate_part == pytest.approx(polar, rel=5e-3)
+
+
+def polar_moment(polygon: Polygon, about: tuple[float, float]) -> float:
+    """Integral of the squared distance from a point, by triangles with that point."""
+    total = 0.0
+    for part in getattr(polygon, "geoms", [polygon]):
+        xy = np.array(part.exterior.coords) - about
+        (x0, y0), (x1, y1) = xy[:-1].T, xy[1:].T
+        cross = x0 * y1 - x1 * y0
+        squares = x0**2 + x0 * x1 + x1**2 + y0**2 + y0 * y1 + y1**2
+        total += abs(float(np.sum(cross * squares))) / 12.0
+    return total
 
 
 def sixty_four_gon(x: float, y: float, r: float) -> Polygon:
@@ -126,10 +140,10 @@ def air_differences(data: dict, body: str) -> list[tuple[float, tuple[float, flo
             (x, y), r, angle = hinge["c"], hinge["radius"], math.radians(hinge["angle_deg"])
             c, s = math.cos(angle), math.sin(angle)
             side = -1.0 if body == hinge["a"] else 1.0
-            # the half plane of the notch that belongs to the body
-            corners = [(0, -9 * r), (side * 9 * r, -9 * r), (side * 9 * r, 9 * r), (0, 9 * r)]
-            half = Polygon([(x + c * u - s * v, y + s * u + c * v) for u, v in corners])
+            # the half of the notch that belongs to the body, between the centres of its circles
             reach = r + hinge["neck"] / 2
+            corners = [(0, -reach), (side * r, -reach), (side * r, reach), (0, reach)]
+            half = Polygon([(x + c * u - s * v, y + s * u + c * v) for u, v in corners])
             cuts += [(x - s * k * reach, y + c * k * reach, r, half) for k in (-1.0, 1.0)]
     out = []
     for x, y, r, half in cuts:

@@ -106,7 +106,7 @@ def test_reference_bars_are_as_wide_as_printed(name: str) -> None:
         widths = root_widths(reference.stage, hinge)
         for which, key in enumerate(("a", "b")):
             # legs and links are plain bars; elsewhere the reference rounds to whole root heights
-            if hinge.bodies[which][1] in "GK":
+            if hinge.bodies[which][1:2] in ("G", "K"):
                 compared += 1
                 assert widths[which] * 1e3 == pytest.approx(entry[f"root_width_{key}"], abs=1e-9)
     assert compared == 24

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from flexstage.errors import StageError
 from flexstage.stage import Stage
-from flexstage.stage.codec import FAMILIES
+from flexstage.stage.field_types import FAMILIES
 from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
 from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages

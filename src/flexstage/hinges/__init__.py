@@ -1,6 +1,12 @@
 """Notch profiles and their stiffness."""
 
 from flexstage.hinges.circular import RightCircular
+from flexstage.hinges.closed_forms import (
+    CLOSED_FORMS,
+    ClosedForm,
+    closed_form_compliance,
+    closed_forms,
+)
 from flexstage.hinges.compliance import (
     METHODS,
     HingeCompliance,
@@ -22,8 +28,10 @@ from flexstage.hinges.stress import LargestRotation, largest_rotation, stress_ro
 from flexstage.hinges.v_fillet import VFillet
 
 __all__ = [
+    "CLOSED_FORMS",
     "METHODS",
     "PROFILES",
+    "ClosedForm",
     "Concentration",
     "CornerFilleted",
     "Elliptical",
@@ -40,6 +48,8 @@ __all__ = [
     "Samples",
     "VFillet",
     "Vertex",
+    "closed_form_compliance",
+    "closed_forms",
     "compliance",
     "concentration",
     "largest_rotation",

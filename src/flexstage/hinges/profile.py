@@ -11,12 +11,25 @@ from numpy.typing import NDArray
 from flexstage.errors import HingeError
 from flexstage.units import DIMENSIONS
 
-__all__ = ["Array", "Piece", "Profile", "Samples", "Vertex"]
+__all__ = ["Array", "Piece", "Profile", "Samples", "Vertex", "increments"]
 
 Array = NDArray[np.float64]
 Length = Annotated[float, DIMENSIONS["length"]]
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(20)
+
+
+def _differentiation(nodes: Array) -> Array:
+    """Matrix that takes values of a polynomial at its nodes to its derivatives there."""
+    apart = nodes[:, None] - nodes[None, :] + np.eye(nodes.size)
+    product = np.prod(apart, axis=1)
+    matrix = product[:, None] / (product[None, :] * apart)
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -np.sum(matrix, axis=1))
+    return matrix
+
+
+_DERIVATIVES = _differentiation(_POINTS)
 # panels graded towards the neck, where the compliance of a thin notch is concentrated
 _PANELS = np.concatenate(([0.0], 2.0 ** np.arange(-9.0, 1.0)))
 
@@ -61,6 +74,23 @@ class Vertex(NamedTuple):
     bulge: float = 0.0
 
 
+def increments(values: Array) -> Array:
+    """Return the increments of a function along the contour: quadrature weight times derivative.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        The function at the points of `Profile.samples`, smooth in each piece, shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        What ``ds`` is for the arc length, for this function, shape (n,).
+    """
+    panels = values.reshape(-1, _POINTS.size)
+    return ((panels @ _DERIVATIVES.T) * _WEIGHTS).ravel()
+
+
 #: A smooth piece of the contour: maps u in [0, 1] to (x, depth, angle, ds/du).
 Piece = Callable[[Array], tuple[Array, Array, Array, Array]]
 
@@ -91,14 +121,14 @@ class Profile(ABC):
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if isinstance(value, (int, float)) and not isinstance(value, bool):
-                if not 0.0 < value < float("inf"):
-                    raise HingeError(
-                        f"{self.kind} notch: {name} must be positive and finite, got {value!r}"
-                    )
+            is_size = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if is_size and not 0.0 < value < float("inf"):
+                raise HingeError(
+                    f"{self.kind} notch: {name} must be positive and finite, got {value!r}"
+                )
         self._check()
 
-    def _check(self) -> None:
+    def _check(self) -> None:  # noqa: B027
         """Refuse impossible combinations of dimensions; a profile overrides it where it has any."""
 
     @property
@@ -127,6 +157,11 @@ class Profile(ABC):
     @property
     def flat_length(self) -> float:
         """Length of the part about the neck that has constant thickness [m]."""
+        return 0.0
+
+    @property
+    def step(self) -> float:
+        """Height of the sharp step at the root, on one side [m]."""
         return 0.0
 
     @property

@@ -19,10 +19,10 @@ has
     D = \sin 2\alpha - 2\alpha\cos 2\alpha
 
 and the energy per length of contour follows by integration over the arc. Poisson's ratio enters
-the energy of a traction-loaded strip only through its ends (the stresses of a simply connected plane
-body do not depend on it), so it is left out here. Slices of neighbouring angles are joined so that
-the energy agrees with the two-term asymptotic expansion of plane elasticity in the slope h' of the
-thickness h,
+the energy of a traction-loaded strip only through its ends (the stresses of a simply connected
+plane body do not depend on it), so it is left out here. Slices of neighbouring angles are joined so
+that the energy agrees with the two-term asymptotic expansion of plane elasticity in the slope h' of
+the thickness h,
 
 .. math::
 

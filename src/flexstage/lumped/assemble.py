@@ -79,9 +79,7 @@ def _compliance(
     plane: PlaneState | Literal["auto"],
     roots: tuple[float, float] | None,
 ) -> HingeCompliance:
-    return compliance(
-        profile, *elastic, width, method=method, plane=plane, root_widths=roots
-    )
+    return compliance(profile, *elastic, width, method=method, plane=plane, root_widths=roots)
 
 
 @lru_cache(maxsize=4096)
@@ -224,9 +222,7 @@ def lumped_system(
         force = spring.stiffness @ part
         stiffness[np.ix_(at, at)] += part.T @ force
         profile = spring.hinge.profile
-        stress = _stress_rows(
-            profile, stage.thickness, stage.material.poissons_ratio, spring.plane
-        )
+        stress = _stress_rows(profile, stage.thickness, stage.material.poissons_ratio, spring.plane)
         row = np.zeros((stress.shape[0], layout.order))
         row[:, at] = stress @ force
         rows.append(row)
@@ -282,13 +278,11 @@ def _probe_port(layout: Layout, probe: Probe) -> ProbePort:
     )
 
 
-def _validity(
-    stage: Stage, method: str, planes: list[str], damping: Damping
-) -> tuple[str, ...]:
+def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) -> tuple[str, ...]:
     notes = [
         "Lumped model: bodies are rigid. Against 3D finite elements of the study's stages its "
-        "transmission ratio is 3 to 5 % large and its first frequencies are 1 to 2.5 % high; motion "
-        "across the axis, which comes from bending of the platform, is far too small.",
+        "transmission ratio is 3 to 5 % large and its first frequencies are 1 to 2.5 % high; "
+        "motion across the axis, which comes from bending of the platform, is far too small.",
         "Plane motion only: modes out of the plane are left out.",
         f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",

@@ -1,8 +1,11 @@
 """The description of a stage, its file, and the checks of its geometry."""
 
+from flexstage.stage.checks import Finding, check
 from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
+from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
 from flexstage.stage.mass import MassProperties, mass_properties
 from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
+from flexstage.stage.notch import half_notch
 from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
 from flexstage.stage.roots import Root, hinge_root, root_widths
 
@@ -13,6 +16,7 @@ __all__ = [
     "Circle",
     "Drive",
     "ExtraMass",
+    "Finding",
     "Force",
     "Hinge",
     "Loop",
@@ -24,7 +28,13 @@ __all__ = [
     "Root",
     "Screw",
     "Stage",
+    "check",
+    "half_notch",
     "hinge_root",
     "mass_properties",
+    "read_stage",
     "root_widths",
+    "stage_from_text",
+    "stage_to_text",
+    "write_stage",
 ]

@@ -74,9 +74,7 @@ def _half_notch(profile: Profile) -> tuple[float, float, float, float]:
     return profile.half_area_integrals()
 
 
-def _of(
-    body: Body, halves: list[tuple[Hinge, float]], surface_density: float
-) -> MassProperties:
+def _of(body: Body, halves: list[tuple[Hinge, float]], surface_density: float) -> MassProperties:
     # about a point of the body, so that a small body far from the origin loses no digits
     ox, oy = body.outline.points[0]
 
@@ -89,9 +87,7 @@ def _of(
         plate = plate.plus(about(hole), -1.0)
     # mass, its first moments and its polar moment about the point
     parts = [
-        tuple(
-            surface_density * v for v in (plate.area, plate.x, plate.y, plate.xx + plate.yy)
-        )
+        tuple(surface_density * v for v in (plate.area, plate.x, plate.y, plate.xx + plate.yy))
     ]
     for hinge, side in halves:
         area, along, across, polar = _half_notch(hinge.profile)
@@ -106,9 +102,7 @@ def _of(
     parts += [_shifted(m.mass, m.at, m.inertia, (ox, oy)) for m in body.extra_masses]
     mass, first_x, first_y, polar = map(sum, zip(*parts, strict=True))
     x, y = first_x / mass, first_y / mass
-    return MassProperties(
-        mass=mass, centre=(ox + x, oy + y), inertia=polar - mass * (x**2 + y**2)
-    )
+    return MassProperties(mass=mass, centre=(ox + x, oy + y), inertia=polar - mass * (x**2 + y**2))
 
 
 def _shifted(

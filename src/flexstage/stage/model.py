@@ -327,7 +327,9 @@ def _unique(noun: str, things: tuple) -> set[str]:
     seen: set[str] = set()
     for thing in things:
         if thing.name in seen:
-            raise StageError(f"two {noun} entries are called '{thing.name}': give each its own name")
+            raise StageError(
+                f"two {noun} entries are called '{thing.name}': give each its own name"
+            )
         seen.add(thing.name)
     return seen
 

@@ -1,4 +1,4 @@
-"""Where a hinge meets its two bodies: the edge that it grows from, and how wide the body is there."""
+"""Where a hinge meets its two bodies: the edge it grows from, and how wide the body is there."""
 
 import math
 from typing import NamedTuple

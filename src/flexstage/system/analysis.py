@@ -152,7 +152,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     axes = tuple(analyse_axis(system, axis) for axis in system.axes)
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
-    found = {c: modes(system, drives=c, count=12) for c in conditions}
+    found: dict[DriveCondition, Modes] = {c: modes(system, drives=c, count=12) for c in conditions}
     responses = []
     for axis in system.axes:
         for condition in conditions[:2]:

@@ -83,7 +83,11 @@ def axis_characteristics(
         )
 
     add("input_displacement", axis.input_displacement, "elongation of the drive, imposed")
-    add("output_displacement", axis.output_displacement, f"probe '{axis.probe}', other drives removed")
+    add(
+        "output_displacement",
+        axis.output_displacement,
+        f"probe '{axis.probe}', other drives removed",
+    )
     add("transmission_ratio", ratio, "output over input displacement")
     if static.hinge_stress:
         worst = max(static.hinge_stress, key=lambda k: static.hinge_stress[k])
@@ -92,12 +96,18 @@ def axis_characteristics(
         if stage.material.yield_strength is not None and stress > 0.0:
             add("safety_factor", stage.material.yield_strength / stress, "against yield")
     if port.smallest_displacement is not None:
-        add("resolution", abs(ratio) * port.smallest_displacement, "smallest step of the drive times ratio")
+        add(
+            "resolution",
+            abs(ratio) * port.smallest_displacement,
+            "smallest step of the drive times ratio",
+        )
     mode = axis_mode(system, removed, axis.drive, axis.probe)
     add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, drives removed")
     if others and axis.output_displacement != 0.0:
         cross = [static.readings[a.probe] / axis.output_displacement for a in others]
-        add("cross_coupling", max(cross, key=abs), "reading of the other axis over that of this one")
+        add(
+            "cross_coupling", max(cross, key=abs), "reading of the other axis over that of this one"
+        )
     body = system.probe(axis.probe).body
     if body in static.body_motion:
         add("parasitic_rotation", static.body_motion[body][2], f"of body '{body}' at full stroke")

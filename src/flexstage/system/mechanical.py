@@ -159,8 +159,8 @@ class MechanicalSystem:
 
     .. math:: M\ddot q + C\dot q + K q = \sum_i d_i F_i, \quad y_j = p_j^T q
 
-    M and K are those of the bare stage: fixed bodies held, drives removed. A drive in place adds the
-    spring :math:`k d d^T` and the input :math:`k d w` of its free displacement w.
+    M and K are those of the bare stage: fixed bodies held, drives removed. A drive in place adds
+    the spring :math:`k d d^T` and the input :math:`k d w` of its free displacement w.
 
     Parameters
     ----------

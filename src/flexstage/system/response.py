@@ -179,7 +179,7 @@ def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex1
 def _imposed(
     system: MechanicalSystem, drive: Array, probe: Array, f: Array, held: Modes
 ) -> NDArray[np.complex128]:
-    """Response to an imposed elongation w: q = g w + modes that hold the drive, driven by inertia."""
+    """Response to an imposed elongation: its static shape, and modes that hold the drive."""
     added, vectors = system.drive_springs("in place")
     # static shape of a unit elongation with every held drive at its length but this one
     n, m = vectors.shape

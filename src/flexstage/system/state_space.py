@@ -59,7 +59,7 @@ class StateSpace:
             python-control is not installed.
         """
         try:
-            import control  # noqa: PLC0415  # optional, and slow to import
+            import control  # optional, and slow to import
         except ImportError as error:
             raise ModelError(
                 "python-control is not installed: pip install 'flexstage[control]'"

@@ -1,0 +1,103 @@
+"""The command line: one file for each command, and the exit status of each outcome.
+
+Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr and no traceback.
+"""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated, cast
+
+import typer
+
+import flexstage
+from flexstage.cli.analyse import analyse
+from flexstage.cli.check import check
+from flexstage.cli.equations import equations
+from flexstage.cli.hinges import hinges
+from flexstage.cli.show import show
+from flexstage.cli.study import study
+from flexstage.errors import FlexstageError
+
+__all__ = ["app", "main"]
+
+_INTERRUPTED = 130
+
+#: The commands. Their modules import what is heavy only when a command runs.
+app = typer.Typer(
+    name="flexstage",
+    help="Design and verify flexure-based micropositioning stages.",
+    no_args_is_help=False,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for _command in (study, show, check, analyse, equations, hinges):
+    app.command()(_command)
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    """Design and verify flexure-based micropositioning stages."""
+    if version:
+        typer.echo(f"flexstage {flexstage.__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line, and end the process with the status of the outcome.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words after the program's name; those of the process where not given.
+
+    Raises
+    ------
+    SystemExit
+        Always: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
+    """
+    sys.exit(_run(None if arguments is None else list(arguments)))
+
+
+def _run(arguments: list[str] | None) -> int:
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            # a terminal that cannot show a letter shows a question mark, and nothing fails
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    # every misuse of the command line is one of these, whichever library parses it
+    misuse = cast(type[Exception], typer.BadParameter.__mro__[2])
+    try:
+        status = app(arguments, prog_name="flexstage", standalone_mode=False)
+    except misuse as error:
+        return _fail(_usage(error), 2)
+    except FlexstageError as error:
+        return _fail(str(error), 2 if isinstance(error, ValueError) else 1)
+    except OSError as error:
+        return _fail(_file_error(error), 1)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", _INTERRUPTED)
+    if status == _INTERRUPTED:
+        return _fail("interrupted", _INTERRUPTED)
+    return status if isinstance(status, int) else 0
+
+
+def _fail(message: str, status: int) -> int:
+    sentence = " ".join(message.split())
+    sys.stderr.write(f"flexstage: {sentence}\n")
+    return status
+
+
+def _usage(error: Exception) -> str:
+    said = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
+    command = getattr(getattr(error, "ctx", None), "command_path", "flexstage")
+    return f"{said.rstrip('.')}; see '{command} --help'"
+
+
+def _file_error(error: OSError) -> str:
+    where = f" '{error.filename}'" if error.filename else ""
+    return f"cannot read or write{where}: {error.strerror or error}"

@@ -1,0 +1,141 @@
+"""`flexstage analyse`: one model of a stage: characteristics, modes, stress, Bode data."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    PlaneOption,
+    StageArgument,
+    console,
+    load_stage,
+    make_table,
+    print_json,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.system import Analysis
+
+__all__ = ["analyse"]
+
+
+def analyse(
+    stage: StageArgument,
+    model: Annotated[str, typer.Option(metavar="NAME", help="The model: lumped.")] = "lumped",
+    plane: PlaneOption = "auto",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Write analysis.json, with the Bode data, and a Bode diagram of each axis there.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
+    from flexstage.report import analyse_model, analysis_results, results_json, write_files
+
+    analysis = analyse_model(load_stage(stage), model, plane=plane)  # type: ignore[arg-type]
+    files = []
+    if out is not None:
+        results = results_json(analysis_results(analysis, responses=True))
+        files = write_files(out, {"analysis.json": results} | _diagrams(analysis))
+    if json:
+        print_json(analysis_results(analysis, responses=True))
+        return
+    screen = console()
+    _characteristics(screen, analysis)
+    _modes(screen, analysis)
+    _stress(screen, analysis)
+    _responses(screen, analysis)
+    for note in analysis.validity:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in files:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _diagrams(analysis: "Analysis") -> dict[str, bytes]:
+    from flexstage.cli.common import name_for_files
+    from flexstage.report.figures import draw_bode, encode
+
+    return {
+        f"bode-{name_for_files(a.axis)}.svg": encode(draw_bode(analysis, a.axis), "svg")
+        for a in analysis.axes
+    }
+
+
+def _characteristics(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report import display
+
+    model = analysis.system.model
+    table = make_table(
+        f"{analysis.stage.name}: {model}", "quantity", "<axis", "value", "<unit", "<condition"
+    )
+    for row in analysis.characteristics:
+        shown = display(row.quantity)
+        table.add_row(shown.label, row.axis, shown.text(row.value), shown.unit, row.note)
+    if analysis.characteristics:
+        screen.print(table)
+
+
+def _modes(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report import number
+
+    table = make_table(
+        "natural frequencies in Hz", "mode", *(f"drives {name}" for name in analysis.modes)
+    )
+    columns = [found.frequency_hz[:6] for found in analysis.modes.values()]
+    for k in range(max((column.size for column in columns), default=0)):
+        cells = [number(float(c[k])) if k < c.size else "–" for c in columns]
+        table.add_row(str(k + 1), *cells)
+    screen.print(table)
+
+
+def _stress(screen: "Console", analysis: "Analysis") -> None:
+    stress = analysis.hinge_stress
+    if not any(stress.values()):
+        return
+    table = make_table(
+        "largest equivalent stress at full stroke in MPa",
+        "hinge",
+        *(f"drive of {axis}" for axis in stress),
+    )
+    for hinge in analysis.stage.hinges:
+        table.add_row(hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress))
+    screen.print(table)
+
+
+def _responses(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report import number
+
+    if not analysis.responses:
+        return
+    table = make_table(
+        "frequency responses (all points with --json or --out)",
+        "drive",
+        "<probe",
+        "<input",
+        "<drives",
+        "at the lowest frequency",
+        "largest",
+        "at, Hz",
+        "<unit",
+    )
+    for response in analysis.responses:
+        size = abs(response.value)
+        peak = int(size.argmax())
+        table.add_row(
+            response.drive,
+            response.probe,
+            response.input_kind,
+            response.drives,
+            number(float(size[0])),
+            number(float(size[peak])),
+            number(float(response.frequency_hz[peak])),
+            response.unit,
+        )
+    screen.print(table)

@@ -1,0 +1,155 @@
+"""`flexstage equations`: the dynamic model of a stage in symbols."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import JsonOption, StageArgument, load_stage, print_json, write_file
+from flexstage.errors import ModelError, StageError
+
+if TYPE_CHECKING:
+    from flexstage.lumped.reduction import ReducedModel
+    from flexstage.lumped.symbolic import SymbolicModel
+    from flexstage.lumped.transfer import TransferFunction
+    from flexstage.stage import Stage
+
+__all__ = ["equations"]
+
+_FORMATS = ("text", "latex")
+_REDUCTIONS = ("auto", "symmetry", "condense", "none")
+# a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
+# output says: the frequencies change by the square of it
+_ASYMMETRY = 0.02
+_DAMPING = ("rayleigh", "hinge", "none")
+
+
+def equations(
+    stage: StageArgument,
+    form: Annotated[
+        str, typer.Option("--format", metavar="text|latex", help="Plain text or a LaTeX document.")
+    ] = "text",
+    reduce: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|symmetry|condense|none",
+            help="How coordinates are reduced for transfer functions; auto takes the symmetry "
+            "where it leaves few enough, and condensation to drives and probes elsewhere.",
+        ),
+    ] = "auto",
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Axis of the transfer function; all where not given."),
+    ] = None,
+    damping: Annotated[
+        str, typer.Option(metavar="rayleigh|hinge|none", help="Kind of damping in the equations.")
+    ] = "rayleigh",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write to a file instead of the terminal.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Derive energies, Lagrange's equations, M, C, K and transfer functions of a stage."""
+    _one_of("--format", form, _FORMATS)
+    _one_of("--reduce", reduce, _REDUCTIONS)
+    _one_of("--damping", damping, _DAMPING)
+    described = load_stage(stage)
+    if axis is not None:
+        described.axis(axis)
+    from flexstage.lumped.latex import latex_document, plain_text, sheet_data
+    from flexstage.lumped.sheet import equation_sheet
+    from flexstage.lumped.symbolic import symbolic_model
+
+    model = symbolic_model(described, damping=damping)  # type: ignore[arg-type]
+    reduced = None if reduce == "none" else _reduced(model, described, reduce, axis)
+    transfer = [] if reduced is None else _transfer(reduced, described, axis)
+    sheet = equation_sheet(model, reduced=reduced, transfer=transfer)
+    title = f"Equations of motion of {described.name}"
+    if json:
+        content = _data(described, model, reduced, transfer) | {"sections": sheet_data(sheet)}
+        if out is None:
+            print_json(content)
+        else:
+            import json as json_module
+
+            write_file(out, json_module.dumps(content, indent=2, allow_nan=False).encode())
+        return
+    text = (latex_document if form == "latex" else plain_text)(title, sheet)
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        write_file(out, text.encode())
+        typer.echo(f"wrote {out}")
+
+
+def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise StageError(f"{option} is one of {', '.join(allowed)}, got '{value}'")
+
+
+def _reduced(
+    model: "SymbolicModel", stage: "Stage", how: str, axis: str | None
+) -> "ReducedModel | None":
+    from flexstage.lumped.mirror import find_mirror
+    from flexstage.lumped.reduction import condense, reduce_by_symmetry
+    from flexstage.lumped.transfer import LARGEST_ORDER
+
+    drive = stage.axis(axis).drive if axis is not None else None
+    mirror = None if how == "condense" else find_mirror(model.source, tolerance=_ASYMMETRY)
+    if how == "symmetry":
+        return reduce_by_symmetry(model, drive=drive, mirror=mirror)
+    if mirror is not None and model.drives:
+        try:
+            found = reduce_by_symmetry(model, drive=drive, mirror=mirror)
+        except ModelError:
+            found = None
+        if found is not None and found.order <= LARGEST_ORDER:
+            return found
+    if not (model.drives or model.probes):
+        return None
+    return condense(model)
+
+
+def _transfer(
+    reduced: "ReducedModel", stage: "Stage", axis: str | None
+) -> "list[TransferFunction]":
+    from flexstage.lumped.transfer import LARGEST_ORDER, transfer_function
+
+    if reduced.order > LARGEST_ORDER:
+        return []
+    drives = {p.name for p in reduced.drives}
+    probes = {p.name for p in reduced.probes}
+    return [
+        transfer_function(reduced, a.drive, a.probe)
+        for a in stage.axes
+        if axis in (None, a.name) and a.drive in drives and a.probe in probes
+    ]
+
+
+def _data(
+    stage: "Stage",
+    model: "SymbolicModel",
+    reduced: "ReducedModel | None",
+    transfer: "list[TransferFunction]",
+) -> dict[str, Any]:
+    return {
+        "stage": stage.name,
+        "order": model.order,
+        "coordinates": [x.name for x in model.coordinates],
+        "values": {x.name: v for x, v in model.values.items()},
+        "reduced": None
+        if reduced is None
+        else {"how": reduced.how, "coordinates": [x.name for x in reduced.coordinates]},
+        "transfer_functions": [
+            {
+                "drive": tf.drive,
+                "probe": tf.probe,
+                "input_kind": tf.input_kind,
+                "numerator": top.tolist(),
+                "denominator": bottom.tolist(),
+                "poles_hz": sorted({round(abs(p) / 6.283185307179586, 9) for p in tf.poles()}),
+            }
+            for tf in transfer
+            for top, bottom in [tf.coefficients()]
+        ],
+    }

@@ -1,0 +1,273 @@
+"""`flexstage hinges`: the stiffness of a notch profile by every method, and how far it may turn."""
+
+import dataclasses
+import difflib
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import JsonOption, PlaneOption, console, make_table, print_json
+from flexstage.errors import HingeError
+
+if TYPE_CHECKING:
+    from flexstage.hinges import Profile
+    from flexstage.material import Material
+
+__all__ = ["hinges"]
+
+#: Quantity, place on the diagonal of the compliance, unit of its stiffness.
+_QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
+
+_METHOD_VALIDITY = {
+    "euler-bernoulli": "slender, and no shear deformation",
+    "timoshenko": "slender: too stiff by 2 to 30 % as t/R grows",
+    "wedge": "within 2 % of plane finite elements, 1.3 % in rotation",
+}
+
+
+def hinges(
+    profile: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="circular, elliptical, corner-filleted, leaf, parabolic, hyperbolic, v, power.",
+        ),
+    ] = "circular",
+    neck: Annotated[
+        str, typer.Option(metavar="LENGTH", help='Thickness of the neck, such as "0.5 mm".')
+    ] = "0.5 mm",
+    width: Annotated[
+        str, typer.Option(metavar="LENGTH", help='Width of the hinge, such as "10 mm".')
+    ] = "10 mm",
+    material: Annotated[
+        str, typer.Option(metavar="NAME", help="A material of the catalogue.")
+    ] = "Al 7075-T6",
+    radius: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Radius of a circular notch, or of the fillets."),
+    ] = None,
+    length: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Length of the whole notch.")
+    ] = None,
+    depth: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on a side.")
+    ] = None,
+    angle: Annotated[
+        str | None, typer.Option(metavar="ANGLE", help="Half opening angle of a v notch.")
+    ] = None,
+    exponent: Annotated[
+        float | None, typer.Option(metavar="N", help="Exponent of a power notch.")
+    ] = None,
+    one_sided: Annotated[
+        bool, typer.Option("--one-sided", help="Cut the notch on one side only.")
+    ] = False,
+    plane: PlaneOption = "auto",
+    as_json: JsonOption = False,
+) -> None:
+    """Show the stiffness of a hinge by every method, and how far it may turn.
+
+    A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
+    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
+    power --length --depth --exponent.
+    """
+    from flexstage.material import material as find_material
+    from flexstage.units import parse
+
+    given = {
+        "radius": radius,
+        "length": length,
+        "depth": depth,
+        "angle": angle,
+        "exponent": None if exponent is None else str(exponent),
+    }
+    notch = _profile(profile, neck, given, one_sided=one_sided)
+    if plane not in ("auto", "stress", "strain"):
+        near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
+    result = _result(notch, find_material(material), parse(width, "length"), plane)
+    if as_json:
+        print_json(result)
+    else:
+        _print(result)
+
+
+# Option that each field of a profile is read from; lengths along the hinge are given whole.
+_OPTIONS = {
+    "radius": "radius",
+    "fillet_radius": "radius",
+    "notch_length": "length",
+    "leaf_length": "length",
+    "half_length": "length",
+    "notch_depth": "depth",
+    "half_opening_angle": "angle",
+    "exponent": "exponent",
+}
+
+
+def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: bool) -> "Profile":
+    """Make the profile, and name every size that is missing or does not belong to it."""
+    from flexstage.hinges import profile_class
+    from flexstage.units import parse
+
+    cls = profile_class(kind)
+    fields = [f.name for f in dataclasses.fields(cls) if f.name in _OPTIONS]
+    wanted = [_OPTIONS[name] for name in fields]
+    list_wanted = " ".join(f"--{name}" for name in wanted)
+    missing = [f"--{name}" for name in wanted if given[name] is None]
+    if missing:
+        raise HingeError(f"a {kind} notch also needs {' and '.join(missing)}")
+    surplus = [
+        f"--{name}" for name, text in given.items() if text is not None and name not in wanted
+    ]
+    if surplus:
+        raise HingeError(f"a {kind} notch has no {' or '.join(surplus)}: it takes {list_wanted}")
+    values: dict[str, Any] = {}
+    for name, option in zip(fields, wanted, strict=True):
+        text = given[option]
+        if option == "exponent":
+            values[name] = float(str(text))
+        else:
+            size = parse(text, "angle" if option == "angle" else "length")
+            values[name] = 0.5 * size if name == "half_length" else size
+    return cls(neck_thickness=parse(neck, "length"), one_sided=one_sided, **values)
+
+
+def _result(notch: "Profile", what: "Material", width: float, plane: str) -> dict[str, Any]:
+    """Compute everything that is shown, as plain data in SI units."""
+    from flexstage.hinges import (
+        METHODS,
+        closed_form_compliance,
+        closed_forms,
+        compliance,
+        concentration,
+        largest_rotation,
+        plane_state,
+    )
+
+    e, nu = what.youngs_modulus, what.poissons_ratio
+    if plane == "auto":
+        state = plane_state(width, notch.neck_thickness)
+    else:
+        state = "strain" if plane == "strain" else "stress"
+    springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in METHODS}
+    best = springs["wedge"].matrix
+    rows: list[dict[str, Any]] = []
+    for quantity, place, unit in _QUANTITIES:
+        found = [
+            (method, float(springs[method].matrix[place, place]), _METHOD_VALIDITY[method])
+            for method in ("wedge", "timoshenko", "euler-bernoulli")
+        ]
+        found += [
+            (
+                form.name,
+                closed_form_compliance(form, notch, e, nu, width, plane=state),
+                form.validity,
+            )
+            for form in closed_forms(notch)
+            if form.quantity == quantity
+        ]
+        rows += [
+            {
+                "quantity": quantity,
+                "method": method,
+                # a formula outside its range can give a compliance that no hinge has
+                "stiffness": 1.0 / value if value > 0.0 else None,
+                "unit": unit,
+                "difference_percent": 100.0 * (float(best[place, place]) / value - 1.0)
+                if value > 0.0
+                else None,
+                "validity": validity,
+            }
+            for method, value, validity in found
+        ]
+    factors = concentration(notch)
+    turn = largest_rotation(notch, what, width, plane=state)
+    sizes = {f.name: getattr(notch, f.name) for f in dataclasses.fields(notch)}
+    return {
+        "profile": notch.kind,
+        **sizes,
+        "width": width,
+        "material": what.name,
+        "plane": state,
+        "root_height": notch.root_height,
+        "stiffness": rows,
+        "compliance": best.tolist(),
+        "concentration": {
+            "axial": list(factors.axial),
+            "bending": list(factors.bending),
+            "source": factors.source,
+            "validity": factors.validity,
+        },
+        "largest_rotation": {
+            "before_yield": turn.before_yield,
+            "before_fatigue": turn.before_fatigue,
+            "fatigue_cycles": what.fatigue_cycles,
+            "unit": "rad",
+        },
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    """Print the tables for people."""
+    sizes = {
+        name.replace("_", " "): f"{1e3 * value:g} mm"
+        for name, value in result.items()
+        if name.endswith(("thickness", "radius", "length", "depth", "width", "height"))
+    }
+    if "half_opening_angle" in result:
+        sizes["half opening angle"] = f"{math.degrees(result['half_opening_angle']):g} deg"
+    if "exponent" in result:
+        sizes["exponent"] = f"{result['exponent']:g}"
+    cut = "one side" if result["one_sided"] else "both sides"
+    out = console()
+    out.print(
+        f"{result['profile']} notch cut from {cut}, {result['material']}, plane {result['plane']}: "
+        + ", ".join(f"{name} {text}" for name, text in sizes.items()),
+        markup=False,
+    )
+    table = make_table(
+        "Stiffness about the neck",
+        "quantity",
+        "<method",
+        "stiffness",
+        "<unit",
+        "to wedge",
+        "<valid",
+    )
+    last = ""
+    for row in result["stiffness"]:
+        value, difference = row["stiffness"], row["difference_percent"]
+        in_um = row["unit"] == "N/m"
+        table.add_row(
+            row["quantity"] if row["quantity"] != last else "",
+            row["method"],
+            "-" if value is None else f"{value * (1e-6 if in_um else 1.0):.5g}",
+            "N/um" if in_um else row["unit"],
+            ""
+            if row["method"] == "wedge"
+            else "-"
+            if difference is None
+            else f"{difference:+.2f} %",
+            row["validity"],
+        )
+        last = row["quantity"]
+    out.print(table)
+    factors = result["concentration"]
+    stress = make_table("Stress concentration at the neck", "load", "left surface", "right surface")
+    for load in ("axial", "bending"):
+        stress.add_row(load, *(f"{value:.4f}" for value in factors[load]))
+    out.print(stress)
+    out.print(f"source: {factors['source']}", markup=False)
+    out.print(f"valid: {factors['validity']}\n", markup=False)
+    turn = result["largest_rotation"]
+    rotation = make_table("Largest rotation under a pure moment", "before", "mrad", "deg")
+    cycles = turn["fatigue_cycles"]
+    fatigue = "fatigue limit" + (f" ({cycles:.0e} cycles)" if cycles else "")
+    for name, value in (("yield", turn["before_yield"]), (fatigue, turn["before_fatigue"])):
+        if value is None:
+            rotation.add_row(name, "-", "-")
+        else:
+            rotation.add_row(name, f"{1e3 * value:.2f}", f"{math.degrees(value):.3f}")
+    out.print(rotation)

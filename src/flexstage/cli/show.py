@@ -1,0 +1,31 @@
+"""`flexstage show`: draw a stage."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexstage.cli.common import StageArgument, load_stage, name_for_files, write_file
+from flexstage.errors import ModelError
+
+__all__ = ["show"]
+
+
+def show(
+    stage: StageArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A .svg, .png or .pdf file; NAME.svg where not given."),
+    ] = None,
+) -> None:
+    """Draw a stage: its bodies, hinges, drives and probes."""
+    from flexstage.report.figures import FORMATS, draw_stage, encode
+
+    described = load_stage(stage)
+    path = out if out is not None else Path(f"{name_for_files(described.name)}.svg")
+    kind = path.suffix.removeprefix(".").casefold()
+    if kind not in FORMATS:
+        endings = ", ".join(f".{name}" for name in FORMATS)
+        raise ModelError(f"a drawing is written as {endings}, got '{path.name}': change its ending")
+    write_file(path, encode(draw_stage(described), kind))
+    typer.echo(f"wrote {path}")

@@ -1,0 +1,134 @@
+"""`flexstage study`: every model of a stage beside what was published, with a report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    PlaneOption,
+    StageArgument,
+    console,
+    load_stage,
+    make_table,
+    name_for_files,
+    print_json,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from flexstage.report import Comparison
+
+__all__ = ["comparison_tables", "study"]
+
+
+_WIDE = 116  # characters that values and differences take side by side
+
+
+def study(
+    stage: StageArgument,
+    models: Annotated[
+        str, typer.Option(metavar="LIST", help="Models, with commas between: lumped.")
+    ] = "lumped",
+    plane: PlaneOption = "auto",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where the report goes; out/NAME where not given."),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Run the models of a stage, compare them with what was published, write a report.
+
+    Writes report.html and results.json.
+    """
+    from flexstage.report import (
+        characteristic_row,
+        report_html,
+        results_json,
+        run_study,
+        study_results,
+        write_files,
+    )
+
+    described = load_stage(stage)
+    names = list(dict.fromkeys(name.strip() for name in models.split(",") if name.strip()))
+    result = run_study(described, names, plane=plane)  # type: ignore[arg-type]
+    directory = out if out is not None else Path("out") / name_for_files(described.name)
+    files = write_files(
+        directory,
+        {
+            "report.html": report_html(result).encode(),
+            "results.json": results_json(study_results(result)),
+        },
+    )
+    if json:
+        print_json(
+            {
+                "stage": described.name,
+                "characteristics": [characteristic_row(row) for row in result.characteristics],
+                "files": [str(file) for file in files],
+            }
+        )
+        return
+    screen = console()
+    title = f"{described.name}: {described.title}" if described.title else described.name
+    for table in comparison_tables(result.comparison, title, width=screen.width):
+        screen.print(table)
+    for note in described.notes:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in files:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
+    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+    title : str
+        What stands above it.
+    width : int
+        Width of the terminal in characters.
+
+    Returns
+    -------
+    list of rich.table.Table
+        A row for each quantity and axis: the values, and the difference of the first column of
+        ours to each published one.
+    """
+    from rich.text import Text
+
+    from flexstage.report import display
+    from flexstage.report.tables import column_title, percent
+
+    published, first = comparison.published, (*comparison.ours, "")[0]
+    values = [*(f"published\n{column_title(c)}" for c in published)]
+    values += [column.replace(", ", ",\n") for column in comparison.ours]
+    differences = [f"{first} to\n{column_title(c)}" for c in published]
+    split = width < _WIDE and bool(published)
+    head = ["quantity", "<axis"]
+    tables = [make_table(title, *head, *values, *(() if split else differences))]
+    if split:
+        tables.append(make_table(f"difference of {first}", *head, *differences))
+    remarks: list[str] = []
+    for row in comparison.rows:
+        shown = display(row.quantity)
+        label = f"{shown.label} ({shown.unit})" if shown.unit else shown.label
+        if row.remark:
+            remarks.append(row.remark)
+            label += f" [{len(remarks)}]"
+        texts = [shown.text(row.value(column)) for column in comparison.columns]
+        signed = [percent(row.difference_percent(first, column)) for column in published]
+        label = Text(label)
+        tables[0].add_row(label, row.axis, *texts, *(() if split else signed))
+        if split and any(signed):
+            tables[1].add_row(label, row.axis, *signed)
+    if remarks:
+        words = "; ".join(f"[{i}] {remark}" for i, remark in enumerate(remarks, start=1))
+        tables[0].caption = Text(words)
+        tables[0].caption_justify = "left"
+    return tables

@@ -1,0 +1,39 @@
+"""Outlines of contours that are neither lines nor arcs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexstage.hinges.profile import Piece, Vertex
+
+__all__ = ["chords"]
+
+
+def chords(pieces: Sequence[Piece], number: int = 64) -> tuple[Vertex, ...]:
+    """Return the vertices of a polyline inscribed in a contour.
+
+    Parameters
+    ----------
+    pieces : sequence of callable
+        The contour from the neck to the root.
+    number : int
+        Chords for each piece [1].
+
+    Returns
+    -------
+    tuple of Vertex
+        The corners, all of them on the contour. Of a quarter ellipse the chords cut off
+        0.4/number^2 of its area.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import RightCircular
+    >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
+    >>> len(chords(notch.pieces(), 8))
+    9
+    """
+    vertices = [Vertex(0.0, 0.0)]
+    for piece in pieces:
+        x, depth, _, _ = piece(np.arange(1, number + 1) / number)
+        vertices.extend(Vertex(float(a), float(b)) for a, b in zip(x, depth, strict=True))
+    return tuple(vertices)

@@ -1,0 +1,61 @@
+"""Profiles by the name that files and the command line call them by."""
+
+import difflib
+
+from flexstage.errors import HingeError
+from flexstage.hinges.circular import RightCircular
+from flexstage.hinges.corner_filleted import CornerFilleted
+from flexstage.hinges.elliptical import Elliptical
+from flexstage.hinges.hyperbolic import Hyperbolic
+from flexstage.hinges.leaf import Leaf
+from flexstage.hinges.parabolic import Parabolic
+from flexstage.hinges.power import PowerFunction
+from flexstage.hinges.profile import Profile
+from flexstage.hinges.v_fillet import VFillet
+
+__all__ = ["PROFILES", "profile_class"]
+
+#: Every profile by its `kind`.
+PROFILES: dict[str, type[Profile]] = {
+    cls.kind: cls
+    for cls in (
+        RightCircular,
+        Elliptical,
+        CornerFilleted,
+        Leaf,
+        Parabolic,
+        Hyperbolic,
+        VFillet,
+        PowerFunction,
+    )
+}
+
+
+def profile_class(kind: str) -> type[Profile]:
+    """Look a profile up by its kind.
+
+    Parameters
+    ----------
+    kind : str
+        One of `PROFILES`.
+
+    Returns
+    -------
+    type
+        The class of the profile.
+
+    Raises
+    ------
+    HingeError
+        There is no such profile; the nearest one is in the message.
+
+    Examples
+    --------
+    >>> profile_class("leaf").__name__
+    'Leaf'
+    """
+    if kind not in PROFILES:
+        near = difflib.get_close_matches(kind.casefold(), PROFILES, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise HingeError(f"unknown profile '{kind}': expected one of {', '.join(PROFILES)}{hint}")
+    return PROFILES[kind]

@@ -1,0 +1,198 @@
+r"""One generic body and one generic hinge, in symbols: derived once, used for every one of a stage.
+
+The Hessian of the energy of a whole stage costs the square of its coordinates in derivatives of a
+sum over all hinges. A hinge touches six coordinates only, so its 6 x 6 block is derived here once
+by Lagrange's equations and every hinge of a stage is that block with its own constants put in.
+"""
+
+# SymPy's own annotations are partial and contradict what its functions return.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
+# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import sympy as sp
+
+__all__ = ["GenericBody", "GenericHinge", "generic_body", "generic_hinge"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GenericBody:
+    """A rigid body in the plane, in symbols.
+
+    Parameters
+    ----------
+    coordinates : tuple of sympy.Symbol
+        x, y, theta.
+    rates : tuple of sympy.Symbol
+        Their rates.
+    mass : sympy.Symbol
+        m.
+    inertia : sympy.Symbol
+        J about the centre of mass.
+    kinetic_energy : sympy.Expr
+        T.
+    momenta : tuple of sympy.Expr
+        Derivatives of T with respect to the rates.
+    """
+
+    coordinates: tuple[sp.Symbol, ...]
+    rates: tuple[sp.Symbol, ...]
+    mass: sp.Symbol
+    inertia: sp.Symbol
+    kinetic_energy: sp.Expr
+    momenta: tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GenericHinge:
+    """A hinge between two bodies, in symbols.
+
+    Parameters
+    ----------
+    coordinates : tuple of sympy.Symbol
+        x, y, theta of body a, then of body b.
+    rates : tuple of sympy.Symbol
+        Their rates.
+    arms : tuple of sympy.Symbol
+        Lever arms from the centres of mass to the neck: X, Y on body a, X, Y on body b.
+    cosine, sine : sympy.Symbol
+        Of the hinge's direction.
+    stiffness : dict of str to sympy.Symbol
+        k_uu, k_vv, k_tt, k_uv, k_ut, k_vt by their two letters.
+    damping : dict of str to sympy.Symbol
+        The same of the damper.
+    deformation : tuple of sympy.Expr
+        u, v, theta of b against a at the neck, in the hinge's axes.
+    potential_energy : sympy.Expr
+        V, in the deformation put in full.
+    dissipation : sympy.Expr
+        Rayleigh's function D of the rates.
+    forces : tuple of sympy.Expr
+        Derivatives of V with respect to the coordinates.
+    damping_forces : tuple of sympy.Expr
+        Derivatives of D with respect to the rates.
+    block : sympy.ImmutableMatrix
+        Hessian of V, shape (6, 6).
+    damping_block : sympy.ImmutableMatrix
+        Hessian of D with respect to the rates, shape (6, 6).
+    """
+
+    coordinates: tuple[sp.Symbol, ...]
+    rates: tuple[sp.Symbol, ...]
+    arms: tuple[sp.Symbol, ...]
+    cosine: sp.Symbol
+    sine: sp.Symbol
+    stiffness: dict[str, sp.Symbol]
+    damping: dict[str, sp.Symbol]
+    deformation: tuple[sp.Expr, ...]
+    potential_energy: sp.Expr
+    dissipation: sp.Expr
+    forces: tuple[sp.Expr, ...]
+    damping_forces: tuple[sp.Expr, ...]
+    block: sp.ImmutableMatrix
+    damping_block: sp.ImmutableMatrix
+
+
+@lru_cache(maxsize=1)
+def generic_body() -> GenericBody:
+    r"""Return the generic body.
+
+    Returns
+    -------
+    GenericBody
+        Its energy and momenta.
+
+    Examples
+    --------
+    >>> generic_body().kinetic_energy
+    J*\dot{\theta}**2/2 + m*(\dot{x}**2 + \dot{y}**2)/2
+    """
+    q = sp.symbols("x y theta", real=True)
+    rates = sp.symbols(r"\dot{x} \dot{y} \dot{\theta}", real=True)
+    m, J = sp.symbols("m J", positive=True)
+    T = m * (rates[0] ** 2 + rates[1] ** 2) / 2 + J * rates[2] ** 2 / 2
+    return GenericBody(
+        coordinates=q,
+        rates=rates,
+        mass=m,
+        inertia=J,
+        kinetic_energy=T,
+        momenta=tuple(sp.diff(T, v) for v in rates),
+    )
+
+
+@lru_cache(maxsize=1)
+def generic_hinge() -> GenericHinge:
+    """Return the generic hinge, derived by Lagrange's equations.
+
+    Returns
+    -------
+    GenericHinge
+        Its energy, forces and 6 x 6 blocks.
+
+    Examples
+    --------
+    >>> generic_hinge().deformation[2]
+    -theta_a + theta_b
+    """
+    q = sp.symbols("x_a y_a theta_a x_b y_b theta_b", real=True)
+    rates = sp.symbols(
+        r"\dot{x}_a \dot{y}_a \dot{\theta}_a \dot{x}_b \dot{y}_b \dot{\theta}_b", real=True
+    )
+    arms = sp.symbols("X_a Y_a X_b Y_b", real=True)
+    c, s = sp.symbols("c s", real=True)
+    stiffness, damping = _spring("k"), _spring("c")
+    deformation = _deformation(q, arms, c, s)
+    V = _quadratic(stiffness, deformation)
+    D = _quadratic(damping, _deformation(rates, arms, c, s))
+    forces = tuple(sp.diff(V, x) for x in q)
+    damping_forces = tuple(sp.diff(D, x) for x in rates)
+    return GenericHinge(
+        coordinates=q,
+        rates=rates,
+        arms=arms,
+        cosine=c,
+        sine=s,
+        stiffness=stiffness,
+        damping=damping,
+        deformation=deformation,
+        potential_energy=V,
+        dissipation=D,
+        forces=forces,
+        damping_forces=damping_forces,
+        block=sp.ImmutableMatrix(6, 6, lambda i, j: sp.expand(sp.diff(forces[i], q[j]))),
+        damping_block=sp.ImmutableMatrix(
+            6, 6, lambda i, j: sp.expand(sp.diff(damping_forces[i], rates[j]))
+        ),
+    )
+
+
+def _spring(letter: str) -> dict[str, sp.Symbol]:
+    names = {
+        "uu": "u",
+        "vv": "v",
+        "tt": r"\theta",
+        "uv": "uv",
+        "ut": r"u\theta",
+        "vt": r"v\theta",
+    }
+    return {key: sp.Symbol(f"{letter}_{{{name}}}", real=True) for key, name in names.items()}
+
+
+def _deformation(
+    q: tuple[sp.Symbol, ...], arms: tuple[sp.Symbol, ...], c: sp.Symbol, s: sp.Symbol
+) -> tuple[sp.Expr, ...]:
+    xa, ya, ta, xb, yb, tb = q
+    Xa, Ya, Xb, Yb = arms
+    dx = (xb - tb * Yb) - (xa - ta * Ya)
+    dy = (yb + tb * Xb) - (ya + ta * Xa)
+    return c * dx + s * dy, c * dy - s * dx, tb - ta
+
+
+def _quadratic(k: dict[str, sp.Symbol], x: tuple[sp.Expr, ...]) -> sp.Expr:
+    u, v, t = x
+    return (k["uu"] * u**2 + k["vv"] * v**2 + k["tt"] * t**2) / 2 + (
+        k["uv"] * u * v + k["ut"] * u * t + k["vt"] * v * t
+    )

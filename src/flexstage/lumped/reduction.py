@@ -1,0 +1,371 @@
+"""Fewer coordinates: by mirror symmetry, exactly, or by condensation, in numbers."""
+
+# SymPy's own annotations are partial and contradict what its functions return.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
+# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from scipy.linalg import eigh, qr
+
+from flexstage.errors import ModelError
+from flexstage.lumped.evaluate import number, starting_values
+from flexstage.lumped.mirror import Mirror, find_mirror
+from flexstage.lumped.symbolic import DampingKind, Port, SymbolicModel
+
+__all__ = ["ReducedModel", "condense", "reduce_by_symmetry"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReducedModel:
+    """Equations of motion in fewer coordinates z, with q = basis z.
+
+    Parameters
+    ----------
+    name : str
+        Name of the stage.
+    how : str
+        How it was reduced.
+    coordinates : tuple of sympy.Symbol
+        z.
+    M, C, K : sympy.ImmutableMatrix
+        Mass, damping and stiffness, shape (r, r).
+    basis : numpy.ndarray
+        Displacements for unit z, shape (n, r).
+    drives, probes : tuple of Port
+        Where the stage is driven and read, as far as z can describe it.
+    values : dict
+        The number that each symbol stands for [SI].
+    damping : str
+        ``none``, ``hinge`` or ``rayleigh``.
+    """
+
+    name: str
+    how: str
+    coordinates: tuple[sp.Symbol, ...]
+    M: sp.ImmutableMatrix
+    C: sp.ImmutableMatrix
+    K: sp.ImmutableMatrix
+    basis: Array
+    drives: tuple[Port, ...]
+    probes: tuple[Port, ...]
+    values: dict[sp.Symbol, float]
+    damping: DampingKind
+
+    @property
+    def order(self) -> int:
+        """Number of coordinates r."""
+        return len(self.coordinates)
+
+    @property
+    def numeric(self) -> bool:
+        """Whether M and K are numbers."""
+        return not (self.M.free_symbols | self.K.free_symbols)
+
+    def numbers(self, matrix: sp.MatrixBase) -> Array:
+        """Evaluate a matrix of the model.
+
+        Parameters
+        ----------
+        matrix : sympy.Matrix
+            A matrix whose symbols have values.
+
+        Returns
+        -------
+        numpy.ndarray
+            Its numbers, of the matrix's shape.
+        """
+        known = starting_values(self.values)
+        return np.array([number(e, known) for e in matrix]).reshape(matrix.shape)
+
+    def drive(self, name: str) -> Port:
+        """Return a drive by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Port
+            The drive.
+
+        Raises
+        ------
+        ModelError
+            There is no such drive in these coordinates.
+        """
+        return _find("drive", name, self.drives)
+
+    def probe(self, name: str) -> Port:
+        """Return a probe by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Port
+            The probe.
+
+        Raises
+        ------
+        ModelError
+            There is no such probe in these coordinates.
+        """
+        return _find("probe", name, self.probes)
+
+
+def reduce_by_symmetry(
+    model: SymbolicModel,
+    *,
+    drive: str | None = None,
+    parity: int | None = None,
+    mirror: Mirror | None = None,
+) -> ReducedModel:
+    """Keep the motions of one symmetry of a mirror-symmetric stage; exact.
+
+    A symmetric force causes symmetric motion only, an antisymmetric one antisymmetric motion only,
+    so the equations fall apart. A coordinate z is that of one body of a pair; its image moves
+    alike.
+
+    Parameters
+    ----------
+    model : SymbolicModel
+        The equations.
+    drive : str, optional
+        The drive whose symmetry is kept; the first one where neither it nor `parity` is given.
+    parity : int, optional
+        1 for symmetric motion, -1 for antisymmetric, instead of `drive`.
+    mirror : Mirror, optional
+        The mirror; found where not given. One of a stage that is not quite symmetric (see the
+        tolerance of `flexstage.lumped.find_mirror`) gives the mean of the stage and its image.
+
+    Returns
+    -------
+    ReducedModel
+        Symbolic equations in about half the coordinates.
+
+    Raises
+    ------
+    ModelError
+        The stage has no mirror, or the drive is neither symmetric nor antisymmetric.
+    """
+    found = mirror if mirror is not None else find_mirror(model.source)
+    if found is None:
+        raise ModelError(
+            f"stage '{model.name}' is not its own image in any line along x, y or between: "
+            "reduce it by condensation"
+        )
+    if parity is None:
+        if drive is None and not model.drives:
+            raise ModelError(f"stage '{model.name}' has no drive: give the parity, 1 or -1")
+        vector = model.numbers(model.drive(drive or model.drives[0].name).vector)[:, 0]
+        parity = _parity(found, vector)
+        if parity == 0:
+            raise ModelError(
+                f"drive '{drive or model.drives[0].name}' is neither symmetric nor antisymmetric "
+                "about the mirror: its motion cannot be reduced by symmetry"
+            )
+    elif parity not in (1, -1):
+        raise ModelError(f"parity is 1 for symmetric or -1 for antisymmetric, got {parity!r}")
+    columns, names = [], []
+    n = model.order
+    for k in range(n):
+        j = int(np.flatnonzero(found.image[:, k])[0])
+        sign = parity * int(found.image[j, k])
+        if j == k and sign == 1:
+            columns.append({k: 1})
+        elif j > k:
+            columns.append({k: 1, j: sign})
+        else:
+            continue
+        names.append(model.coordinates[k])
+    basis = sp.SparseMatrix(
+        n, len(columns), {(i, c): v for c, column in enumerate(columns) for i, v in column.items()}
+    )
+    numbers = np.array(basis.tolist(), dtype=float)
+
+    def kept(ports: tuple[Port, ...]) -> tuple[Port, ...]:
+        return tuple(
+            Port(
+                name=p.name,
+                vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)),
+                stiffness=p.stiffness,
+            )
+            for p in ports
+            if _parity(found, model.numbers(p.vector)[:, 0]) == parity
+        )
+
+    kind = "symmetric" if parity == 1 else "antisymmetric"
+    rest = (
+        f" (stiffness and image differ by {100.0 * found.asymmetry:.2g} %, taken as their mean)"
+        if found.asymmetry > 1e-9
+        else ""
+    )
+    return ReducedModel(
+        name=model.name,
+        how=f"{kind} motion about the mirror{rest}",
+        coordinates=tuple(names),
+        M=_congruent(model.M, basis),
+        C=_congruent(model.C, basis),
+        K=_congruent(model.K, basis),
+        basis=numbers,
+        drives=kept(model.drives),
+        probes=kept(model.probes),
+        values=model.values,
+        damping=model.damping,
+    )
+
+
+def condense(
+    model: SymbolicModel,
+    *,
+    masters: Sequence[str] | None = None,
+    mode_count: int | None = None,
+) -> ReducedModel:
+    r"""Condense a stage to a few coordinates, in numbers.
+
+    Static condensation (R. J. Guyan, AIAA J. 3 (1965) 380) in its general form: the coordinates z
+    are elongations of drives and readings of probes, :math:`z = W^T q`, and the rest follows as in
+    statics, :math:`q = K^{-1}W(W^TK^{-1}W)^{-1}z`. Static behaviour between them is exact;
+    frequencies are slightly too high. With `mode_count` the lowest modes are kept instead: their
+    frequencies are exact, statics lacks the higher modes.
+
+    Parameters
+    ----------
+    model : SymbolicModel
+        The equations.
+    masters : Sequence of str, optional
+        Names of drives, probes or coordinates (``x_3``); all drives and probes where not given.
+    mode_count : int, optional
+        Number of modes to keep instead.
+
+    Returns
+    -------
+    ReducedModel
+        Equations with numbers; Rayleigh's alpha and beta stay symbols.
+
+    Raises
+    ------
+    ModelError
+        A master does not exist, or the stage can move freely.
+    """
+    M, K, C = model.numbers(model.M), model.numbers(model.K), model.numbers(model.C)
+    if mode_count is not None:
+        count = min(max(mode_count, 1), model.order)
+        omega2, shapes = eigh(K, M, subset_by_index=(0, count - 1))
+        basis, symbols = shapes, [sp.Symbol(f"eta_{i + 1}", real=True) for i in range(count)]
+        how = f"{count} lowest modes, drives removed"
+        reduced_m, reduced_k = np.eye(count), np.diag(omega2)
+    else:
+        chosen = _masters(model, masters)
+        w = np.stack([v for _, v in chosen], axis=1)
+        try:
+            flexible = np.linalg.solve(K, w)
+            between = w.T @ flexible
+        except np.linalg.LinAlgError as error:
+            raise ModelError("the stage can move without deforming a hinge") from error
+        basis = np.linalg.solve(between.T, flexible.T).T
+        symbols = [symbol for symbol, _ in chosen]
+        kinds = {"d": "drive ", "p": "probe "}
+        how = "static condensation to " + ", ".join(
+            kinds.get(x.name.split("_{\\mathrm{")[0], "") + x.name.split("mathrm{")[-1].rstrip("}")
+            for x in symbols
+        )
+        reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
+    Mr, Kr = (_floats(0.5 * (a + a.T)) for a in (reduced_m, reduced_k))
+    if model.damping == "rayleigh":
+        alpha, beta = (next(x for x in model.values if x.name == n) for n in ("alpha", "beta"))
+        Cr = sp.ImmutableMatrix(alpha * Mr + beta * Kr)
+    else:
+        Cr = _floats(basis.T @ C @ basis)
+
+    def kept(ports: tuple[Port, ...]) -> tuple[Port, ...]:
+        return tuple(
+            Port(
+                name=p.name,
+                vector=_floats(basis.T @ model.numbers(p.vector)),
+                stiffness=p.stiffness,
+            )
+            for p in ports
+        )
+
+    return ReducedModel(
+        name=model.name,
+        how=how,
+        coordinates=tuple(symbols),
+        M=Mr,
+        C=Cr,
+        K=Kr,
+        basis=basis,
+        drives=kept(model.drives),
+        probes=kept(model.probes),
+        values=model.values,
+        damping=model.damping,
+    )
+
+
+def _masters(model: SymbolicModel, names: Sequence[str] | None) -> list[tuple[sp.Symbol, Array]]:
+    """Vectors of the masters that say something new."""
+    ports = [("d", p) for p in model.drives] + [("p", p) for p in model.probes]
+    coordinates = {x.name: i for i, x in enumerate(model.coordinates)}
+    out: list[tuple[sp.Symbol, Array]] = []
+    # a drive and a probe may share a name: both are meant
+    for name in dict.fromkeys(p.name for _, p in ports) if names is None else names:
+        found = [(letter, p) for letter, p in ports if p.name == name]
+        for letter, port in found:
+            symbol = sp.Symbol(f"{letter}_{{\\mathrm{{{name}}}}}", real=True)
+            out.append((symbol, model.numbers(port.vector)[:, 0]))
+        if not found:
+            if name not in coordinates:
+                have = ", ".join([*(p.name for _, p in ports), *list(coordinates)[:6]])
+                raise ModelError(f"no drive, probe or coordinate '{name}': there are {have}, ...")
+            at = coordinates[name]
+            out.append((model.coordinates[at], np.eye(model.order)[at]))
+    if not out:
+        raise ModelError("condensation needs a drive, a probe or a coordinate to keep")
+    # one that repeats the others, such as a probe in line with a drive, is left out
+    whole = np.stack([v for _, v in out], axis=1)
+    kept: list[int] = []
+    for k in range(len(out)):
+        trial = whole[:, [*kept, k]]
+        r = qr(trial / np.linalg.norm(trial, axis=0), mode="r")[0]
+        if abs(r[len(kept), len(kept)]) > 1e-9:
+            kept.append(k)
+    return [out[k] for k in kept]
+
+
+def _parity(mirror: Mirror, vector: Array) -> int:
+    near = 1e-9 * float(np.abs(vector).max(initial=0.0))
+    for parity in (1, -1):
+        if np.all(np.abs(mirror.image @ vector - parity * vector) <= near):
+            return parity
+    return 0
+
+
+def _congruent(matrix: sp.MatrixBase, basis: sp.MatrixBase) -> sp.ImmutableMatrix:
+    return sp.ImmutableMatrix((basis.T * matrix * basis).applyfunc(sp.expand))
+
+
+def _floats(matrix: Array) -> sp.ImmutableMatrix:
+    return sp.ImmutableMatrix(
+        matrix.shape[0], matrix.shape[1], [sp.Float(float(v), 17) for v in matrix.flat]
+    )
+
+
+def _find(noun: str, name: str, ports: tuple[Port, ...]) -> Port:
+    for port in ports:
+        if port.name == name:
+            return port
+    have = ", ".join(p.name for p in ports) or "none"
+    raise ModelError(f"there is no {noun} '{name}' in these coordinates: they have {have}")

@@ -1,0 +1,257 @@
+"""A stage as rigid bodies and springs: the numbers that every lumped model starts from.
+
+Bodies carry mass and inertia, hinges a 3 x 3 stiffness about the neck, drives and probes measure
+the distance of a point of one body from a point of another. Both the symbolic equations and the
+nonlinear model are built from this; neither looks at outlines or notches.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hinges import PlaneState
+from flexstage.lumped.assemble import hinge_springs
+from flexstage.stage.mass import mass_properties
+from flexstage.stage.model import Stage
+
+__all__ = ["Mechanism", "RigidBody", "Sight", "SpringHinge", "mechanism"]
+
+Array = NDArray[np.float64]
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigidBody:
+    """A rigid body in the plane.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    mass : float
+        Its mass m [kg].
+    inertia : float
+        Its moment of inertia J about its centre of mass [kg m^2].
+    centre : tuple of float
+        Its centre of mass (x, y) [m].
+    fixed : bool
+        Whether it is held.
+    """
+
+    name: str
+    mass: float
+    inertia: float
+    centre: Pair
+    fixed: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpringHinge:
+    """A hinge as a spring of two translations and a rotation, at the neck.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    bodies : tuple of int
+        Indices of the bodies a and b.
+    at : tuple of float
+        Centre of the neck (x, y) [m].
+    direction : float
+        Direction from body a to body b, from the x axis to the left [rad].
+    stiffness : numpy.ndarray
+        Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's
+        own axes [N/m, N, N m/rad], shape (3, 3).
+    """
+
+    name: str
+    bodies: tuple[int, int]
+    at: Pair
+    direction: float
+    stiffness: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """A distance that a drive imposes or a probe reads.
+
+    It is the distance of point b from point a along a direction that turns with body a.
+
+    Parameters
+    ----------
+    name : str
+        Name of the drive or probe.
+    bodies : tuple of int
+        Indices of body a (-1 for the ground) and of body b.
+    points : tuple of tuple of float
+        The points on a and on b (x, y) [m].
+    direction : float
+        The direction, from the x axis to the left [rad].
+    stiffness : float or None
+        Stiffness of a drive [N/m]; None if rigid, 0 for a force and for a probe.
+    """
+
+    name: str
+    bodies: tuple[int, int]
+    points: tuple[Pair, Pair]
+    direction: float
+    stiffness: float | None = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mechanism:
+    """Rigid bodies joined by springs.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    bodies : tuple of RigidBody
+        The bodies, fixed ones included.
+    hinges : tuple of SpringHinge
+        The springs.
+    drives : tuple of Sight
+        Where drives act: from the body that a drive stands on to the one that it pushes.
+    probes : tuple of Sight
+        Where motion is read.
+    """
+
+    name: str
+    bodies: tuple[RigidBody, ...]
+    hinges: tuple[SpringHinge, ...]
+    drives: tuple[Sight, ...] = ()
+    probes: tuple[Sight, ...] = ()
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Indices of the bodies that can move, in order."""
+        return tuple(i for i, body in enumerate(self.bodies) if not body.fixed)
+
+    @property
+    def order(self) -> int:
+        """Number of generalised coordinates, three for each free body."""
+        return 3 * len(self.free)
+
+    def drive(self, name: str) -> Sight:
+        """Return a drive by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Sight
+            The drive.
+
+        Raises
+        ------
+        ModelError
+            There is no such drive.
+        """
+        return _find("drive", name, self.drives)
+
+    def probe(self, name: str) -> Sight:
+        """Return a probe by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Sight
+            The probe.
+
+        Raises
+        ------
+        ModelError
+            There is no such probe.
+        """
+        return _find("probe", name, self.probes)
+
+
+def mechanism(
+    stage: Stage, *, method: str = "wedge", plane: PlaneState | Literal["auto"] = "auto"
+) -> Mechanism:
+    """Return the rigid bodies and springs of a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    method : str
+        How hinge stiffness is found, one of `flexstage.hinges.METHODS`.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
+
+    Returns
+    -------
+    Mechanism
+        The same numbers that `flexstage.lumped.lumped_system` assembles.
+
+    Raises
+    ------
+    HingeError
+        The method is unknown.
+    StageError
+        The root of a hinge does not lie on its body.
+    """
+    masses = mass_properties(stage)
+    index = {body.name: i for i, body in enumerate(stage.bodies)}
+    hinges = tuple(
+        SpringHinge(
+            name=spring.hinge.name,
+            bodies=(index[spring.hinge.bodies[0]], index[spring.hinge.bodies[1]]),
+            at=spring.hinge.at,
+            direction=spring.hinge.direction,
+            stiffness=spring.stiffness,
+        )
+        for spring in hinge_springs(stage, method=method, plane=plane)
+    )
+    return Mechanism(
+        name=stage.name,
+        bodies=tuple(
+            RigidBody(
+                name=b.name,
+                mass=masses[b.name].mass,
+                inertia=masses[b.name].inertia,
+                centre=masses[b.name].centre,
+                fixed=b.fixed,
+            )
+            for b in stage.bodies
+        ),
+        hinges=hinges,
+        drives=tuple(
+            Sight(
+                name=d.name,
+                bodies=(index[d.reacts], index[d.pushes]),
+                points=(d.at[1], d.at[0]),
+                direction=d.direction,
+                stiffness=d.spring,
+            )
+            for d in stage.drives
+        ),
+        probes=tuple(
+            Sight(
+                name=p.name,
+                bodies=(-1 if p.relative_to is None else index[p.relative_to], index[p.body]),
+                points=(p.at, p.at),
+                direction=p.direction,
+            )
+            for p in stage.probes
+        ),
+    )
+
+
+def _find(noun: str, name: str, sights: tuple[Sight, ...]) -> Sight:
+    for sight in sights:
+        if sight.name == name:
+            return sight
+    have = ", ".join(s.name for s in sights) or "none"
+    raise ModelError(f"there is no {noun} '{name}': the mechanism has {have}")

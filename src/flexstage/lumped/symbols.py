@@ -1,0 +1,210 @@
+"""Symbols for the numbers of a mechanism: equal numbers share one symbol."""
+
+# SymPy's own annotations are partial and contradict what its functions return.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
+# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
+
+import math
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from flexstage.lumped.rigid_bodies import Mechanism
+
+__all__ = ["SymbolTable"]
+
+# Two numbers closer than this to each other, relative to the largest of their kind, are one: it is
+# some roundings of a coordinate, a thousandth of what the matrices are compared to.
+_SAME = 2e-15
+
+_TEXT = {
+    "uu": "u",
+    "vv": "v",
+    "tt": r"\theta",
+    "uv": "uv",
+    "ut": r"u\theta",
+    "vt": r"v\theta",
+}
+
+
+class SymbolTable:
+    """Gives a symbol for each number, the same symbol for the same number.
+
+    Parameters
+    ----------
+    source : Mechanism
+        The mechanism; its size sets how close two lengths must be to be one.
+    """
+
+    def __init__(self, source: Mechanism) -> None:
+        points = [b.centre for b in source.bodies] + [h.at for h in source.hinges]
+        self._size = float(np.abs(np.array(points)).max(initial=1e-300))
+        self._known: dict[str, list[tuple[float, sp.Symbol]]] = {}
+        self._types: list[NDArray[np.float64]] = []
+        self.values: dict[sp.Symbol, float] = {}
+
+    def mass(self, value: float) -> sp.Symbol:
+        """Return the symbol of a mass.
+
+        Parameters
+        ----------
+        value : float
+            The mass [kg].
+
+        Returns
+        -------
+        sympy.Symbol
+            m_1, m_2, ...
+        """
+        return self._symbol("m", value, 1e-13 * value, positive=True)
+
+    def inertia(self, value: float) -> sp.Symbol:
+        """Return the symbol of a moment of inertia.
+
+        Parameters
+        ----------
+        value : float
+            The moment of inertia [kg m^2].
+
+        Returns
+        -------
+        sympy.Symbol
+            J_1, J_2, ...
+        """
+        return self._symbol("J", value, 1e-13 * value, positive=True)
+
+    def length(self, value: float) -> sp.Expr:
+        """Return the symbol of a lever arm, with its sign.
+
+        Parameters
+        ----------
+        value : float
+            The lever arm [m].
+
+        Returns
+        -------
+        sympy.Expr
+            l_1 or -l_1, ..., or 0.
+        """
+        near = _SAME * self._size
+        if abs(value) <= near:
+            return sp.S.Zero
+        symbol = self._symbol("ell", abs(value), near, positive=True)
+        return symbol if value > 0.0 else -symbol
+
+    def direction(self, angle: float) -> tuple[sp.Expr, sp.Expr]:
+        """Return cosine and sine of a direction; numbers where it is along x or y.
+
+        Parameters
+        ----------
+        angle : float
+            The direction [rad].
+
+        Returns
+        -------
+        tuple of sympy.Expr
+            cos and sin.
+        """
+        c, s = math.cos(angle), math.sin(angle)
+        if min(abs(c), abs(s)) < 1e-15:
+            return sp.Integer(round(c)), sp.Integer(round(s))
+        symbol = self._symbol("phi", angle, _SAME, positive=False)
+        return sp.cos(symbol), sp.sin(symbol)
+
+    def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
+        """Return the number of a kind of hinge.
+
+        Parameters
+        ----------
+        stiffness : numpy.ndarray
+            Its stiffness, shape (3, 3).
+
+        Returns
+        -------
+        int
+            1, 2, ...; the same for hinges of the same stiffness.
+        """
+        for i, known in enumerate(self._types):
+            scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
+            if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
+                return i + 1
+        self._types.append(stiffness)
+        return len(self._types)
+
+    def spring(
+        self, letter: str, key: str, group: int, stiffness: float, *, value: float | None = None
+    ) -> sp.Expr:
+        """Return the symbol of an entry of a hinge's stiffness or damping.
+
+        Parameters
+        ----------
+        letter : str
+            ``k`` or ``c``.
+        key : str
+            Two letters, ``uu`` for along the hinge and so on.
+        group : int
+            Kind of hinge.
+        stiffness : float
+            The entry of its stiffness [SI].
+        value : float, optional
+            Number of the symbol, if not `stiffness`.
+
+        Returns
+        -------
+        sympy.Expr
+            The symbol, or 0 where the stiffness has no such coupling.
+        """
+        known = self._types[group - 1]
+        i, j = ("uvt".index(c) for c in key)
+        # rounding leaves couplings that a symmetric notch does not have
+        if abs(stiffness) <= 1e-14 * math.sqrt(known[i, i] * known[j, j]):
+            return sp.S.Zero
+        symbol = sp.Symbol(f"{letter}_{{{_TEXT[key]}{group}}}", real=True)
+        self.values.setdefault(symbol, float(stiffness if value is None else value))
+        return symbol
+
+    def drive_stiffness(self, number: int, value: float) -> sp.Symbol:
+        """Return the symbol of a drive's stiffness.
+
+        Parameters
+        ----------
+        number : int
+            Number of the drive.
+        value : float
+            Its stiffness [N/m].
+
+        Returns
+        -------
+        sympy.Symbol
+            k_d1, k_d2, ...
+        """
+        symbol = sp.Symbol(f"k_{{d{number}}}", positive=True)
+        self.values[symbol] = value
+        return symbol
+
+    def rayleigh(self) -> tuple[sp.Symbol, sp.Symbol]:
+        """Return the symbols of Rayleigh damping, with value 0.
+
+        Returns
+        -------
+        tuple of sympy.Symbol
+            alpha and beta.
+        """
+        alpha, beta = sp.symbols("alpha beta", nonnegative=True)
+        self.values |= {alpha: 0.0, beta: 0.0}
+        return alpha, beta
+
+    def _symbol(self, letter: str, value: float, near: float, *, positive: bool) -> sp.Symbol:
+        known = self._known.setdefault(letter, [])
+        for other, symbol in known:
+            if abs(other - value) <= near:
+                return symbol
+        number = len(known) + 1
+        if positive:
+            symbol = sp.Symbol(f"{letter}_{number}", positive=True)
+        else:
+            symbol = sp.Symbol(f"{letter}_{number}", real=True)
+        known.append((value, symbol))
+        self.values[symbol] = value
+        return symbol

@@ -1,0 +1,283 @@
+r"""Transfer functions from a drive to a probe, symbolic for models of few coordinates.
+
+With the dynamic stiffness :math:`A(s) = Ms^2 + Cs + K`, the vector w of the drive and p of the
+probe,
+
+.. math::
+
+    N_p = p^T\operatorname{adj}(A)\,w,\qquad N_w = w^T\operatorname{adj}(A)\,w,\qquad D = \det A
+
+give every case: a force, :math:`N_p/D`; the free displacement of a drive of stiffness k,
+:math:`kN_p/(D + kN_w)`; of a rigid one, :math:`N_p/N_w`. The adjugate is never formed: each N is
+a bordered determinant. With Rayleigh damping :math:`A = aM + bK`, :math:`a = s^2+\alpha s`,
+:math:`b = 1+\beta s`, so the determinants are
+those of the undamped stage with :math:`s^2` replaced.
+"""
+
+# SymPy's own annotations are partial and contradict what its functions return.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
+# pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+from sympy.polys.matrices import DomainMatrix
+
+from flexstage.errors import ModelError
+from flexstage.lumped.reduction import ReducedModel
+from flexstage.lumped.symbolic import SymbolicModel
+
+__all__ = ["LARGEST_ORDER", "TransferFunction", "transfer_function"]
+
+InputKind = Literal["force", "free displacement"]
+
+#: Coordinates beyond which determinants are too long to read.
+LARGEST_ORDER = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TransferFunction:
+    """A ratio of polynomials in Laplace's variable s.
+
+    Parameters
+    ----------
+    drive : str
+        Name of the drive.
+    probe : str
+        Name of the probe.
+    input_kind : str
+        ``force`` [N] or ``free displacement`` of the drive [m].
+    s : sympy.Symbol
+        Laplace's variable.
+    numerator, denominator : sympy.Expr
+        The polynomials.
+    values : dict
+        The number that each symbol stands for [SI].
+    """
+
+    drive: str
+    probe: str
+    input_kind: InputKind
+    s: sp.Symbol
+    numerator: sp.Expr
+    denominator: sp.Expr
+    values: dict[sp.Symbol, float]
+
+    @property
+    def expression(self) -> sp.Expr:
+        """The ratio."""
+        return self.numerator / self.denominator
+
+    def coefficients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the coefficients as numbers, highest power first.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Of numerator and denominator, the latter's first one being 1.
+        """
+        # numbers go in, as rationals, before anything is multiplied out: terms cancel
+        symbols = self.numerator.free_symbols | self.denominator.free_symbols
+        swap: dict[sp.Basic, sp.Expr] = {
+            x: sp.Rational(v) for x, v in self.values.items() if x in symbols
+        }
+        for f in self.numerator.atoms(sp.cos, sp.sin) | self.denominator.atoms(sp.cos, sp.sin):
+            swap[f] = sp.Rational(float(f.subs(self.values)))
+        rows = [
+            sp.Poly(polynomial.xreplace(swap), self.s, domain=sp.QQ).all_coeffs()
+            for polynomial in (self.numerator, self.denominator)
+        ]
+        lead = next(c for c in rows[1] if c != 0)
+        top, bottom = ([float(c / lead) for c in row] for row in rows)
+        return np.trim_zeros(np.array(top), "f"), np.trim_zeros(np.array(bottom), "f")
+
+    def poles(self) -> NDArray[np.complex128]:
+        """Return the roots of the denominator.
+
+        Returns
+        -------
+        numpy.ndarray
+            Poles [rad/s], smallest first.
+        """
+        return _roots(self.coefficients()[1])
+
+    def zeros(self) -> NDArray[np.complex128]:
+        """Return the roots of the numerator.
+
+        Returns
+        -------
+        numpy.ndarray
+            Zeros [rad/s], smallest first.
+        """
+        return _roots(self.coefficients()[0])
+
+    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Evaluate on the imaginary axis.
+
+        Parameters
+        ----------
+        frequency_hz : ArrayLike
+            Frequencies [Hz], shape (k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Complex response, shape (k,).
+        """
+        top, bottom = self.coefficients()
+        # s in units that make the coefficients alike
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
+        unit = _unit(bottom)
+        return np.polyval(_scaled(top, unit), s / unit) / np.polyval(
+            _scaled(bottom, unit), s / unit
+        )
+
+
+def transfer_function(
+    model: SymbolicModel | ReducedModel,
+    drive: str,
+    probe: str,
+    *,
+    input_kind: InputKind = "force",
+    locked: tuple[str, ...] = (),
+) -> TransferFunction:
+    """Derive the transfer function from a drive to a probe.
+
+    Parameters
+    ----------
+    model : SymbolicModel or ReducedModel
+        The equations, of at most `LARGEST_ORDER` coordinates.
+    drive : str
+        Name of the drive.
+    probe : str
+        Name of the probe.
+    input_kind : str
+        ``force``, with the drive itself removed, or ``free displacement``, with it in place.
+    locked : tuple of str
+        Drives that are held at their length; the others are removed.
+
+    Returns
+    -------
+    TransferFunction
+        Symbolic where the matrices are.
+
+    Raises
+    ------
+    ModelError
+        Too many coordinates, an unknown kind of input, or a port that the model does not have.
+    """
+    if model.order > LARGEST_ORDER:
+        raise ModelError(
+            f"a transfer function in symbols needs at most {LARGEST_ORDER} coordinates, got "
+            f"{model.order}: reduce the model by symmetry or by condensation first"
+        )
+    if input_kind not in ("force", "free displacement"):
+        raise ModelError(f"unknown input '{input_kind}': expected force or free displacement")
+    s = sp.Symbol("s")
+    port = model.drive(drive)
+    if input_kind == "free displacement" and port.stiffness == 0:
+        raise ModelError(f"drive '{drive}' is a force: it has no free displacement")
+    w, p = sp.Matrix(port.vector), sp.Matrix(model.probe(probe).vector)
+    held = [sp.Matrix(model.drive(name).vector) for name in locked]
+    n, m = model.order, len(held)
+    if model.damping == "hinge":
+        dynamic, a, b = sp.Matrix(model.M * s**2 + model.C * s + model.K), s, sp.S.One
+        variable = s
+    else:
+        # A = a M + b K: determinants in the ratio a/b, made homogeneous afterwards
+        variable = sp.Symbol("lambda")
+        dynamic = sp.Matrix(model.M * variable + model.K)
+        a, b = s**2, sp.S.One
+        if model.damping == "rayleigh":
+            alpha, beta = _named(model.values, "alpha"), _named(model.values, "beta")
+            a, b = s**2 + alpha * s, 1 + beta * s
+    whole = _bordered(dynamic, held)
+
+    def homogeneous(polynomial: sp.Expr, degree: int) -> sp.Expr:
+        if model.damping == "hinge":
+            return sp.collect(polynomial, s)
+        terms = sp.Poly(polynomial, variable).all_coeffs()[::-1]
+        return sp.Add(*(c * a**i * b ** (degree - i) for i, c in enumerate(terms)))
+
+    # each held drive takes one power of A from every determinant
+    D = homogeneous(_determinant(whole), n - m)
+    N_p = homogeneous(-_determinant(_edged(whole, w, p)), n - m - 1)
+    if input_kind == "force":
+        top, bottom = N_p, D
+    else:
+        N_w = homogeneous(-_determinant(_edged(whole, w, w)), n - m - 1)
+        k = port.stiffness
+        top, bottom = (N_p, N_w) if k is None else (k * N_p, D + k * N_w)
+    return TransferFunction(
+        drive=drive,
+        probe=probe,
+        input_kind=input_kind,
+        s=s,
+        numerator=top,
+        denominator=bottom,
+        values=model.values,
+    )
+
+
+def _bordered(matrix: sp.Matrix, columns: list[sp.Matrix]) -> sp.Matrix:
+    for k, column in enumerate(columns):
+        edge = sp.Matrix.vstack(column, sp.zeros(k, 1))
+        matrix = _edged(matrix, edge, edge)
+    return matrix
+
+
+def _edged(matrix: sp.Matrix, column: sp.Matrix, row: sp.Matrix) -> sp.Matrix:
+    size = matrix.rows
+    column = sp.Matrix.vstack(column, sp.zeros(size - column.rows, 1))
+    row = sp.Matrix.vstack(row, sp.zeros(size - row.rows, 1))
+    return sp.Matrix.vstack(
+        sp.Matrix.hstack(matrix, column), sp.Matrix.hstack(row.T, sp.zeros(1, 1))
+    )
+
+
+def _determinant(matrix: sp.Matrix) -> sp.Expr:
+    """Expanded determinant; numbers become rationals so that no digit is lost on the way."""
+    exact_matrix = matrix.applyfunc(_rational)
+    domain = DomainMatrix.from_Matrix(exact_matrix)
+    if domain.domain.is_EX:
+        return sp.expand(exact_matrix.det(method="berkowitz"))
+    # division-free: the entries are polynomials
+    coefficients = domain.charpoly()
+    return domain.domain.to_sympy(coefficients[-1]) * (-1) ** matrix.rows
+
+
+def _rational(expression: sp.Expr) -> sp.Expr:
+    return expression.xreplace({x: sp.Rational(x) for x in expression.atoms(sp.Float)})
+
+
+def _named(values: dict[sp.Symbol, float], name: str) -> sp.Symbol:
+    return next(symbol for symbol in values if symbol.name == name)
+
+
+def _unit(polynomial: NDArray[np.float64]) -> float:
+    """Size of s that makes the first and last coefficient alike."""
+    degree = polynomial.size - 1
+    if degree < 1 or polynomial[-1] == 0.0:
+        return 1.0
+    return float(np.exp(np.log(abs(polynomial[-1] / polynomial[0])) / degree))
+
+
+def _scaled(polynomial: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    return polynomial * unit ** np.arange(polynomial.size - 1, -1, -1.0)
+
+
+def _roots(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:
+    if polynomial.size < 2:
+        return np.zeros(0, dtype=complex)
+    unit = _unit(polynomial)
+    # an undamped stage has even powers only: half the degree, twice the digits
+    if not polynomial[1::2].any() and polynomial.size % 2:
+        squares = np.roots(_scaled(polynomial, unit)[::2]).astype(complex)
+        half = np.sqrt(squares)
+        roots = np.concatenate((half, -half))
+    else:
+        roots = np.roots(_scaled(polynomial, unit)).astype(complex)
+    return (unit * roots[np.argsort(np.abs(roots), kind="stable")]).astype(np.complex128)

@@ -1,0 +1,35 @@
+"""Tables, figures and the report of a study."""
+
+from flexstage.report.comparison import Comparison, ComparisonRow, compare, difference_percent
+from flexstage.report.files import write_files
+from flexstage.report.html import SECTIONS, report_html
+from flexstage.report.quantities import Display, display, number
+from flexstage.report.results import (
+    analysis_results,
+    characteristic_row,
+    results_json,
+    study_results,
+)
+from flexstage.report.study import FUTURE_MODELS, MODELS, Study, analyse_model, run_study
+
+__all__ = [
+    "FUTURE_MODELS",
+    "MODELS",
+    "SECTIONS",
+    "Comparison",
+    "ComparisonRow",
+    "Display",
+    "Study",
+    "analyse_model",
+    "analysis_results",
+    "characteristic_row",
+    "compare",
+    "difference_percent",
+    "display",
+    "number",
+    "report_html",
+    "results_json",
+    "run_study",
+    "study_results",
+    "write_files",
+]

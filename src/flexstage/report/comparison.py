@@ -1,0 +1,163 @@
+"""Figures of one stage side by side, by origin, with their differences in percent."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+
+__all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonRow:
+    """One quantity on one axis, from every origin that has it.
+
+    An origin that gives a quantity more than once, for different conditions, has a row for each.
+
+    Parameters
+    ----------
+    quantity : str
+        One of `flexstage.characteristic.QUANTITIES`.
+    axis : str
+        The axis.
+    cells : Mapping
+        The characteristic of each column that has one.
+    remark : str
+        What tells it from other rows of the same quantity and axis; empty where there are none.
+    """
+
+    quantity: str
+    axis: str
+    cells: Mapping[str, Characteristic]
+    remark: str = ""
+
+    def value(self, column: str) -> float | None:
+        """Return the value of a column.
+
+        Parameters
+        ----------
+        column : str
+            One of the columns of the comparison.
+
+        Returns
+        -------
+        float or None
+            In the unit of the quantity; None where the column has none.
+        """
+        cell = self.cells.get(column)
+        return None if cell is None else cell.value
+
+    def difference_percent(self, column: str, reference: str) -> float | None:
+        """Return by how much a column is above another.
+
+        Parameters
+        ----------
+        column : str
+            The column.
+        reference : str
+            What it is compared with.
+
+        Returns
+        -------
+        float or None
+            Percent of the reference; None where one is missing or the reference is 0.
+        """
+        return difference_percent(self.value(column), self.value(reference))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """A table: a row for each quantity and axis, a column for each origin.
+
+    Parameters
+    ----------
+    published : tuple of str
+        Columns of what others gave.
+    ours : tuple of str
+        Columns of what was computed or measured here.
+    rows : tuple of ComparisonRow
+        The rows.
+    """
+
+    published: tuple[str, ...]
+    ours: tuple[str, ...]
+    rows: tuple[ComparisonRow, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns, the published ones first."""
+        return (*self.published, *self.ours)
+
+
+def difference_percent(value: float | None, reference: float | None) -> float | None:
+    """Return by how much a value is above a reference, in percent of it.
+
+    Parameters
+    ----------
+    value, reference : float or None
+        The two values.
+
+    Returns
+    -------
+    float or None
+        The difference; None where one is missing or the reference is 0.
+
+    Examples
+    --------
+    >>> round(difference_percent(115.74, 111.53), 2)
+    3.77
+    """
+    if value is None or reference is None or reference == 0.0:
+        return None
+    return 100.0 * (value - reference) / abs(reference)
+
+
+def compare(
+    rows: Iterable[Characteristic], variants: Mapping[str, Iterable[Characteristic]] | None = None
+) -> Comparison:
+    """Set characteristics side by side.
+
+    Parameters
+    ----------
+    rows : iterable of Characteristic
+        Rows of any origin.
+    variants : Mapping, optional
+        More columns by name, each with rows of its own.
+
+    Returns
+    -------
+    Comparison
+        The table; rows by quantity, then by axis in the order of first appearance.
+    """
+    cells: dict[tuple[str, str], list[dict[str, Characteristic]]] = {}
+    axes: list[str] = []
+    named = [(row.origin, row) for row in rows]
+    variants = variants or {}
+    named += [(name, row) for name, more in variants.items() for row in more]
+    for column, row in named:
+        if row.axis not in axes:
+            axes.append(row.axis)
+        lines = cells.setdefault((row.quantity, row.axis), [])
+        free = next((line for line in lines if column not in line), None)
+        if free is None:
+            lines.append({column: row})
+        else:
+            free[column] = row
+    present = {column for column, _ in named}
+    known = [origin for origin in ORIGINS if origin in present]
+    order = {quantity: i for i, quantity in enumerate(QUANTITIES)}
+    keys = sorted(cells, key=lambda key: (order[key[0]], axes.index(key[1])))
+    return Comparison(
+        published=tuple(origin for origin in known if origin.startswith("published")),
+        ours=(*(o for o in known if not o.startswith("published")), *variants),
+        rows=tuple(
+            ComparisonRow(
+                quantity=quantity,
+                axis=axis,
+                cells=line,
+                remark=next(iter(line.values())).note if len(cells[quantity, axis]) > 1 else "",
+            )
+            for quantity, axis in keys
+            for line in cells[quantity, axis]
+        ),
+    )

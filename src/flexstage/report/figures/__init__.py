@@ -1,0 +1,21 @@
+"""Figures of a stage and of what its models give, one file for each."""
+
+from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
+from flexstage.report.figures.static_shape import draw_static_shape, exaggeration
+from flexstage.report.figures.stress_bars import draw_stress
+from flexstage.report.figures.style import FORMATS, encode, inline_svg
+
+__all__ = [
+    "FORMATS",
+    "body_symbols",
+    "draw_bode",
+    "draw_stage",
+    "draw_static_shape",
+    "draw_stress",
+    "encode",
+    "exaggeration",
+    "inline_svg",
+    "mode_cards",
+]

@@ -1,0 +1,284 @@
+"""The drawing of a stage: bodies, hinges, drives and probes, with a key of their names."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from flexstage.report.figures.key import COLUMN_WIDTH, Entry, arrange, draw_key
+from flexstage.report.figures.labels import Placer
+from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.report.figures.style import (
+    BODY,
+    CYCLE,
+    DRIVEN,
+    FIXED,
+    HATCH,
+    INK,
+    MUTED,
+    PAPER,
+    PLATFORM,
+    dress,
+    entitle,
+    new_figure,
+)
+from flexstage.stage import Drive, Screw, Stage
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_stage", "fill_of"]
+
+_MM = 1e3
+_HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
+_LONGEST = 7.2  # longer side of the drawing itself [inch]
+
+
+def draw_stage(stage: Stage) -> "Figure":
+    """Draw a stage to scale, in millimetres.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The drawing, with a key of its bodies, hinges, drives and probes beside it.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> figure = draw_stage(design("vgtu-piezo"))
+    >>> len(figure.axes)
+    2
+    """
+    shapes = body_shapes(stage)
+    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    longest = max(x1 - x0, y1 - y0)
+    margin = 0.07 * longest
+    x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
+    per_inch = max(x1 - x0, y1 - y0) / _LONGEST
+    width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
+    tall = max(height, 3.4)
+    columns = arrange(_entries(stage, shapes), tall)
+    key_width = len(columns) * COLUMN_WIDTH
+    width = max(width, 2.5)
+    figure = new_figure(width + key_width + 0.7, tall + 0.8)
+    axes, key = figure.subplots(1, 2, width_ratios=(width, key_width))
+    dress(axes, grid=False)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    entitle(axes, stage.title or stage.name, 10.0)
+
+    _bodies(axes, stage, shapes)
+    # points of type in millimetres of the drawing: sizes of labels are told in it
+    point = per_inch / 72.0
+    placer = Placer((x0, y0, x1, y1))
+    for drive in stage.drives:
+        _drive(axes, drive, placer, longest, point)
+    for hinge in stage.hinges:
+        placer.take(hinge.at[0] * _MM, hinge.at[1] * _MM, 3.0 * point, 3.0 * point)
+    _probes(axes, stage, placer, longest, point)
+    _numbers(axes, shapes, placer, point)
+    _hinges(axes, stage, placer, point)
+    draw_key(key, columns, tall)
+    return figure
+
+
+def fill_of(stage: Stage, name: str) -> str:
+    """Return the colour that a body is filled with, by what it is for.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    name : str
+        The body.
+
+    Returns
+    -------
+    str
+        A colour of `flexstage.report.figures.style`.
+    """
+    if stage.body(name).fixed:
+        return FIXED
+    carries = [probe.body for probe in stage.probes] + [drive.reacts for drive in stage.drives]
+    if name in carries:
+        return PLATFORM
+    if any(name == drive.pushes for drive in stage.drives):
+        return DRIVEN
+    return BODY
+
+
+def _bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> None:
+    from matplotlib.patches import PathPatch
+
+    for shape in shapes:
+        fixed = shape.body.fixed
+        axes.add_patch(
+            PathPatch(
+                shape.path(_MM),
+                facecolor=fill_of(stage, shape.body.name),
+                edgecolor=INK,
+                linewidth=0.5,
+                zorder=1,
+            )
+        )
+        if fixed:
+            axes.add_patch(
+                PathPatch(
+                    shape.path(_MM), facecolor="none", edgecolor=HATCH, hatch="///", linewidth=0
+                )
+            )
+        for hole in shape.body.mounting_holes:
+            x, y = hole.centre[0] * _MM, hole.centre[1] * _MM
+            arm = 1.35 * hole.radius * _MM
+            for line in (((x - arm, x + arm), (y, y)), ((x, x), (y - arm, y + arm))):
+                axes.plot(*line, color=MUTED, linewidth=0.5, linestyle=(0, (6, 2, 1, 2)), zorder=2)
+
+
+def _drive(axes: "Axes", drive: Drive, placer: Placer, longest: float, point: float) -> None:
+    """Draw the drive as a bar between its points, and an arrow the way it pushes."""
+    from matplotlib.patches import Polygon
+
+    tip = (drive.at[0][0] * _MM, drive.at[0][1] * _MM)
+    c, s = math.cos(drive.direction), math.sin(drive.direction)
+    gap = (tip[0] - drive.at[1][0] * _MM) * c + (tip[1] - drive.at[1][1] * _MM) * s
+    # a screw runs back through the body that it stands on
+    length = max(gap, 0.11 * longest if isinstance(drive, Screw) else 0.08 * longest)
+    half = drive.patch_half_width * _MM
+
+    def at(along: float, across: float) -> tuple[float, float]:
+        return (tip[0] + c * along - s * across, tip[1] + s * along + c * across)
+
+    corners = [at(0, -half), at(0, half), at(-length, half), at(-length, -half)]
+    axes.add_patch(
+        Polygon(corners, facecolor=PAPER, edgecolor=_DRIVE, linewidth=0.9, alpha=0.85, zorder=3)
+    )
+    if isinstance(drive, Screw):
+        threads = int(length // (0.9 * half)) or 1
+        for k in range(1, threads):
+            a, b = at(-length * k / threads, -half), at(-length * (k - 0.5) / threads, half)
+            axes.plot((a[0], b[0]), (a[1], b[1]), color=_DRIVE, linewidth=0.5, zorder=3)
+    arrow = {"arrowstyle": "-|>", "color": _DRIVE, "linewidth": 1.6, "mutation_scale": 11}
+    axes.annotate(
+        "", xy=at(-0.06 * length, 0), xytext=at(-0.62 * length, 0), arrowprops=arrow, zorder=4
+    )
+    middle = at(-0.5 * length, 0)
+    placer.take(*middle, abs(c) * length + abs(s) * 2 * half, abs(s) * length + abs(c) * 2 * half)
+    _label(axes, placer, drive.name, middle, half + 1.5 * point, _DRIVE, point)
+
+
+def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: float) -> None:
+    reach = 0.07 * longest
+    arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.2, "mutation_scale": 9}
+    for probe in stage.probes:
+        x, y = probe.at[0] * _MM, probe.at[1] * _MM
+        tip = (x + reach * math.cos(probe.direction), y + reach * math.sin(probe.direction))
+        axes.annotate("", xy=tip, xytext=(x, y), arrowprops=arrow, zorder=6)
+        axes.plot(x, y, "D", color=_PROBE, markersize=4, zorder=6)
+        placer.take(x, y, 6 * point, 6 * point)
+        for k in range(1, 5):
+            at = (x + (tip[0] - x) * k / 4, y + (tip[1] - y) * k / 4)
+            placer.take(*at, reach / 4, reach / 4)
+    for probe in stage.probes:
+        x, y = probe.at[0] * _MM, probe.at[1] * _MM
+        tip = (x + reach * math.cos(probe.direction), y + reach * math.sin(probe.direction))
+        _label(axes, placer, probe.name, tip, 2 * point, _PROBE, point)
+
+
+def _label(
+    axes: "Axes",
+    placer: Placer,
+    text: str,
+    at: tuple[float, float],
+    nearest: float,
+    colour: str,
+    point: float,
+) -> None:
+    width, height = (5.2 * len(text) + 4) * point, 11.0 * point
+    place = placer.place(*at, width, height, nearest=nearest)
+    axes.text(
+        *place, text, color=colour, fontsize=8, fontweight="bold", zorder=8, **_middle(), **_halo()
+    )
+
+
+def _numbers(axes: "Axes", shapes: tuple[BodyShape, ...], placer: Placer, point: float) -> None:
+    """Put the number of each body into it, on a dark disc."""
+    for number, shape in enumerate(shapes, start=1):
+        x, y = (v * _MM for v in shape.label_at)
+        size = 6.5 if shape.room * _MM > 6.0 * point else 5.0
+        width = (1.25 if number < 10 else 1.75) * size * point
+        if placer.is_free(x, y, width, 1.4 * size * point):
+            placer.take(x, y, width, 1.4 * size * point)
+        else:
+            x, y = placer.place(x, y, width, 1.4 * size * point, nearest=0.0)
+        box = {"boxstyle": "round,pad=0.18", "facecolor": INK, "edgecolor": "none"}
+        axes.text(x, y, str(number), color=PAPER, fontsize=size, bbox=box, zorder=7, **_middle())
+
+
+def _hinges(axes: "Axes", stage: Stage, placer: Placer, point: float) -> None:
+    for number, hinge in enumerate(stage.hinges, start=1):
+        x, y = hinge.at[0] * _MM, hinge.at[1] * _MM
+        axes.plot(x, y, "o", color=_HINGE, markersize=2.2, markeredgewidth=0, zorder=5)
+        size = 6.0
+        text = str(number)
+        width, height = (0.64 * len(text) + 0.2) * size * point, 1.05 * size * point
+        place = placer.place(x, y, width, height, nearest=1.6 * point)
+        if math.dist(place, (x, y)) > 2.2 * height:
+            axes.plot((x, place[0]), (y, place[1]), color=_HINGE, linewidth=0.4, zorder=5)
+        axes.text(
+            *place, text, color=_HINGE, fontsize=size, fontweight="bold", zorder=7,
+            **_middle(), **_halo(),
+        )  # fmt: skip
+
+
+def _middle() -> dict[str, Any]:
+    return {"ha": "center", "va": "center_baseline"}
+
+
+def _halo() -> dict[str, Any]:
+    from matplotlib.patheffects import withStroke
+
+    # a dollar sign in a name is no formula
+    return {"parse_math": False, "path_effects": [withStroke(linewidth=1.6, foreground=PAPER)]}
+
+
+def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:
+    gap = Entry(kind="gap")
+    entries = [Entry(kind="heading", text="Bodies")]
+    entries += [
+        Entry(kind="disc", mark=str(number), text=shape.body.name)
+        for number, shape in enumerate(shapes, start=1)
+    ]
+    entries += [gap, Entry(kind="heading", text="Hinges", detail="neck, mm")]
+    entries += [
+        Entry(
+            kind="number",
+            mark=str(number),
+            text=hinge.name,
+            detail=f"{hinge.profile.neck_thickness * _MM:.3g}",
+            colour=_HINGE,
+        )
+        for number, hinge in enumerate(stage.hinges, start=1)
+    ]
+    for noun, things, colour in (
+        ("Drives", stage.drives, _DRIVE),
+        ("Probes", stage.probes, _PROBE),
+    ):
+        if things:
+            entries += [gap, Entry(kind="heading", text=noun)]
+            entries += [Entry(kind="arrow", text=thing.name, colour=colour) for thing in things]
+    used = {fill_of(stage, body.name) for body in stage.bodies}
+    entries += [gap, Entry(kind="heading", text="Colours")]
+    entries += [
+        Entry(kind="swatch", text=text, colour=colour)
+        for colour, text in (
+            (FIXED, "fixed"),
+            (PLATFORM, "platform"),
+            (DRIVEN, "driven"),
+            (BODY, "other body"),
+        )
+        if colour in used
+    ]
+    return entries

@@ -1,0 +1,177 @@
+"""The true outline of every body, with the half notches that belong to it, as polygons."""
+
+import itertools
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.stage import Body, Circle, Hinge, Loop, Stage
+
+if TYPE_CHECKING:
+    from matplotlib.path import Path
+
+__all__ = ["BodyShape", "body_shapes", "extent"]
+
+# Chords may leave their arcs by this much [m]: a tenth of a pixel of a large drawing.
+_TOLERANCE = 10e-6
+# A half notch is drawn this far into its body [m], so that the two merge without a seam.
+_OVERLAP = 20e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyShape:
+    """A body as it is drawn.
+
+    Parameters
+    ----------
+    body : Body
+        The body.
+    loops : tuple of numpy.ndarray
+        Closed polygons [m], each of shape (n, 2): outer ones to the left, holes to the right.
+    label_at : tuple of float
+        A point well inside it [m].
+    room : float
+        Distance of that point from the nearest edge [m].
+    """
+
+    body: Body
+    loops: tuple[NDArray[np.float64], ...]
+    label_at: tuple[float, float]
+    room: float
+
+    def path(self, scale: float = 1e3) -> "Path":
+        """Return it as a path for drawing.
+
+        Parameters
+        ----------
+        scale : float
+            Drawing units in a metre [1/m].
+
+        Returns
+        -------
+        matplotlib.path.Path
+            All loops in one path.
+        """
+        from matplotlib.path import Path
+
+        return Path.make_compound_path(
+            *(Path(np.vstack((loop, loop[:1])) * scale, closed=True) for loop in self.loops)
+        )
+
+    def svg_path(self, scale: float = 1e3) -> str:
+        """Return it as the ``d`` of an SVG path; y points down there.
+
+        Parameters
+        ----------
+        scale : float
+            Drawing units in a metre [1/m].
+
+        Returns
+        -------
+        str
+            Path data, two decimals.
+        """
+        parts = []
+        for loop in self.loops:
+            corners = [f"{x * scale:.2f} {-y * scale:.2f}" for x, y in loop]
+            parts.append("M" + "L".join(corners) + "Z")
+        return "".join(parts)
+
+
+@lru_cache(maxsize=8)
+def body_shapes(stage: Stage) -> tuple[BodyShape, ...]:
+    """Return the shape of every body, in the order of the stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    tuple of BodyShape
+        One for each body.
+    """
+    return tuple(_shape(stage, body) for body in stage.bodies)
+
+
+def extent(shapes: tuple[BodyShape, ...]) -> tuple[float, float, float, float]:
+    """Return the rectangle about all bodies.
+
+    Parameters
+    ----------
+    shapes : tuple of BodyShape
+        The bodies.
+
+    Returns
+    -------
+    tuple of float
+        Smallest x and y, largest x and y [m].
+    """
+    points = np.vstack([loop for shape in shapes for loop in shape.loops])
+    return (*map(float, points.min(axis=0)), *map(float, points.max(axis=0)))  # type: ignore[return-value]
+
+
+def _shape(stage: Stage, body: Body) -> BodyShape:
+    from shapely import Polygon, maximum_inscribed_circle, unary_union
+
+    def polygon(loop: Loop | Circle) -> Any:
+        line = loop.loop() if isinstance(loop, Circle) else loop
+        return Polygon(line.polyline(_TOLERANCE)).buffer(0.0)
+
+    area = polygon(body.outline)
+    halves = [
+        Polygon(_half_notch(hinge, side)).buffer(0.0)
+        for hinge in stage.hinges
+        for name, side in zip(hinge.bodies, (-1.0, 1.0), strict=True)
+        if name == body.name
+    ]
+    for hole in (*body.holes, *body.mounting_holes):
+        area = area.difference(polygon(hole))
+    merged: Any = unary_union([area, *halves])
+    pieces: list[Any] = list(merged.geoms) if hasattr(merged, "geoms") else [merged]
+    loops: list[NDArray[np.float64]] = []
+    for piece in sorted(pieces, key=lambda p: -p.area):
+        loops.append(_turned(np.asarray(piece.exterior.coords)[:-1], left=True))
+        loops += [_turned(np.asarray(r.coords)[:-1], left=False) for r in piece.interiors]
+    largest = max(pieces, key=lambda p: p.area)
+    size = max(largest.bounds[2] - largest.bounds[0], largest.bounds[3] - largest.bounds[1])
+    radius: Any = maximum_inscribed_circle(largest, 0.002 * size)  # type: ignore[call-overload]
+    (x, y), _ = radius.coords
+    return BodyShape(body=body, loops=tuple(loops), label_at=(x, y), room=radius.length)
+
+
+def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
+    """Corners of the half of a notch on one side of the neck, a little into the body."""
+    profile = hinge.profile
+    edge = _contour(hinge)
+    neck = 0.5 * profile.neck_thickness
+    upper = [(x, neck + depth) for x, depth in edge]
+    lower = [(x, -neck if profile.one_sided else -neck - depth) for x, depth in edge]
+    end = upper[-1][0] + _OVERLAP
+    corners = [*upper, (end, upper[-1][1]), (end, lower[-1][1]), *reversed(lower)]
+    return [hinge.to_plane(side * along, across) for along, across in corners]
+
+
+def _contour(hinge: Hinge) -> list[tuple[float, float]]:
+    """Points (distance from the neck, depth) of the profile's contour, arcs as chords."""
+    vertices = hinge.profile.contour()
+    points: list[tuple[float, float]] = []
+    for start, end in itertools.pairwise(vertices):
+        if start.bulge:
+            # a loop of the arc and its chord is divided as every other arc is
+            arc = Loop(((start.x, start.depth), (end.x, end.depth)), (start.bulge, 0.0))
+            points += [(float(x), float(d)) for x, d in arc.polyline(_TOLERANCE)[:-1]]
+        else:
+            points.append((start.x, start.depth))
+    points.append((vertices[-1].x, vertices[-1].depth))
+    return points
+
+
+def _turned(loop: NDArray[np.float64], *, left: bool) -> NDArray[np.float64]:
+    x, y = loop.T
+    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return loop if (area > 0.0) == left else loop[::-1]

@@ -1,0 +1,180 @@
+"""The shape of a stage under one drive at full stroke, exaggerated, coloured by displacement."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.report.figures.style import FIXED, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.quantities import number
+from flexstage.system import Analysis
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_static_shape", "exaggeration"]
+
+_MM = 1e3
+_COLOURS = "viridis"
+# the largest motion is drawn as about this part of the size of the stage
+_SHOWN = 0.02
+Array = NDArray[np.float64]
+
+
+def exaggeration(size: float, motion: float) -> float:
+    """Return a round factor by which motion is drawn larger than it is.
+
+    Parameters
+    ----------
+    size : float
+        Size of what is drawn [m].
+    motion : float
+        Largest displacement [m].
+
+    Returns
+    -------
+    float
+        1, 2 or 5 times a power of ten [1]; 1 where nothing moves.
+
+    Examples
+    --------
+    >>> exaggeration(0.2, 65e-6)
+    50.0
+    """
+    if not motion > 0.0:
+        return 1.0
+    wanted = _SHOWN * size / motion
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return power * max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted)
+
+
+def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
+    """Draw the stage with one drive at full stroke and the others removed.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The analysis.
+    axis : str
+        Name of the axis whose drive pushes.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Each body where it goes to, motion exaggerated by a factor that is told; its place at rest
+        as a thin line.
+
+    Raises
+    ------
+    ModelError
+        The analysis has no such axis.
+    """
+    result = next((a for a in analysis.axes if a.axis == axis), None)
+    if result is None:
+        raise ModelError(f"the analysis has no axis '{axis}'")
+    shapes = body_shapes(analysis.stage)
+    x0, y0, x1, y1 = extent(shapes)
+    size = max(x1 - x0, y1 - y0)
+    motion = result.static.body_motion
+    centres = {port.name: np.array(port.centre) for port in analysis.system.bodies}
+    still = (0.0, 0.0, 0.0)
+    largest = max(
+        float(_displacement(np.vstack(s.loops), centres[n], motion.get(n, still)).max())
+        for s in shapes
+        if (n := s.body.name) in centres
+    )
+    factor = exaggeration(size, largest)
+
+    # room for the bar at the right and for the words, also about a long, thin stage
+    shown = 5.1 / max(x1 - x0, 0.8 * (y1 - y0))
+    figure = new_figure(max(shown * (x1 - x0), 2.0) + 1.1, max(shown * (y1 - y0), 1.6) + 0.5)
+    axes = figure.subplots()
+    dress(axes, grid=False)
+    margin = 0.035 * size
+    axes.set(
+        xlim=((x0 - margin) * _MM, (x1 + margin) * _MM),
+        ylim=((y0 - margin) * _MM, (y1 + margin) * _MM),
+        xlabel="x [mm]",
+        ylabel="y [mm]",
+    )
+    entitle(
+        axes,
+        f"drive '{result.drive}' +{number(result.input_displacement * 1e6)} µm: "
+        f"'{result.probe}' reads {number(result.output_displacement * 1e6)} µm; "
+        f"motion × {factor:g}",
+    )
+    for shape in sorted(shapes, key=lambda s: not s.body.fixed):
+        name = shape.body.name
+        _body(axes, shape, centres.get(name), motion.get(name, still), factor, largest)
+    # a picture sets the aspect of its axes, so this comes last
+    axes.set_aspect("equal")
+    _colour_bar(figure, axes, largest)
+    return figure
+
+
+def _body(
+    axes: "Axes",
+    shape: BodyShape,
+    centre: Array | None,
+    motion: tuple[float, float, float],
+    factor: float,
+    largest: float,
+) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.transforms import Affine2D
+
+    path = shape.path(_MM)
+    if shape.body.fixed or centre is None:
+        axes.add_patch(PathPatch(path, facecolor=FIXED, edgecolor=MUTED, linewidth=0.3))
+        return
+    axes.add_patch(
+        PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.3, linestyle=(0, (3, 2)))
+    )
+    # a rigid body stays rigid in the picture: it turns by the exaggerated angle
+    ux, uy, angle = motion
+    cx, cy = (float(c) * _MM for c in centre)
+    move = Affine2D().rotate_around(cx, cy, factor * angle)
+    move = move.translate(factor * ux * _MM, factor * uy * _MM)
+    low, high = np.vstack(shape.loops).min(axis=0), np.vstack(shape.loops).max(axis=0)
+    gx, gy = np.meshgrid(np.linspace(low[0], high[0], 32), np.linspace(low[1], high[1], 32))
+    field = _displacement(np.column_stack((gx.ravel(), gy.ravel())), centre, motion)
+    picture = axes.imshow(
+        field.reshape(gx.shape) * 1e6,
+        extent=(low[0] * _MM, high[0] * _MM, low[1] * _MM, high[1] * _MM),
+        origin="lower",
+        interpolation="bilinear",
+        cmap=_COLOURS,
+        vmin=0.0,
+        vmax=largest * 1e6,
+        aspect="auto",
+        transform=move + axes.transData,
+        zorder=2,
+    )
+    outline = PathPatch(
+        path, facecolor="none", edgecolor=INK, linewidth=0.4, transform=move + axes.transData,
+        zorder=3,
+    )  # fmt: skip
+    axes.add_patch(outline)
+    picture.set_clip_path(path, move + axes.transData)
+
+
+def _displacement(points: Array, centre: Array, motion: tuple[float, float, float]) -> Array:
+    """Magnitude of the displacement of points of a rigid body."""
+    ux, uy, angle = motion
+    arm = points - centre
+    return np.hypot(ux - angle * arm[:, 1], uy + angle * arm[:, 0])
+
+
+def _colour_bar(figure: "Figure", axes: "Axes", largest: float) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    scale = ScalarMappable(norm=Normalize(0.0, max(largest, 1e-12) * 1e6), cmap=_COLOURS)
+    bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=28, pad=0.02)
+    bar.set_label("displacement [µm]", color=INK, fontsize=8)
+    bar.ax.tick_params(color=MUTED, labelcolor=INK, labelsize=8)
+    bar.outline.set_visible(False)  # type: ignore[operator]

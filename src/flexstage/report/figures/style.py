@@ -1,0 +1,236 @@
+"""The look of every figure: colours, type, and how a figure becomes bytes or inline SVG."""
+
+import io
+import re
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "BODY",
+    "CYCLE",
+    "DRIVEN",
+    "FIXED",
+    "FORMATS",
+    "GRID",
+    "HATCH",
+    "INK",
+    "MUTED",
+    "PAPER",
+    "PLATFORM",
+    "css_name",
+    "css_variables",
+    "dress",
+    "encode",
+    "entitle",
+    "inline_svg",
+    "new_figure",
+]
+
+# Neutral colours. Inline in a page every colour becomes a CSS variable, so the page can be dark.
+INK = "#1b1f24"
+MUTED = "#5a6472"
+GRID = "#d8dde4"
+PAPER = "#fefefe"
+BODY = "#e3e8ee"
+FIXED = "#c6cdd6"
+HATCH = "#aeb7c2"
+PLATFORM = "#bcd9ee"
+DRIVEN = "#f6d5b3"
+_NEUTRAL = {
+    INK: "--ink",
+    MUTED: "--muted",
+    GRID: "--grid",
+    PAPER: "--paper",
+    BODY: "--body",
+    FIXED: "--fixed",
+    HATCH: "--hatch",
+    PLATFORM: "--platform",
+    DRIVEN: "--driven",
+}
+
+#: Colours of data, told apart by people of every colour vision (Okabe and Ito 2008), all of
+#: middle lightness so that they stand on white and on black.
+CYCLE: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+#: File formats that a figure can be written in.
+FORMATS: tuple[str, ...] = ("svg", "png", "pdf")
+
+_VARIABLES = _NEUTRAL | {colour: f"--data{i}" for i, colour in enumerate(CYCLE)}
+
+_SETTINGS: dict[str, Any] = {
+    "font.family": "sans-serif",
+    # of equal widths, so that text laid out in one does not run over in another
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
+    "font.size": 8.0,
+    "mathtext.default": "regular",
+    "hatch.linewidth": 0.4,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "flexstage",
+    "pdf.fonttype": 42,
+    "path.simplify": True,
+}
+
+
+def css_name(colour: str) -> str:
+    """Return the CSS variable that a colour becomes in a page.
+
+    Parameters
+    ----------
+    colour : str
+        One of the colours of this module.
+
+    Returns
+    -------
+    str
+        Name of the variable.
+    """
+    return _VARIABLES[colour]
+
+
+def css_variables() -> str:
+    """Return the colours as CSS variables, for a page on white.
+
+    Returns
+    -------
+    str
+        CSS declarations.
+    """
+    return " ".join(f"{name}: {colour};" for colour, name in _VARIABLES.items())
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """Start a figure that no global state knows of.
+
+    Parameters
+    ----------
+    width, height : float
+        Its size [inch].
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        An empty figure.
+    """
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), facecolor=PAPER, layout="constrained")
+
+
+def dress(axes: "Axes", *, grid: bool = True) -> None:
+    """Give axes the common look.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes.
+    grid : bool
+        Whether to draw a grid.
+    """
+    axes.set_facecolor(PAPER)
+    for side, spine in axes.spines.items():
+        spine.set_color(MUTED)
+        spine.set_linewidth(0.6)
+        spine.set_visible(side in {"left", "bottom"})
+    axes.tick_params(which="both", color=MUTED, labelcolor=INK, width=0.6, labelsize=8)
+    axes.xaxis.label.set_color(INK)
+    axes.yaxis.label.set_color(INK)
+    if grid:
+        axes.grid(visible=True, which="major", color=GRID, linewidth=0.6)
+        axes.set_axisbelow(True)
+
+
+def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
+    """Put a title over axes, at the left.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes.
+    text : str
+        The title.
+    size : float
+        Size of the type [pt].
+    """
+    # a dollar sign in a name is no formula
+    axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
+
+
+def encode(figure: "Figure", kind: str) -> bytes:
+    """Turn a figure into the bytes of a file, the same for the same figure.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    kind : str
+        One of `FORMATS`.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
+
+    Raises
+    ------
+    ModelError
+        The format is not one of `FORMATS`.
+    """
+    import matplotlib as mpl
+
+    if kind not in FORMATS:
+        raise ModelError(f"a figure is written as one of {', '.join(FORMATS)}, got '{kind}'")
+    # a date in the file would make equal figures differ
+    metadata: dict[str, Any] = {
+        "svg": {"Date": None, "Creator": "flexstage"},
+        "png": {"Software": "flexstage"},
+        "pdf": {"CreationDate": None, "Creator": "flexstage"},
+    }[kind]
+    buffer = io.BytesIO()
+    with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]
+        figure.savefig(buffer, format=kind, dpi=150, facecolor=PAPER, metadata=metadata)
+    return buffer.getvalue()
+
+
+def inline_svg(figure: "Figure", name: str, title: str) -> str:
+    """Turn a figure into SVG that can stand inside an HTML page with others.
+
+    Neutral colours become CSS variables, names of parts are made unique in the page, and what only
+    a file of its own needs is left out.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    name : str
+        Word, unique in the page, that is put before every id.
+    title : str
+        What the figure shows, for readers who do not see it.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    text = encode(figure, "svg").decode("utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<style[^>]*>.*?</style>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", text)
+    text = text.replace("xlink:href", "href")
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
+    text = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', text)
+    text = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", text)
+    for colour, variable in _VARIABLES.items():
+        text = text.replace(colour, f"var({variable})")
+    # numbers of a picture of some hundred points need no nanometres
+    text = re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    opening, rest = text.split(">", 1)
+    opening = re.sub(r'\s(width|height|version)="[^"]*"', "", opening)
+    return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{rest}'

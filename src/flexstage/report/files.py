@@ -1,0 +1,72 @@
+"""Writing files whole or not at all."""
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+__all__ = ["write_files"]
+
+
+def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
+    """Write some files into a directory: every one of them, or none.
+
+    Each is written under another name beside its place and moved there when all are complete, so
+    a reader never sees half a file, and a failure leaves what was there before.
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+        The directory; made where it does not exist.
+    contents : Mapping
+        Bytes by file name.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files.
+
+    Raises
+    ------
+    OSError
+        The directory or a file cannot be written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    drafts: list[tuple[Path, Path]] = []
+    try:
+        for name, content in contents.items():
+            target = directory / name
+            if target.is_dir():
+                raise IsADirectoryError(f"'{target}' is a directory")
+            draft = _draft(directory, target, content)
+            drafts.append((draft, target))
+        for draft, target in drafts:
+            draft.replace(target)
+    finally:
+        for draft, _ in drafts:
+            with contextlib.suppress(FileNotFoundError):
+                draft.unlink()
+    return [target for _, target in drafts]
+
+
+def _draft(directory: Path, target: Path, content: bytes) -> Path:
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=directory)
+    except OSError as error:
+        # the reader knows the file that was wanted, and not the one beside it
+        raise type(error)(error.errno, error.strerror, str(target)) from error
+    draft = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        # a draft is private to its owner; a result is as readable as any new file
+        mask = os.umask(0)
+        os.umask(mask)
+        draft.chmod(0o666 & ~mask)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+    return draft

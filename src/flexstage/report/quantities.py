@@ -1,0 +1,120 @@
+"""How quantities are written for people: names, prefixed units, four digits."""
+
+import math
+from dataclasses import dataclass
+
+from flexstage.characteristic import QUANTITIES
+
+__all__ = ["Display", "display", "number"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Display:
+    """How a quantity is shown.
+
+    Parameters
+    ----------
+    label : str
+        Its name in words.
+    unit : str
+        The unit that it is shown in; empty for a plain number.
+    factor : float
+        What a value in the unit of `flexstage.characteristic.QUANTITIES` is multiplied by.
+    zero : float
+        Magnitude below which a value is rounding and no motion, in that same unit.
+    """
+
+    label: str
+    unit: str
+    factor: float
+    zero: float = 0.0
+
+    def text(self, value: float | None) -> str:
+        """Write a value without its unit.
+
+        Parameters
+        ----------
+        value : float or None
+            A value in the unit of `flexstage.characteristic.QUANTITIES`; None if there is none.
+
+        Returns
+        -------
+        str
+            Four significant digits; a dash for no value.
+
+        Examples
+        --------
+        >>> display("output_displacement").text(64.6e-6)
+        '64.60'
+        """
+        if value is None:
+            return "–"
+        if abs(value) < self.zero:
+            return "≈ 0"
+        return number(value * self.factor)
+
+
+_SHOWN: dict[str, Display] = {
+    "input_displacement": Display(label="Input displacement", unit="µm", factor=1e6),
+    "output_displacement": Display(label="Output displacement", unit="µm", factor=1e6),
+    "transmission_ratio": Display(label="Transmission ratio", unit="", factor=1.0),
+    "max_stress": Display(label="Largest stress", unit="MPa", factor=1e-6),
+    "safety_factor": Display(label="Safety factor (yield)", unit="", factor=1.0),
+    "resolution": Display(label="Resolution", unit="µm", factor=1e6),
+    "natural_frequency_hz": Display(label="Natural frequency", unit="Hz", factor=1.0),
+    "cross_coupling": Display(label="Cross-coupling", unit="%", factor=100.0, zero=1e-9),
+    "parasitic_rotation": Display(label="Parasitic rotation", unit="µrad", factor=1e6, zero=1e-12),
+    "input_stiffness": Display(label="Input stiffness", unit="N/µm", factor=1e-6),
+    "output_stiffness": Display(label="Output stiffness", unit="N/µm", factor=1e-6),
+    "straightness": Display(label="Straightness", unit="µm", factor=1e6),
+    "hysteresis_loop_width": Display(label="Hysteresis loop width", unit="µm", factor=1e6),
+}
+
+
+def display(quantity: str) -> Display:
+    """Return how a quantity is shown.
+
+    Parameters
+    ----------
+    quantity : str
+        One of `flexstage.characteristic.QUANTITIES`.
+
+    Returns
+    -------
+    Display
+        Its name, unit and factor; the name itself and its own unit where nothing nicer is known.
+    """
+    plain = Display(
+        label=quantity.replace("_", " ").capitalize(),
+        unit=QUANTITIES.get(quantity, ""),
+        factor=1.0,
+    )
+    return _SHOWN.get(quantity, plain)
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Write a number with a fixed count of significant digits, trailing zeros kept.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Plain from 1e-3 to 1e6, with an exponent outside.
+
+    Examples
+    --------
+    >>> number(0.30814), number(705.0), number(12345.6)
+    ('0.3081', '705.0', '12346')
+    """
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -3 <= exponent < 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}"

@@ -1,0 +1,139 @@
+"""The main job: every model of a stage, beside what others gave for it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from flexstage.characteristic import Characteristic
+from flexstage.errors import ModelError
+from flexstage.report.comparison import Comparison, compare
+from flexstage.stage import Stage
+from flexstage.system import Analysis, analyse
+
+__all__ = ["FUTURE_MODELS", "MODELS", "Plane", "Study", "analyse_model", "run_study"]
+
+Plane = Literal["auto", "stress", "strain"]
+
+
+def _lumped(stage: Stage, plane: Plane) -> Analysis:
+    from flexstage.lumped import lumped_system
+
+    return analyse(stage, lumped_system(stage, plane=plane))
+
+
+#: Models by name: each makes an analysis from a stage and the plane state of its notches.
+MODELS: Mapping[str, Callable[[Stage, Plane], Analysis]] = {"lumped": _lumped}
+
+#: Models that have a name already, but nothing behind it yet.
+FUTURE_MODELS: tuple[str, ...] = ("superelement", "plane", "solid")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Study:
+    """A stage, what each model says of it, and what others gave for it.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    analyses : Mapping
+        Analysis by model.
+    variants : Mapping
+        The same models with another choice of plane stress or strain, by what they are called.
+    """
+
+    stage: Stage
+    analyses: Mapping[str, Analysis]
+    variants: Mapping[str, Analysis]
+
+    @property
+    def characteristics(self) -> tuple[Characteristic, ...]:
+        """What was published, then what each model gives."""
+        ours = (row for analysis in self.analyses.values() for row in analysis.characteristics)
+        return (*self.stage.published, *ours)
+
+    @property
+    def comparison(self) -> Comparison:
+        """All of it side by side."""
+        return compare(
+            self.characteristics,
+            {name: analysis.characteristics for name, analysis in self.variants.items()},
+        )
+
+    @property
+    def main(self) -> Analysis:
+        """The analysis that figures are drawn of: that of the first model."""
+        return next(iter(self.analyses.values()))
+
+
+def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
+    """Analyse a stage with one model.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : str
+        One of `MODELS`.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+
+    Returns
+    -------
+    Analysis
+        What the model says of the stage.
+
+    Raises
+    ------
+    ModelError
+        There is no such model, or no such plane state.
+    """
+    if plane not in ("auto", "stress", "strain"):
+        raise ModelError(f"unknown plane state '{plane}': expected auto, stress or strain")
+    if model not in MODELS:
+        what = "is not built yet" if model in FUTURE_MODELS else "is not known"
+        raise ModelError(f"the model '{model}' {what}: choose from {', '.join(MODELS)}")
+    return MODELS[model](stage, plane)
+
+
+def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane = "auto") -> Study:
+    """Run the models of a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    models : sequence of str
+        Some of `MODELS`; figures are drawn of the first.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+
+    Returns
+    -------
+    Study
+        The results, each model also with the other choice of plane state.
+
+    Raises
+    ------
+    ModelError
+        No model is named, or one that does not exist.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> study = run_study(design("vgtu-piezo"))
+    >>> row = next(r for r in study.comparison.rows if r.quantity == "natural_frequency_hz")
+    >>> print(f"{row.axis}: {row.value('published-analytic'):.0f} Hz")
+    x: 339 Hz
+    """
+    if not models:
+        raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
+    analyses = {model: analyse_model(stage, model, plane=plane) for model in models}
+    variants: dict[str, Analysis] = {}
+    for model, analysis in analyses.items():
+        used = analysis.provenance.settings.get("plane", "")
+        # plane strain belongs to wide notches; where it was used plane stress is the other bound
+        other: Plane = "stress" if "strain" in used else "strain"
+        if used:
+            variants[f"{model}, plane {other}"] = analyse_model(stage, model, plane=other)
+    return Study(stage=stage, analyses=analyses, variants=variants)

@@ -1,0 +1,309 @@
+"""Says what is wrong with a stage, before anything is computed or cut."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from flexstage.errors import StageError
+from flexstage.stage.clearance import overlaps, slots_between, slots_within
+from flexstage.stage.drive import Drive, Force
+from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.freedom import free_motion, reachable_bodies
+from flexstage.stage.model import Hinge, Stage
+from flexstage.stage.roots import hinge_root
+from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
+
+__all__ = ["Finding", "check"]
+
+# how far a drive or probe may be off its body [m]
+_ON_BODY = 10e-6
+# how deep under the surface the material is looked for that a drive pushes on [m]
+_INTO_BODY = 50e-6
+
+
+def check(stage: Stage) -> tuple[Finding, ...]:
+    """Check the geometry and the mechanism of a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    tuple of Finding
+        Errors first; empty if nothing is wrong.
+
+    Notes
+    -----
+    Outlines with arcs are compared as polygons that deviate by 0.5 um, so overlaps less than 2 um
+    deep are not seen. What depends on something that is wrong already is not reported again.
+
+    Examples
+    --------
+    >>> from flexstage.material import material
+    >>> from flexstage.stage import Body, Loop
+    >>> plate = Loop(((0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.0, 0.02)))
+    >>> stage = Stage(name="plate", thickness=0.01, material=material("Al 7075-T6"),
+    ...               bodies=(Body(name="plate", outline=plate),))
+    >>> [finding.code for finding in check(stage)]
+    ['no-fixed-body']
+    """
+    bodies, findings = body_shapes(stage)
+    sound = {s.name for s in bodies}
+    rooted: list[Hinge] = []
+    for hinge in stage.hinges:
+        found = list(_hinge(stage, hinge, sound))
+        findings += found
+        if sound.issuperset(hinge.bodies) and not any(f.code == "root-off-body" for f in found):
+            rooted.append(hinge)
+    shapes = [*bodies, *notch_shapes(rooted)]
+    overlapping = list(overlaps(shapes))
+    findings += overlapping
+    wire = stage.manufacture.wire_width
+    # a notch that is too short, or not where it should be, puts its bodies too close as well
+    skip = {frozenset(f.what) for f in overlapping}
+    skip |= {
+        frozenset(h.bodies) for h in stage.hinges if h not in rooted or h.profile.length < wire
+    }
+    findings += slots_between(shapes, wire, skip)
+    for shape in bodies:
+        findings += slots_within(shape, wire)
+    findings += _mechanism(stage)
+    by_name = {s.name: s for s in bodies}
+    for drive in stage.drives:
+        findings += _drive(stage, drive, by_name)
+    findings += _probes(stage, sound)
+    return tuple(sorted(findings, key=lambda f: f.severity != "error"))
+
+
+def _error(code: str, what: tuple[str, ...], message: str) -> Finding:
+    return Finding(severity="error", code=code, what=what, message=message)
+
+
+def _warning(code: str, what: tuple[str, ...], message: str) -> Finding:
+    return Finding(severity="warning", code=code, what=what, message=message)
+
+
+def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
+    profile, limits = hinge.profile, stage.manufacture
+    if profile.neck_thickness < limits.minimum_neck * (1.0 - 1e-9):
+        yield _error(
+            "thin-neck",
+            (hinge.name,),
+            f"the neck of hinge '{hinge.name}' is {millimetres(profile.neck_thickness)} thick, "
+            f"less than the thinnest that can be cut, {millimetres(limits.minimum_neck)}",
+        )
+    if profile.neck_thickness > stage.thickness:
+        yield _warning(
+            "thick-neck",
+            (hinge.name,),
+            f"the neck of hinge '{hinge.name}' ({millimetres(profile.neck_thickness)}) is thicker "
+            f"than the plate ({millimetres(stage.thickness)}), so it bends out of the plane first",
+        )
+    if profile.length < limits.wire_width * (1.0 - 1e-9):
+        yield _error(
+            "narrow-notch",
+            (hinge.name,),
+            f"the notch of hinge '{hinge.name}' is {millimetres(profile.length)} long, shorter "
+            f"than the wire is wide, {millimetres(limits.wire_width)}",
+        )
+    elif 0.0 < profile.neck_radius < 0.5 * limits.wire_width * (1.0 - 1e-9):
+        yield _error(
+            "narrow-notch",
+            (hinge.name,),
+            f"the notch of hinge '{hinge.name}' has a radius of "
+            f"{millimetres(profile.neck_radius)}, less than half of the wire "
+            f"width of {millimetres(limits.wire_width)}",
+        )
+    yield from _roots(stage, hinge, sound)
+
+
+def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
+    def faults(trial: Hinge) -> list[Finding]:
+        found = []
+        for which in (0, 1):
+            body = trial.bodies[which]
+            if body in sound:
+                try:
+                    hinge_root(stage, trial, which)
+                except StageError as error:
+                    found.append(_error("root-off-body", (trial.name, body), str(error)))
+        return found
+
+    found = faults(hinge)
+    a, b = hinge.bodies
+    if len(found) == 2 and not faults(replace(hinge, bodies=(b, a))):
+        yield _error(
+            "root-off-body",
+            (hinge.name, a, b),
+            f"hinge '{hinge.name}' does not grow from body '{a}' towards body '{b}' but the other "
+            f"way round: turn its direction by 180 deg, or name the bodies as '{b}', '{a}'",
+        )
+    else:
+        yield from found
+
+
+def _mechanism(stage: Stage) -> Iterator[Finding]:
+    if not any(b.fixed for b in stage.bodies):
+        yield _error(
+            "no-fixed-body",
+            (),
+            "no body is fixed, so nothing holds the stage: write 'fixed: true' for the one that is "
+            "bolted down",
+        )
+        return
+    held = reachable_bodies(stage)
+    loose = tuple(b.name for b in stage.bodies if b.name not in held)
+    if loose:
+        yield _error(
+            "unconnected-body",
+            loose,
+            f"no chain of hinges connects {_list('body', loose)} to a fixed body: add hinges, or "
+            "fix what is bolted down",
+        )
+        return
+    yield from _freedom(stage)
+
+
+def _freedom(stage: Stage) -> Iterator[Finding]:
+    # without a drive the free motions are what the stage is for
+    if not stage.drives:
+        return
+    motion = free_motion(stage)
+    if not motion.freedoms:
+        return
+    platforms = {p.body for p in stage.probes}
+    ends = {d.pushes for d in stage.drives} | {d.reacts for d in stage.drives}
+    dangling = tuple(
+        b.name
+        for b in stage.bodies
+        if b.name in motion.bodies
+        and b.name not in platforms | ends
+        and sum(b.name in h.bodies for h in stage.hinges) == 1
+    )
+    how = []
+    if motion.turning:
+        how.append(f"{_list('body', motion.turning)} can turn")
+    if motion.shifting:
+        how.append(f"{_list('body', motion.shifting)} can shift")
+    count = "one motion" if motion.freedoms == 1 else f"{motion.freedoms} motions"
+    text = (
+        f"with every drive held still, {count} of the mechanism "
+        f"{'is' if motion.freedoms == 1 else 'are'} left free: {' and '.join(how)}, held only by "
+        "the bending of hinges"
+    )
+    if dangling:
+        yield _error(
+            "free-motion",
+            motion.bodies,
+            f"{text}; {_list('body', dangling)} hangs by a single hinge and guides nothing: add "
+            "the missing hinge",
+        )
+    elif platforms & set(motion.bodies):
+        yield _error(
+            "free-motion", motion.bodies, f"{text}: add the missing hinges, legs or drives"
+        )
+    else:
+        # the inner stage of a double parallelogram is like that, and meant to be
+        yield _warning("free-motion", motion.bodies, text)
+
+
+def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Finding]:
+    from shapely import Point
+
+    name = drive.name
+    if drive.pushes == drive.reacts:
+        yield _error(
+            "drive-on-one-body",
+            (name, drive.pushes),
+            f"drive '{name}' pushes and stands on the same body '{drive.pushes}', so it "
+            "moves nothing",
+        )
+        return
+    if stage.body(drive.pushes).fixed and stage.body(drive.reacts).fixed:
+        yield _error(
+            "drive-between-fixed-bodies",
+            (name, drive.pushes, drive.reacts),
+            f"drive '{name}' acts between the fixed bodies '{drive.pushes}' and '{drive.reacts}', "
+            "so it moves nothing",
+        )
+        return
+    off = False
+    verbs = ("pushes", "stands on")
+    for verb, body, at in zip(verbs, (drive.pushes, drive.reacts), drive.at, strict=True):
+        if body not in shapes:
+            off = True
+            continue
+        distance = shapes[body].polygon.boundary.distance(Point(at))
+        if distance > _ON_BODY:
+            off = True
+            yield _error(
+                "drive-off-body",
+                (name, body),
+                f"drive '{name}' {verb} body '{body}' at {millimetres(*at)}, which is "
+                f"{millimetres(distance)} away from the edge of that body: move the point onto it",
+            )
+    # a voice coil pulls as well as it pushes, and has no contact
+    if off or isinstance(drive, Force):
+        return
+    c, s = math.cos(drive.direction), math.sin(drive.direction)
+    x, y = drive.at[0]
+    inside = shapes[drive.pushes].polygon.buffer(_ON_BODY)
+    if not inside.contains(Point(x + _INTO_BODY * c, y + _INTO_BODY * s)):
+        yield _warning(
+            "drive-pulls",
+            (name, drive.pushes),
+            f"drive '{name}' acts away from body '{drive.pushes}' instead of into it, and a "
+            f"{drive.kind} cannot pull: turn its direction round, or push on the other side",
+        )
+    dx, dy = x - drive.at[1][0], y - drive.at[1][1]
+    if abs(dx * s - dy * c) > _ON_BODY:
+        yield _warning(
+            "drive-askew",
+            (name,),
+            f"the two points of drive '{name}' lie {millimetres(abs(dx * s - dy * c))} beside the "
+            "line of its direction, so it turns the bodies as well as pushing them",
+        )
+
+
+def _probes(stage: Stage, sound: set[str]) -> Iterator[Finding]:
+    from shapely import Point
+
+    insides = {b.name: ring(b.outline) for b in stage.bodies if b.name in sound}
+    for probe in stage.probes:
+        body, at = stage.body(probe.body), Point(probe.at)
+        if body.name in sound:
+            # what is read may be mounted over an opening of the body, but not where the opening
+            # holds another body
+            inner = [
+                name
+                for name, inside in insides.items()
+                if inside.area < insides[body.name].area and inside.contains(at)
+            ]
+            distance = insides[body.name].distance(at)
+            if distance > _ON_BODY or inner:
+                where = (
+                    f"on body '{inner[0]}'" if inner else f"{millimetres(distance)} outside of it"
+                )
+                yield _error(
+                    "probe-off-body",
+                    (probe.name, body.name),
+                    f"probe '{probe.name}' reads body '{body.name}' at {millimetres(*probe.at)}, "
+                    f"which lies {where}: move the point onto the body that is to be read",
+                )
+        if body.fixed and probe.relative_to is None:
+            yield _warning(
+                "probe-on-fixed-body",
+                (probe.name, body.name),
+                f"probe '{probe.name}' reads body '{body.name}', which is fixed, so it always "
+                "reads 0",
+            )
+
+
+def _list(noun: str, names: tuple[str, ...]) -> str:
+    """Name a few things: "body 'a'", "bodies 'a', 'b' and 3 more"."""
+    shown = ", ".join(f"'{n}'" for n in names[:4])
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    plural = noun[:-1] + "ies" if len(names) > 1 and noun.endswith("y") else noun
+    return f"{plural} {shown}{more}"

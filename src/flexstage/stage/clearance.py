@@ -1,0 +1,202 @@
+"""Overlaps between bodies and notches, and slots that the wire does not fit through."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.shapes import CHORD, Shape
+
+__all__ = ["overlaps", "slots_between", "slots_within"]
+
+# Two polygons of arcs are off by CHORD each, so shapes that only touch overlap by at most twice
+# that. An overlap counts if a disc of this radius fits into it: twice what touching can give.
+_DISC = 2.0 * CHORD
+# the same for distances, which are too short by at most two chords
+_SLACK = 2.0 * CHORD
+# faces count as the two sides of a slot if they are within this of being parallel: cos(45 deg)
+_FACING = -0.7
+_ARC_STEPS = 32
+
+
+def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
+    """Find pairs of bodies and notches that fill the same place.
+
+    Parameters
+    ----------
+    shapes : list of Shape
+        Bodies without their notches, and notches.
+
+    Yields
+    ------
+    Finding
+        One for each pair.
+    """
+    from shapely import STRtree
+
+    tree = STRtree([s.polygon for s in shapes])
+    for i, j in sorted(map(tuple, tree.query([s.polygon for s in shapes]).T.tolist())):
+        a, b = shapes[i], shapes[j]
+        if i >= j:
+            continue
+        common = a.polygon.intersection(b.polygon)
+        if common.is_empty or common.buffer(-_DISC).is_empty:
+            continue
+        where = common.representative_point()
+        own = a.name in b.bodies or b.name in a.bodies
+        if a.is_notch and b.is_notch:
+            code, cure = "hinges-coincide", "move one of them or leave it out"
+        elif a.is_notch or b.is_notch:
+            code = "notch-overlap"
+            cure = (
+                "leave the notch out of the outline of the body, and have 'direction' point from "
+                "the first body to the second"
+                if own
+                else "move the hinge or shorten its notch"
+            )
+        else:
+            code, cure = (
+                "overlap",
+                "move them apart, or give the outer one a hole for the inner one",
+            )
+        yield Finding(
+            severity="error",
+            code=code,
+            what=(a.name, b.name),
+            message=f"{a.label} and {b.label} overlap about {millimetres(where.x, where.y)} "
+            f"({common.area * 1e6:.3g} mm^2): {cure}",
+        )
+
+
+def slots_between(
+    shapes: list[Shape], wire_width: float, skip: set[frozenset[str]]
+) -> Iterator[Finding]:
+    """Find bodies and notches that are nearer to one another than the wire is wide.
+
+    Two bodies face each other across the full length of the notch that joins them, so bodies are
+    compared without their notches; a notch is compared with everything but its own two bodies, from
+    which it grows. What is left out in this way is the opening of the notch itself, and that is as
+    wide as the profile says.
+
+    Parameters
+    ----------
+    shapes : list of Shape
+        Bodies without their notches, and notches.
+    wire_width : float
+        Width of the narrowest slot that can be cut [m].
+    skip : set of frozenset of str
+        Pairs of names that have been spoken of.
+
+    Yields
+    ------
+    Finding
+        One for each pair.
+    """
+    from shapely import STRtree
+    from shapely.ops import nearest_points
+
+    grown = [s.polygon.buffer(wire_width, quad_segs=2) for s in shapes]
+    tree = STRtree([s.polygon for s in shapes])
+    for i, j in sorted(map(tuple, tree.query(grown).T.tolist())):
+        a, b = shapes[i], shapes[j]
+        if i >= j or frozenset((a.name, b.name)) in skip:
+            continue
+        if a.is_notch != b.is_notch and (a.name in b.bodies or b.name in a.bodies):
+            continue
+        gap = a.polygon.distance(b.polygon)
+        if gap < wire_width - _SLACK:
+            p, q = nearest_points(a.polygon, b.polygon)
+            yield Finding(
+                severity="error",
+                code="narrow-slot",
+                what=(a.name, b.name),
+                message=f"{a.label} and {b.label} are only {millimetres(gap)} apart about "
+                f"{millimetres(0.5 * (p.x + q.x), 0.5 * (p.y + q.y))}, less than the wire width of "
+                f"{millimetres(wire_width)}: widen the slot",
+            )
+
+
+def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
+    """Find slots and holes of one body that the wire does not fit into.
+
+    What a disc as wide as the wire cannot reach outside of the body is either the rest of a sharp
+    corner, which the wire rounds, or a narrow slot, which has two sides that face each other.
+
+    Parameters
+    ----------
+    shape : Shape
+        A body without its notches.
+    wire_width : float
+        Width of the narrowest slot that can be cut [m].
+
+    Yields
+    ------
+    Finding
+        One for each slot.
+    """
+    radius = 0.5 * wire_width - _SLACK
+    if radius <= 0.0:
+        return
+    # closing the material with a disc fills what the disc cannot reach
+    closed = shape.polygon.buffer(radius, quad_segs=_ARC_STEPS)
+    closed = closed.buffer(-radius, quad_segs=_ARC_STEPS)
+    missed = closed.difference(shape.polygon)
+    sides = None
+    for part in getattr(missed, "geoms", [missed]):
+        # polygons in place of arcs leave slivers thinner than this
+        if part.is_empty or part.buffer(-0.5 * CHORD).is_empty:
+            continue
+        sides = _sides(shape.polygon) if sides is None else sides
+        width = _facing_distance(part, *sides, wire_width)
+        if width is not None:
+            where = part.representative_point()
+            yield Finding(
+                severity="error",
+                code="narrow-slot",
+                what=(shape.name,),
+                message=f"a slot or hole in body '{shape.name}' about "
+                f"{millimetres(where.x, where.y)} is only {millimetres(width)} wide, less than the "
+                f"wire width of {millimetres(wire_width)}: widen it",
+            )
+
+
+def _sides(polygon: Any) -> tuple[Any, Any]:
+    """Return the edges of a body as lines, and their outward normals."""
+    import shapely
+
+    starts, ends = [], []
+    for part in getattr(polygon, "geoms", [polygon]):
+        oriented = shapely.geometry.polygon.orient(part)
+        for line in (oriented.exterior, *oriented.interiors):
+            xy = np.asarray(line.coords)[:, :2]
+            starts.append(xy[:-1])
+            ends.append(xy[1:])
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    along = end - start
+    length = np.hypot(along[:, 0], along[:, 1])
+    keep = length > 0.0
+    normal = np.stack([along[keep, 1], -along[keep, 0]], axis=1) / length[keep, None]
+    return shapely.linestrings(np.stack([start[keep], end[keep]], axis=1)), normal
+
+
+def _facing_distance(part: Any, lines: Any, normals: Any, wire_width: float) -> float | None:
+    """Return the distance between the two sides of a slot, or None for a corner."""
+    import shapely
+
+    near = np.flatnonzero(shapely.dwithin(lines, part, CHORD))
+    best: float | None = None
+    for i, j in combinations(near.tolist(), 2):
+        if float(normals[i] @ normals[j]) > _FACING:
+            continue
+        # only the parts that bound this region: a long edge bounds others as well
+        region = part.buffer(2.0 * CHORD)
+        one, two = lines[i].intersection(region), lines[j].intersection(region)
+        if one.is_empty or two.is_empty:
+            continue
+        gap = one.distance(two)
+        # the two faces of a thin wall are parallel too, but the slot is not between them
+        if gap < wire_width and (best is None or gap < best):
+            best = gap
+    return best

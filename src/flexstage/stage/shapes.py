@@ -1,0 +1,149 @@
+"""Bodies and notches of a stage as polygons, for the checks that compare them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.notch import half_notch
+from flexstage.stage.outline import Circle, Loop
+
+__all__ = ["CHORD", "Shape", "body_shapes", "notch_shapes"]
+
+#: Largest distance of a polygon from the arc that it stands for [m].
+CHORD = 0.5e-6
+#: How far a hole may reach over the edge before it counts [m].
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A body without its notches, or a notch, as a polygon.
+
+    Parameters
+    ----------
+    name : str
+        Name of the body or hinge.
+    polygon : shapely.Geometry
+        The area that it fills, to `CHORD`.
+    bodies : tuple of str
+        The body itself, or the two that a notch joins.
+    is_notch : bool
+        Whether it is a notch.
+    """
+
+    name: str
+    polygon: Any
+    bodies: tuple[str, ...]
+    is_notch: bool
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return f"the notch of hinge '{self.name}'" if self.is_notch else f"body '{self.name}'"
+
+
+def ring(shape: Loop | Circle) -> Any:
+    """Return the polygon of a closed line.
+
+    Parameters
+    ----------
+    shape : Loop or Circle
+        The closed line.
+
+    Returns
+    -------
+    shapely.Polygon
+        Its inside, to `CHORD`.
+    """
+    from shapely import Polygon
+
+    loop = shape.loop() if isinstance(shape, Circle) else shape
+    return Polygon(loop.polyline(CHORD))
+
+
+def body_shapes(stage: Stage) -> tuple[list[Shape], list[Finding]]:
+    """Return the polygons of the bodies that have proper outlines.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    tuple of list
+        The shapes, and what is wrong with the outlines of the others.
+    """
+    shapes: list[Shape] = []
+    findings: list[Finding] = []
+    for body in stage.bodies:
+        faults = list(_outline_faults(body))
+        findings += faults
+        if not faults:
+            polygon = ring(body.outline)
+            for hole in (*body.holes, *body.mounting_holes):
+                polygon = polygon.difference(ring(hole))
+            shapes.append(Shape(body.name, polygon, (body.name,), False))
+    return shapes, findings
+
+
+def notch_shapes(hinges: list[Hinge]) -> list[Shape]:
+    """Return the polygons of notches, both halves in one.
+
+    Parameters
+    ----------
+    hinges : list of Hinge
+        The hinges.
+
+    Returns
+    -------
+    list of Shape
+        One for each.
+    """
+    shapes = []
+    for hinge in hinges:
+        # a step at the root leaves a line without width, which a buffer of nothing takes away
+        halves = [ring(half_notch(hinge, which)).buffer(0.0) for which in (0, 1)]
+        shapes.append(Shape(hinge.name, halves[0].union(halves[1]), hinge.bodies, True))
+    return shapes
+
+
+def _outline_faults(body: Body) -> Iterator[Finding]:
+    from shapely.validation import explain_validity
+
+    def fault(code: str, text: str) -> Finding:
+        return Finding(severity="error", code=code, what=(body.name,), message=text)
+
+    outline = ring(body.outline)
+    labelled = [("outline", outline)]
+    labelled += [(f"holes[{k}]", ring(hole)) for k, hole in enumerate(body.holes)]
+    labelled += [(f"mounting_holes[{k}]", ring(h)) for k, h in enumerate(body.mounting_holes)]
+    for label, polygon in labelled:
+        if not polygon.is_valid:
+            # "Self-intersection[x y]"
+            place = explain_validity(polygon).partition("[")[2].rstrip("]").split()
+            where = f" at {millimetres(*map(float, place))}" if len(place) == 2 else ""
+            yield fault(
+                "self-intersection",
+                f"{label} of body '{body.name}' crosses or touches itself{where}: put its "
+                "points in order, once round",
+            )
+            return
+    for label, hole in labelled[1:]:
+        if not outline.buffer(_ROUNDING).contains(hole):
+            yield fault(
+                "hole-outside",
+                f"{label} of body '{body.name}' reaches beyond its outline: draw the opening as "
+                "part of the outline, or move the hole",
+            )
+            return
+    for i, (label, hole) in enumerate(labelled[1:], start=1):
+        for other_label, other in labelled[i + 1 :]:
+            if not hole.intersection(other).buffer(-_ROUNDING).is_empty:
+                yield fault(
+                    "holes-overlap",
+                    f"{label} and {other_label} of body '{body.name}' overlap: join them into one",
+                )
+                return

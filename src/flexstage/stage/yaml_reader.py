@@ -1,0 +1,278 @@
+"""Reads YAML text into plain nodes that remember their line, and refuses what a stage never needs.
+
+Only the events of the parser are used: no object is built from a tag, no alias is followed, and the
+limits are checked while the text is read, so a hostile file ends early. Scalars are told apart by
+the core schema of YAML 1.2: only true and false are booleans, and 12:30 is text.
+"""
+
+import math
+import re
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+from flexstage.errors import StageError
+
+__all__ = ["Mapping", "Node", "Scalar", "Sequence", "parse_yaml", "read_text"]
+
+#: Largest file that is read [bytes].
+MAX_BYTES = 1_000_000
+#: Largest number of values in a file.
+MAX_NODES = 100_000
+#: Deepest nesting of lists and mappings.
+MAX_DEPTH = 30
+
+_NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+_MAX_DIGITS = 60
+
+
+@dataclass(slots=True)
+class Scalar:
+    """A single value.
+
+    Parameters
+    ----------
+    line : int
+        Line of the file on which it stands, from 1.
+    text : str
+        The value as it is written, quotes and escapes resolved.
+    value : str or float or int or bool or None
+        The value by the core schema.
+    """
+
+    line: int
+    text: str
+    value: str | float | int | bool | None
+
+
+@dataclass(slots=True)
+class Sequence:
+    """A list.
+
+    Parameters
+    ----------
+    line : int
+        Line of the file on which it begins, from 1.
+    items : list of Node
+        Its entries.
+    """
+
+    line: int
+    items: "list[Node]" = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Mapping:
+    """A mapping of names to values.
+
+    Parameters
+    ----------
+    line : int
+        Line of the file on which it begins, from 1.
+    items : dict of str to Node
+        Its entries in order.
+    key_lines : dict of str to int
+        Line of each key.
+    """
+
+    line: int
+    items: "dict[str, Node]" = field(default_factory=dict)
+    key_lines: dict[str, int] = field(default_factory=dict)
+
+
+Node = Scalar | Sequence | Mapping
+
+
+def read_text(path: Path) -> str:
+    """Read a small text file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    StageError
+        There is no such file, it is not a regular one, it is too large, or it is not UTF-8.
+    """
+    try:
+        # asked before it is opened: opening a named pipe would wait for ever
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise StageError(f"{path} is a directory, expected a stage file")
+        if not stat.S_ISREG(status.st_mode):
+            raise StageError(f"{path} is not a regular file, expected a stage file")
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise StageError(f"there is no file {path}: give the path of a stage file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise StageError(f"the file {path} cannot be read: {reason}") from None
+    if len(data) > MAX_BYTES:
+        raise StageError(
+            f"{path} is larger than {MAX_BYTES // 1_000_000} MB, the most that a stage file may be"
+        )
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise StageError(
+            f"{path}, line {line}: the file is not UTF-8 text; save it in that encoding"
+        ) from None
+
+
+def parse_yaml(text: str, source: str) -> Node:
+    """Parse the one YAML document of a text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    source : str
+        What to call it in messages.
+
+    Returns
+    -------
+    Node
+        The document.
+
+    Raises
+    ------
+    StageError
+        The text is not YAML, or it holds an alias, an anchor, a tag, a repeated key, a second
+        document, a number that is not finite, or too much.
+    """
+    import yaml
+
+    if len(text) > MAX_BYTES:
+        raise StageError(
+            f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a stage may be"
+        )
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        return _Builder(source).document(yaml.parse(text, Loader=loader))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f", line {mark.line + 1}" if mark else ""
+        raise StageError(f"{source}{line}: this is not YAML: {error.problem}") from None
+    except yaml.YAMLError as error:
+        reason = getattr(error, "reason", None) or "it cannot be parsed"
+        raise StageError(f"{source}: this is not YAML: {reason}") from None
+    except UnicodeEncodeError:
+        raise StageError(f"{source}: this is not YAML: it holds half a character") from None
+
+
+class _Builder:
+    """Builds nodes from the parser's events, with a stack of its own instead of recursion."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.count = 0
+
+    def document(self, events: Iterator[Any]) -> Node:
+        import yaml
+
+        root: Node | None = None
+        stack: list[Sequence | Mapping] = []
+        keys: list[tuple[str, int] | None] = []
+        documents = 0
+        for event in events:
+            line = event.start_mark.line + 1
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    self.refuse(line, "a second document begins; a stage file holds one")
+            elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+                stack.pop()
+                keys.pop()
+            elif isinstance(event, yaml.AliasEvent):
+                self.refuse(line, f"aliases such as '*{event.anchor}' are not used in stage files")
+            elif isinstance(event, yaml.NodeEvent):
+                if stack and isinstance(stack[-1], Mapping) and keys[-1] is None:
+                    keys[-1] = self.key(event, line, stack[-1])
+                    continue
+                node = self.node(event, line)
+                if not stack:
+                    root = node
+                elif isinstance(parent := stack[-1], Sequence):
+                    parent.items.append(node)
+                else:
+                    key, key_line = keys[-1] or ("", line)
+                    parent.items[key] = node
+                    parent.key_lines[key] = key_line
+                    keys[-1] = None
+                if not isinstance(node, Scalar):
+                    if len(stack) >= MAX_DEPTH:
+                        self.refuse(
+                            line, f"lists and mappings are nested more than {MAX_DEPTH} deep"
+                        )
+                    stack.append(node)
+                    keys.append(None)
+        if root is None:
+            self.refuse(1, "the file is empty; begin it with 'flexstage: 1'")
+        return root
+
+    def admit(self, event: Any, line: int) -> None:
+        self.count += 1
+        if self.count > MAX_NODES:
+            self.refuse(line, f"the file holds more than {MAX_NODES} values")
+        if event.anchor is not None:
+            self.refuse(line, f"anchors such as '&{event.anchor}' are not used in stage files")
+        if event.tag is not None:
+            self.refuse(line, f"tags such as '{event.tag[:60]}' are not used in stage files")
+
+    def key(self, event: Any, line: int, parent: Mapping) -> tuple[str, int]:
+        self.admit(event, line)
+        key = getattr(event, "value", None)
+        if not isinstance(key, str):
+            self.refuse(line, "a key must be a plain text, got a list or a mapping")
+        if key in parent.items:
+            first = parent.key_lines[key]
+            self.refuse(line, f"the key '{key[:60]}' is given twice, first on line {first}")
+        return key, line
+
+    def node(self, event: Any, line: int) -> Node:
+        import yaml
+
+        self.admit(event, line)
+        if isinstance(event, yaml.SequenceStartEvent):
+            return Sequence(line)
+        if isinstance(event, yaml.MappingStartEvent):
+            return Mapping(line)
+        # the first of the pair says that the scalar stands without quotes
+        return Scalar(
+            line, event.value, self.resolve(event.value, line) if event.implicit[0] else event.value
+        )
+
+    def resolve(self, text: str, line: int) -> str | float | int | bool | None:
+        if text in ("", "~", "null", "Null", "NULL"):
+            return None
+        if text in ("true", "True", "TRUE"):
+            return True
+        if text in ("false", "False", "FALSE"):
+            return False
+        if _NOT_FINITE.fullmatch(text):
+            self.refuse(line, f"'{text}' is not a finite number")
+        if _NUMBER.fullmatch(text):
+            if len(text) > _MAX_DIGITS:
+                self.refuse(line, f"a number has more than {_MAX_DIGITS} digits")
+            if text.lstrip("+-").isdigit():
+                return int(text)
+            number = float(text)
+            if not math.isfinite(number):
+                self.refuse(line, f"'{text}' is too large to be a number")
+            return number
+        return text
+
+    def refuse(self, line: int, message: str) -> NoReturn:
+        raise StageError(f"{self.source}, line {line}: {message}")

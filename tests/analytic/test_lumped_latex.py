@@ -1,0 +1,98 @@
+"""The sheet of equations: complete, of readable size, well formed in every form."""
+
+import re
+import xml.dom.minidom
+
+import pytest
+import sympy as sp
+
+from flexstage.designs import design
+from flexstage.lumped import (
+    condense,
+    equation_sheet,
+    latex_document,
+    mathml,
+    plain_text,
+    reduce_by_symmetry,
+    sheet_data,
+    symbolic_model,
+    transfer_function,
+)
+from flexstage.lumped.sheet_items import Section
+from tests.mechanisms import parallelogram
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Section, ...]:
+    model = symbolic_model(parallelogram(coupling=211.0), damping="hinge")
+    part = reduce_by_symmetry(model)
+    return equation_sheet(model, reduced=part, transfer=[transfer_function(part, "push", "read")])
+
+
+def test_sections_are_all_there(small: tuple[Section, ...]) -> None:
+    keys = [section.key for section in small]
+    assert keys == [
+        "bodies",
+        "kinetic",
+        "hinge",
+        "hinges",
+        "lagrange",
+        "matrices",
+        "motion",
+        "operator",
+        "reduced",
+        "transfer",
+        "values",
+    ]
+
+
+def test_latex_is_balanced(small: tuple[Section, ...]) -> None:
+    text = latex_document("A guide & its 100 % equations", small)
+    assert text.count(r"\begin{document}") == text.count(r"\end{document}") == 1
+    stack: list[str] = []
+    for kind, name in re.findall(r"\\(begin|end)\{(\w+\*?)\}", text):
+        if kind == "begin":
+            stack.append(name)
+        else:
+            assert stack.pop() == name
+    assert not stack
+    depth = 0
+    for token in re.findall(r"\\.|[{}]", text):
+        depth += {"{": 1, "}": -1}.get(token, 0)
+        assert depth >= 0
+    assert depth == 0
+    assert r"A guide \& its 100 \% equations" in text
+    # a formula of every kind
+    for piece in (r"\frac{\partial T}{\partial \dot{x}}", r"k_{v1}", r"\ddot{\theta}_3", "K_{1,3}"):
+        assert piece in text, piece
+
+
+def test_plain_text_says_the_equation_of_motion(small: tuple[Section, ...]) -> None:
+    text = plain_text("A guide", small)
+    assert "x_1''*m_1" in text
+    assert "d/dt dT/dq_i' - dT/dq_i + dD/dq_i' + dV/dq_i = Q_i" in text
+    assert "\\" not in text
+    assert "{" not in text
+
+
+def test_study_stage_is_not_megabytes() -> None:
+    model = symbolic_model(design("vgtu-piezo"))
+    small = condense(model)
+    transfer = [transfer_function(small, a, a) for a in ("x", "y")]
+    sheet = equation_sheet(model, reduced=small, transfer=transfer)
+    text = latex_document("x", sheet)
+    assert 20_000 < len(text) < 200_000
+    assert len(plain_text("x", sheet)) < 100_000
+
+
+def test_mathml_is_xml(small: tuple[Section, ...]) -> None:
+    found = 0
+    for section in sheet_data(small):
+        for item in section["items"]:
+            if "mathml" in item:
+                found += 1
+                xml.dom.minidom.parseString(item["mathml"])
+    assert found > 30
+    text = mathml(sp.Symbol(r"\ddot{\theta}_3") * sp.Symbol(r"k_{v\theta1}"))
+    assert "<mover><mi>θ</mi><mo>..</mo></mover>" in text
+    assert "<mi>vθ1</mi>" in text

@@ -1,0 +1,331 @@
+"""The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.linalg import eigh
+
+from flexstage.designs import design
+from flexstage.errors import ModelError
+from flexstage.lumped import (
+    Mechanism,
+    RigidBody,
+    Sight,
+    SpringHinge,
+    condense,
+    find_mirror,
+    lumped_system,
+    nonlinear,
+    reduce_by_symmetry,
+    symbolic_model,
+    transfer_function,
+)
+from flexstage.lumped.hinge_block import generic_body, generic_hinge
+from flexstage.lumped.symbolic import SymbolicModel
+from flexstage.system import frequency_response, modes
+from flexstage.system.damping import RayleighDamping
+from tests.mechanisms import chain, parallelogram
+
+
+def relative(found: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest difference relative to the diagonal, which makes metres and radians comparable."""
+    scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    return float(np.abs((found - wanted) / scale).max())
+
+
+def frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    return np.sqrt(eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical", "parallelogram"])
+def test_matrices_of_stages_equal_the_numeric_ones(name: str) -> None:
+    stage = design(name)
+    system, model = lumped_system(stage), symbolic_model(stage)
+    K, M = model.numbers(model.K), model.numbers(model.M)
+    assert relative(K, system.K) <= 1e-12
+    assert relative(M, system.M) <= 1e-12
+    assert np.array_equal(K, K.T)
+    for found, wanted in zip(
+        (*model.drives, *model.probes), (*system.drives, *system.probes), strict=True
+    ):
+        assert np.allclose(model.numbers(found.vector)[:, 0], wanted.vector, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("source", [chain(5), parallelogram(coupling=211.0)])
+def test_matrices_of_mechanisms_equal_the_numeric_ones(source: Mechanism) -> None:
+    model = symbolic_model(source)
+    numeric = nonlinear(source)
+    assert relative(model.numbers(model.K), numeric.tangent(np.zeros(model.order))) <= 1e-12
+    assert np.allclose(np.diag(model.numbers(model.M)), numeric.mass, rtol=1e-13)
+
+
+@pytest.mark.parametrize("damping", ["rayleigh", "hinge"])
+def test_matrices_are_the_hessians_of_the_energies(damping: str) -> None:
+    model = symbolic_model(parallelogram(coupling=211.0), damping=damping)  # type: ignore[arg-type]
+    q, rates = list(model.coordinates), list(model.rates)
+    assert (sp.hessian(model.potential_energy, q) - model.K).applyfunc(sp.expand).is_zero_matrix
+    assert (sp.hessian(model.kinetic_energy, rates) - model.M).applyfunc(sp.expand).is_zero_matrix
+    assert (sp.hessian(model.dissipation, rates) - model.C).applyfunc(sp.expand).is_zero_matrix
+    assert not model.C.is_zero_matrix
+
+
+def test_equations_of_motion_are_lagranges() -> None:
+    model = symbolic_model(parallelogram())
+    swap = dict(zip(model.rates, model.accelerations, strict=True))
+    for i, equation in enumerate(model.equations()):
+        wanted = (
+            sp.diff(model.kinetic_energy, model.rates[i]).xreplace(swap)
+            - sp.diff(model.kinetic_energy, model.coordinates[i])
+            + sp.diff(model.dissipation, model.rates[i])
+            + sp.diff(model.potential_energy, model.coordinates[i])
+        )
+        assert sp.expand(equation.lhs - wanted) == 0
+        assert equation.rhs == model.forces[i]
+
+
+def test_generic_hinge_is_the_small_limit_of_the_turning_frame() -> None:
+    # the finite-rotation deformation of the nonlinear model, in symbols, expanded at rest
+    g = generic_hinge()
+    xa, ya, ta, xb, yb, tb = g.coordinates
+    Xa, Ya, Xb, Yb = g.arms
+    phi = sp.Symbol("varphi")
+
+    def turn(angle: sp.Expr) -> sp.Matrix:
+        return sp.Matrix([[sp.cos(angle), -sp.sin(angle)], [sp.sin(angle), sp.cos(angle)]])
+
+    d = sp.Matrix([xb - xa, yb - ya]) + (turn(tb) - sp.eye(2)) * sp.Matrix([Xb, Yb])
+    d -= (turn(ta) - sp.eye(2)) * sp.Matrix([Xa, Ya])
+    e = turn(phi + (ta + tb) / 2).T * d
+    rest = dict.fromkeys(g.coordinates, 0)
+    direction = {g.cosine: sp.cos(phi), g.sine: sp.sin(phi)}
+    for i in range(2):
+        for q in g.coordinates:
+            slope = sp.diff(e[i], q).subs(rest)
+            assert sp.simplify(slope - sp.diff(g.deformation[i], q).subs(direction)) == 0
+
+
+def test_generic_body_has_momenta() -> None:
+    body = generic_body()
+    assert body.momenta[0] == body.mass * body.rates[0]
+    assert body.momenta[2] == body.inertia * body.rates[2]
+
+
+def test_rigid_motion_of_a_free_mechanism_costs_nothing_in_symbols() -> None:
+    model = symbolic_model(chain(3, held=False))
+    K = model.numbers(model.K)
+    centres = [b.centre for b in model.source.bodies]
+    turn = np.array([v for x, y in centres for v in (-y, x, 1.0)])
+    shift_x = np.tile([1.0, 0.0, 0.0], 3)
+    for motion in (turn, shift_x):
+        assert abs(motion @ K @ motion) <= 1e-12 * (np.abs(motion) @ np.abs(K) @ np.abs(motion))
+
+
+def test_symmetry_keeps_every_frequency_once() -> None:
+    model = symbolic_model(parallelogram(coupling=211.0))
+    whole = frequencies(model.numbers(model.K), model.numbers(model.M))
+    parts = []
+    for parity, order in ((1, 4), (-1, 5)):
+        part = reduce_by_symmetry(model, parity=parity)
+        assert part.order == order
+        parts.append(frequencies(part.numbers(part.K), part.numbers(part.M)))
+    assert np.allclose(np.sort(np.concatenate(parts)), whole, rtol=1e-10)
+
+
+def test_poles_are_the_frequencies_of_the_symmetric_subspace() -> None:
+    model = symbolic_model(parallelogram(coupling=211.0))
+    part = reduce_by_symmetry(model)
+    assert [p.name for p in part.drives] == ["push"]
+    tf = transfer_function(part, "push", "read")
+    poles = np.abs(tf.poles().imag[::2]) / (2.0 * np.pi)
+    # determinants are evaluated in rational arithmetic; the roots of degree 5 lose some digits
+    wanted = frequencies(part.numbers(part.K), part.numbers(part.M))
+    assert np.allclose(poles, wanted, rtol=1e-9)
+    # all of them are frequencies of the whole stage
+    whole = frequencies(model.numbers(model.K), model.numbers(model.M))
+    for pole in poles:
+        assert np.abs(whole / pole - 1.0).min() < 1e-9
+    assert tf.expression.free_symbols >= {tf.s} | part.K.free_symbols - {tf.s}
+
+
+def direct(
+    model: SymbolicModel, frequency_hz: float, *, stiffness: float | None, spring: bool
+) -> complex:
+    """Solve the full equations at one frequency."""
+    s = 2j * np.pi * frequency_hz
+    M, C, K = (model.numbers(a) for a in (model.M, model.C, model.K))
+    w = model.numbers(model.drive("push").vector)[:, 0]
+    p = model.numbers(model.probe("read").vector)[:, 0]
+    A = M * s**2 + C * s + K
+    if not spring:
+        return complex(p @ np.linalg.solve(A, w))
+    if stiffness is None:
+        x = np.linalg.solve(A, w)
+        return complex((p @ x) / (w @ x))
+    return complex(p @ np.linalg.solve(A + stiffness * np.outer(w, w), stiffness * w))
+
+
+@pytest.mark.parametrize(
+    ("damping", "kind", "stiffness"),
+    [
+        ("rayleigh", "force", 2.3e7),
+        ("rayleigh", "free displacement", 2.3e7),
+        ("rayleigh", "free displacement", None),
+        ("none", "free displacement", 2.3e7),
+        ("hinge", "force", 2.3e7),
+    ],
+)
+def test_transfer_function_is_the_response(
+    damping: str, kind: str, stiffness: float | None
+) -> None:
+    base = parallelogram(coupling=211.0)
+    drive = base.drives[0]
+    source = Mechanism(
+        name=base.name,
+        bodies=base.bodies,
+        hinges=base.hinges,
+        drives=(
+            Sight(
+                name=drive.name,
+                bodies=drive.bodies,
+                points=drive.points,
+                direction=drive.direction,
+                stiffness=stiffness,
+            ),
+        ),
+        probes=base.probes,
+    )
+    numbers = {
+        "rayleigh": {"alpha": 3.1, "beta": 2.7e-6},
+        "hinge": {"c_{u1}": 310.0, "c_{v1}": 120.0, r"c_{\theta1}": 2e-4, r"c_{v\theta1}": 0.01},
+        "none": {},
+    }[damping]
+    model = symbolic_model(source, damping=damping).with_values(**numbers)  # type: ignore[arg-type]
+    part = reduce_by_symmetry(model)
+    tf = transfer_function(part, "push", "read", input_kind=kind)  # type: ignore[arg-type]
+    for f in (0.0, 87.0, 131.0, 4100.0):
+        wanted = direct(model, f, stiffness=stiffness, spring=kind != "force")
+        assert tf.response([f])[0] == pytest.approx(wanted, rel=1e-7)
+
+
+def test_locked_drive_holds() -> None:
+    base = parallelogram()
+    # a second drive on the left leg, along x, that is held
+    hold = Sight(name="hold", bodies=(0, 1), points=((-0.05, 0.01), (-0.04, 0.01)), direction=0.0)
+    source = Mechanism(
+        name="two drives",
+        bodies=base.bodies,
+        hinges=base.hinges,
+        drives=(*base.drives, hold),
+        probes=base.probes,
+    )
+    model = symbolic_model(source)
+    part = condense(model, masters=["push", "hold", "y_3", "theta_3"])
+    tf = transfer_function(part, "push", "read", locked=("hold",))
+    M, K = part.numbers(part.M), part.numbers(part.K)
+    w, h, p = (
+        part.numbers(v.vector)[:, 0]
+        for v in (part.drive("push"), part.drive("hold"), part.probe("read"))
+    )
+    A = K - (2.0 * np.pi * 61.0) ** 2 * M
+    whole = np.block([[A, h[:, None]], [h[None, :], np.zeros((1, 1))]])
+    wanted = np.append(p, 0.0) @ np.linalg.solve(whole, np.append(w, 0.0))
+    assert tf.response([61.0])[0] == pytest.approx(wanted, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
+def test_condensation_of_the_study_stages(name: str) -> None:
+    stage = design(name)
+    system = lumped_system(stage, damping=RayleighDamping(alpha=1.7, beta=3.3e-6))
+    model = symbolic_model(stage).with_values(alpha=1.7, beta=3.3e-6)
+    axis = stage.axis("x")
+    small = condense(model)
+    assert small.order == 4
+    tf = transfer_function(small, axis.drive, axis.probe)
+    exact = frequency_response(system, np.array([0.0, 50.0]), drive=axis.drive, probe=axis.probe)
+    # static behaviour between drives and probes is exact
+    assert tf.response([0.0])[0] == pytest.approx(exact.value[0], rel=1e-9)
+    wanted = modes(system, count=2).frequency_hz
+    found = np.sort(np.abs(tf.poles()))[[0, 2]] / (2.0 * np.pi)
+    # Guyan's frequencies come from above, here by half a per cent
+    assert np.all(found >= wanted * (1.0 - 1e-9))
+    assert np.allclose(found, wanted, rtol=0.01)
+    # modes as coordinates: frequencies are those of the stage
+    six = condense(model, mode_count=6)
+    assert np.allclose(
+        frequencies(six.numbers(six.K), six.numbers(six.M)),
+        modes(system, count=6).frequency_hz,
+        rtol=1e-8,
+    )
+
+
+def test_full_modal_transfer_function_is_the_frequency_response() -> None:
+    stage = design("vgtu-piezo")
+    axis = stage.axis("y")
+    system = lumped_system(stage, damping=RayleighDamping(alpha=1.7, beta=3.3e-6))
+    six = condense(symbolic_model(stage).with_values(alpha=1.7, beta=3.3e-6), mode_count=6)
+    tf = transfer_function(six, axis.drive, axis.probe)
+    f = np.array([35.0, 321.0, 533.0])
+    exact = frequency_response(system, f, drive=axis.drive, probe=axis.probe).value
+    # fifty-four modes above 6 kHz are left out: some per cent of the static compliance at the drive
+    assert np.allclose(tf.response(f), exact, rtol=0.02)
+
+
+def test_mirror_is_found_where_there_is_one() -> None:
+    mirror = find_mirror(parallelogram(coupling=211.0))
+    assert mirror is not None
+    assert mirror.direction == pytest.approx(0.5 * np.pi)
+    assert np.array_equal(mirror.image @ mirror.image, np.eye(9, dtype=int))
+    assert find_mirror(chain(3)) is None
+
+
+def test_mirror_at_forty_five_degrees() -> None:
+    spring = np.diag([4.1e6, 1.3e6, 2.9])
+
+    def leg(name: str, centre: tuple[float, float]) -> RigidBody:
+        return RigidBody(name=name, mass=0.013, inertia=4e-7, centre=centre)
+
+    source = Mechanism(
+        name="corner",
+        bodies=(
+            RigidBody(name="frame", mass=1.0, inertia=1.0, centre=(0.0, 0.0), fixed=True),
+            leg("one", (0.031, 0.007)),
+            leg("two", (0.007, 0.031)),
+            RigidBody(name="corner", mass=0.11, inertia=7e-6, centre=(0.03, 0.03)),
+        ),
+        hinges=tuple(
+            SpringHinge(name=f"{a}{b}", bodies=(a, b), at=at, direction=angle, stiffness=spring)
+            for a, b, at, angle in (
+                (0, 1, (0.031, 0.001), 0.5 * np.pi),
+                (0, 2, (0.001, 0.031), 0.0),
+                (1, 3, (0.031, 0.015), 0.5 * np.pi),
+                (2, 3, (0.015, 0.031), 0.0),
+            )
+        ),
+    )
+    model = symbolic_model(source)
+    parts = [reduce_by_symmetry(model, parity=p) for p in (1, -1)]
+    assert sum(p.order for p in parts) == 9
+    found = np.concatenate([frequencies(p.numbers(p.K), p.numbers(p.M)) for p in parts])
+    whole = frequencies(model.numbers(model.K), model.numbers(model.M))
+    assert np.allclose(np.sort(found), whole, rtol=1e-10)
+
+
+def test_symbols_are_shared() -> None:
+    model = symbolic_model(parallelogram())
+    names = {symbol.name for symbol in model.values}
+    assert {n for n in names if n.startswith("k_{u")} == {"k_{u1}"}
+    assert {n for n in names if n.startswith("m_")} == {"m_1", "m_2"}
+
+
+def test_errors_say_what_to_do() -> None:
+    model = symbolic_model(chain(3))
+    with pytest.raises(ModelError, match="reduce it by condensation"):
+        reduce_by_symmetry(model)
+    with pytest.raises(ModelError, match="at most 6 coordinates"):
+        transfer_function(model, "push", "read")
+    with pytest.raises(ModelError, match="no drive, probe or coordinate 'pull'"):
+        condense(model, masters=["pull"])
+    with pytest.raises(ModelError, match="unknown damping 'viscous'"):
+        symbolic_model(chain(3), damping="viscous")  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="no symbol 'gamma'"):
+        model.with_values(gamma=1.0)

@@ -1,0 +1,209 @@
+"""The command line: what it prints, its exit status, and what it leaves behind."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import flexstage
+from flexstage.characteristic import ORIGINS, QUANTITIES
+from flexstage.cli import main
+from flexstage.errors import ConvergenceError
+
+
+def run(*words: str) -> int:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    return int(end.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Run in an empty directory, so that what is left behind is seen."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def left_behind(directory: Path) -> list[str]:
+    return sorted(str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file())
+
+
+def test_study_prints_a_table_and_writes_a_report(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("study", "vgtu-piezo") == 0
+    out = capsys.readouterr().out
+    for text in ("Natural frequency (Hz)", "Largest stress (MPa)", "reconstruction", "+1.6 %"):
+        assert text in out
+    assert left_behind(elsewhere) == [
+        "out/vgtu-piezo/report.html",
+        "out/vgtu-piezo/results.json",
+    ]
+
+
+def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("study", "vgtu-mechanical", "--models", "lumped", "--out", "d", "--json") == 0
+    captured = capsys.readouterr()
+    rows = json.loads(captured.out)["characteristics"]
+    assert captured.err == ""
+    for row in rows:
+        assert list(row) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note"]
+        assert row["origin"] in ORIGINS
+        assert row["axis"] in ("x", "y")
+        assert row["unit"] == QUANTITIES[row["quantity"]]
+        assert isinstance(row["value"], float)
+    written = json.loads((elsewhere / "d" / "results.json").read_text(encoding="utf-8"))
+    assert written["characteristics"] == rows
+
+
+def test_plane_stress_is_softer(capsys: pytest.CaptureFixture[str]) -> None:
+    found = {}
+    for plane in ("strain", "stress"):
+        assert run("analyse", "vgtu-piezo", "--plane", plane, "--json") == 0
+        result = json.loads(capsys.readouterr().out)
+        found[plane] = result["modes"]["removed"][0]["natural_frequency_hz"]
+    assert found["stress"] < 0.96 * found["strain"]
+
+
+def test_analyse_labels_the_condition_of_the_drives(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("analyse", "vgtu-piezo", "--model", "lumped") == 0
+    out = capsys.readouterr().out
+    for text in ("drives removed", "drives in place", "drives locked", "free displacement", "xlko"):
+        assert text in out
+
+
+def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("analyse", "parallelogram", "--out", "a") == 0
+    capsys.readouterr()
+    assert left_behind(elsewhere) == ["a/analysis.json", "a/bode-x.svg"]
+    responses = json.loads((elsewhere / "a" / "analysis.json").read_text("utf-8"))["responses"]
+    assert [r["drives"] for r in responses] == ["removed", "in place"]
+    removed = responses[0]
+    assert len(removed["frequency_hz"]) == len(removed["real"]) == len(removed["imaginary"])
+
+
+@pytest.mark.parametrize("name", ["s.svg", "s.png", "s.pdf", "deep/er/S.SVG"])
+def test_show_writes_a_drawing(elsewhere: Path, name: str) -> None:
+    assert run("show", "parallelogram", "--out", name) == 0
+    assert (elsewhere / name).stat().st_size > 5000
+    assert left_behind(elsewhere) == [name]
+
+
+def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
+    assert run("show", "vgtu-piezo") == 0
+    assert left_behind(elsewhere) == ["vgtu-piezo.svg"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["study"], "STAGE"),
+        (["study", "nothing.yaml"], "vgtu-mechanical"),
+        (["study", "vgtu-piez"], "did you mean 'vgtu-piezo'"),
+        (["study", "vgtu-piezo", "--models", "plane"], "'plane' is not built yet"),
+        (["study", "vgtu-piezo", "--models", "lumped,solid"], "'solid' is not built yet"),
+        (["study", "vgtu-piezo", "--models", "magic"], "'magic' is not known"),
+        (["study", "vgtu-piezo", "--models", ","], "choose from lumped"),
+        (["study", "vgtu-piezo", "--plane", "flat"], "auto, stress or strain"),
+        (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
+        (["study", "."], "directory"),
+        (["analyse", "vgtu-piezo", "--model", "superelement"], "not built yet"),
+        (["show", "vgtu-piezo", "--out", "stage.gif"], ".svg, .png, .pdf"),
+        (["show", "vgtu-piezo", "--out", "stage"], ".svg, .png, .pdf"),
+        (["draw", "vgtu-piezo"], "draw"),
+        (["--nonsense"], "--nonsense"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input_is_one_sentence_and_status_2(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    assert run(*words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("flexstage: ")
+    assert said in captured.err
+    assert left_behind(elsewhere) == []
+
+
+@pytest.mark.parametrize("command", [["study"], ["analyse", "--json"], ["show"]])
+def test_a_place_that_cannot_be_written_is_status_1(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    (elsewhere / "file").write_text("in the way")
+    target = "file/stage.svg" if command == ["show"] else "file/out"
+    assert run(command[0], "parallelogram", "--out", target, *command[1:]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "file" in captured.err
+    assert left_behind(elsewhere) == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (ConvergenceError("the iteration ended\nafter 20 steps"), 1),
+        (KeyboardInterrupt(), 130),
+        (PermissionError(13, "Permission denied", "x.yaml"), 1),
+    ],
+    ids=["no convergence", "interrupt", "permission"],
+)
+def test_work_that_fails_leaves_nothing(
+    elsewhere: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    status: int,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    # the last thing before the files are written
+    monkeypatch.setattr("flexstage.report.report_html", fail)
+    assert run("study", "vgtu-piezo") == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert left_behind(elsewhere) == []
+
+
+def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"flexstage {flexstage.__version__}\n"
+    for words in ([], ["--help"]):
+        assert run(*words) == 0
+        out = capsys.readouterr().out
+        for command in ("study", "show", "check", "analyse", "equations", "hinges"):
+            assert f"  {command} " in out
+
+
+def test_the_command_line_starts_without_heavy_libraries() -> None:
+    heavy = ("numpy", "scipy", "sympy", "matplotlib", "pint", "shapely", "yaml")
+    code = (
+        "import sys, contextlib, flexstage.cli as c\n"
+        "with contextlib.suppress(SystemExit): c.main(['--version'])\n"
+        f"print([m for m in {heavy!r} if m in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert found.stdout.splitlines()[-1] == "[]"
+
+
+def test_output_goes_where_letters_are_few() -> None:
+    """A stream that knows ASCII alone gets question marks and no traceback."""
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [sys.executable, "-m", "flexstage", "analyse", "parallelogram"],
+        capture_output=True,
+        env=environment,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    assert b"?m" in done.stdout

@@ -1,0 +1,277 @@
+"""The report of a study: whole, self-contained, and with the numbers of the results."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.errors import ModelError
+from flexstage.material import material
+from flexstage.report import (
+    FUTURE_MODELS,
+    SECTIONS,
+    Study,
+    display,
+    report_html,
+    results_json,
+    run_study,
+    study_results,
+    write_files,
+)
+from flexstage.report.figures import FORMATS, draw_bode, draw_stage, draw_static_shape, encode
+from flexstage.report.figures.mode_shapes import mode_motion
+from flexstage.system import modes
+
+QUANTITIES = {
+    "input_displacement",
+    "output_displacement",
+    "transmission_ratio",
+    "max_stress",
+    "safety_factor",
+    "natural_frequency_hz",
+    "cross_coupling",
+    "parasitic_rotation",
+    "input_stiffness",
+}
+VOID = {"meta", "link", "br", "input", "img", "hr", "path", "use", "rect", "image"}
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return run_study(design("vgtu-piezo"))
+
+
+@pytest.fixture(scope="module")
+def page(study: Study) -> str:
+    return report_html(study)
+
+
+class Page(HTMLParser):
+    """What a page holds: ids, loads, cells of tables, and whether every element is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.loads: list[str] = []
+        self.cells: list[tuple[dict[str, str], str]] = []
+        self._open: list[str] = []
+        self._cell: dict[str, str] | None = None
+        self.feed(text)
+        self.close()
+        assert not self._open, f"left open: {self._open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {key: value or "" for key, value in attrs}
+        self.ids += [values["id"]] if "id" in values else []
+        for key in ("src", "href", "data", "action", "poster", "srcset"):
+            target = values.get(key, "")
+            if target.startswith("#"):
+                self.references.append(target[1:])
+            elif target and not target.startswith("data:"):
+                self.loads.append(f"{tag} {key}={target}")
+        for value in values.values():
+            self.references += re.findall(r"url\(#([^)]+)\)", value)
+        self._cell = values if "data-value" in values else None
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self._open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._cell is not None:
+            self.cells.append((self._cell, data))
+            self._cell = None
+
+
+def test_the_page_loads_nothing(page: str) -> None:
+    assert not Page(page).loads
+    assert "http://" not in page
+    assert "https://" not in page
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+    # and a browser would refuse to
+    assert "default-src 'none'" in page
+    assert len(page.encode()) < 5e6
+
+
+def test_the_page_has_every_section_and_no_dangling_reference(page: str) -> None:
+    parsed = Page(page)
+    assert set(SECTIONS) <= set(parsed.ids)
+    assert len(parsed.ids) == len(set(parsed.ids)), "an id stands twice in the page"
+    assert set(parsed.references) <= set(parsed.ids)
+    assert "$" not in re.sub(r"<script>.*?</script>", "", page, flags=re.S)
+
+
+def test_the_page_says_that_the_stage_is_a_reconstruction(study: Study, page: str) -> None:
+    head = page[: page.index('id="drawing"')]
+    assert "reconstruction" in head
+    for text in (study.main.provenance.input_hash, study.main.provenance.version):
+        assert text in page
+
+
+def test_numbers_of_the_table_are_those_of_the_results(study: Study, page: str) -> None:
+    results = json.loads(results_json(study_results(study)))
+    wanted = [(r["origin"], r) for r in results["characteristics"]]
+    for name, variant in results["variants"].items():
+        wanted += [(name, r) for r in variant["characteristics"]]
+    expected = sorted(
+        (r["quantity"], r["axis"], column, r["value"], display(r["quantity"]).text(r["value"]))
+        for column, r in wanted
+    )
+    shown = sorted(
+        (c["data-quantity"], c["data-axis"], c["data-column"], float(c["data-value"]), text)
+        for c, text in Page(page).cells
+    )
+    assert len(shown) > 50
+    assert shown == expected
+
+
+def test_results_hold_the_tidy_table(study: Study) -> None:
+    results = json.loads(results_json(study_results(study)))
+    ours = [r for r in results["characteristics"] if r["origin"] == "lumped"]
+    assert {(r["quantity"], r["axis"]) for r in ours} >= {(q, a) for q in QUANTITIES for a in "xy"}
+    for r in results["characteristics"]:
+        assert list(r) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note"]
+    assert any(r["origin"] == "published-analytic" for r in results["characteristics"])
+    lumped = results["models"]["lumped"]
+    assert lumped["provenance"]["settings"]["plane"] == "strain"
+    assert set(lumped["modes"]) == {"removed", "in place", "locked"}
+    assert lumped["validity"]
+    first = {c: lumped["modes"][c][0]["natural_frequency_hz"] for c in lumped["modes"]}
+    # a spring, and then a held drive, can only raise the lowest frequency
+    assert first["removed"] < first["in place"] < first["locked"]
+
+
+def test_a_screw_stage_has_a_resolution() -> None:
+    rows = run_study(design("vgtu-mechanical")).characteristics
+    assert {(r.axis, r.origin) for r in rows if r.quantity == "resolution"} >= {
+        ("x", "lumped"),
+        ("y", "lumped"),
+    }
+
+
+def test_the_other_plane_state_stands_beside(study: Study) -> None:
+    assert list(study.variants) == ["lumped, plane stress"]
+    soft = study.variants["lumped, plane stress"].modes["removed"].frequency_hz[0]
+    hard = study.main.modes["removed"].frequency_hz[0]
+    # both stiffness and frequency scale with E/(1 - nu^2) in the notches, nearly
+    assert soft / hard == pytest.approx(np.sqrt(1.0 - 0.33**2), rel=0.01)
+
+
+def test_plane_state_can_be_chosen() -> None:
+    stage = design("vgtu-piezo")
+    assert list(run_study(stage, plane="stress").variants) == ["lumped, plane strain"]
+
+
+@pytest.mark.parametrize("model", [*FUTURE_MODELS, "magic", ""])
+def test_models_that_do_not_exist_are_refused(model: str) -> None:
+    with pytest.raises(ModelError, match="choose from lumped"):
+        run_study(design("vgtu-piezo"), [model])
+
+
+def test_no_model_is_refused() -> None:
+    with pytest.raises(ModelError, match="no model"):
+        run_study(design("vgtu-piezo"), [])
+
+
+def test_mode_motion_is_scaled_to_one(study: Study) -> None:
+    system = study.main.system
+    shape = modes(system, drives="removed", count=1).shapes[:, 0]
+    motion = mode_motion(system, shape, study.stage)
+    # the first mode carries the platform along x; levers swing a little further than it
+    ux, uy, angle = motion["PX"]
+    assert 0.5 < abs(ux) < 1.0
+    # the two halves of the stage are alike but for the rounding of their coordinates
+    assert abs(uy) < 1e-4
+    assert abs(angle) * 0.1 < 1e-3
+    assert motion["G"] == (0.0, 0.0, 0.0)
+    assert mode_motion(system, 7.0 * shape, study.stage)["PX"] == pytest.approx(motion["PX"])
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_the_drawing_is_the_same_every_time(kind: str) -> None:
+    stage = design("parallelogram")
+    first, second = (encode(draw_stage(stage), kind) for _ in range(2))
+    assert first == second
+    start = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[kind]
+    assert first.startswith(start)
+
+
+def test_the_drawing_names_everything() -> None:
+    stage = design("vgtu-piezo")
+    tree = ET.fromstring(encode(draw_stage(stage), "svg"))
+    texts = {
+        "".join(node.itertext()).strip() for node in tree.iter("{http://www.w3.org/2000/svg}text")
+    }
+    for thing in (*stage.bodies, *stage.hinges, *stage.drives, *stage.probes):
+        assert thing.name in texts
+
+
+def test_figures_of_an_axis_that_does_not_exist_are_refused(study: Study) -> None:
+    for draw in (draw_bode, draw_static_shape):
+        with pytest.raises(ModelError, match="axis 'z'"):
+            draw(study.main, "z")
+    with pytest.raises(ModelError, match="svg, png, pdf"):
+        encode(draw_stage(study.stage), "gif")
+
+
+def test_names_of_a_stage_cannot_break_the_page() -> None:
+    base = design("parallelogram")
+    odd = "$x^{ <script>alert(1)</script> & \"'</svg>"
+    stage = replace(
+        base,
+        name=odd,
+        title=odd,
+        notes=(odd,),
+        # yield below and close to fatigue: the words of both limits still have room
+        material=material("Stainless steel 304"),
+        hinges=tuple(replace(h, name=f"{odd}{i}") for i, h in enumerate(base.hinges)),
+        drives=tuple(replace(d, name=odd) for d in base.drives),
+        probes=tuple(replace(p, name=odd) for p in base.probes),
+        axes=tuple(replace(a, name=odd, drive=odd, probe=odd) for a in base.axes),
+    )
+    page = report_html(run_study(stage))
+    assert page.count("<script>") == 1
+    assert set(SECTIONS) - {"published"} <= set(Page(page).ids)
+
+
+def test_a_stage_without_drives_still_has_a_report() -> None:
+    stage = replace(design("parallelogram"), drives=(), axes=(), probes=())
+    ids = Page(report_html(run_study(stage))).ids
+    assert {"drawing", "modes", "hinges", "provenance"} <= set(ids)
+    assert not {"bode", "static", "stress", "characteristics"} & set(ids)
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("before")
+    (tmp_path / "results.json").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        write_files(tmp_path, {"report.html": b"after", "results.json": b"{}"})
+    assert (tmp_path / "report.html").read_text() == "before"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "results.json"]
+
+
+def test_a_write_that_breaks_off_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("flexstage.report.files.os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_files(tmp_path / "new", {"a.txt": b"half"})
+    assert not list((tmp_path / "new").iterdir())

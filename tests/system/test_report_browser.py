@@ -1,0 +1,168 @@
+"""The report in a browser: it opens without a complaint or a load, and its modes move."""
+
+import json
+import os
+import select
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexstage.designs import design
+from flexstage.report import report_html, run_study
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--window-size=1280,900",
+    "--remote-debugging-pipe",
+)
+fcntl = pytest.importorskip("fcntl", reason="the browser is spoken to through POSIX pipes")
+PATIENCE = 60.0
+
+
+class Browser:
+    """A browser without a window, spoken to through a pair of pipes (DevTools protocol)."""
+
+    def __init__(self, program: str, profile: Path) -> None:
+        theirs_in, self._out = os.pipe()
+        self._in, theirs_out = os.pipe()
+        # the browser reads from descriptor 3 and writes to 4; out of their way first
+        high = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (theirs_in, theirs_out)]
+        actions = [(os.POSIX_SPAWN_OPEN, n, os.devnull, os.O_RDWR, 0) for n in (0, 1, 2)]
+        actions += [(os.POSIX_SPAWN_DUP2, end, n) for end, n in zip(high, (3, 4), strict=True)]
+        arguments = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        self._process = os.posix_spawn(program, arguments, os.environ, file_actions=actions)
+        for end in (theirs_in, theirs_out, *high):
+            os.close(end)
+        self._count = 0
+        self._rest = b""
+        self._session: str | None = None
+        self.events: list[dict[str, Any]] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == self._count:
+                assert "error" not in answer, answer
+                return answer["result"]
+            self.events.append(answer)
+
+    def run(self, script: str) -> Any:
+        result = self.call(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
+        assert "exceptionDetails" not in result, result
+        return result["result"].get("value")
+
+    def named(self, *methods: str) -> list[dict[str, Any]]:
+        return [event for event in self.events if event.get("method") in methods]
+
+    def close(self) -> None:
+        os.close(self._out)
+        os.close(self._in)
+        end = time.monotonic() + 10.0
+        os.kill(self._process, signal.SIGTERM)
+        while os.waitpid(self._process, os.WNOHANG) == (0, 0):
+            if time.monotonic() > end:
+                os.kill(self._process, signal.SIGKILL)
+            time.sleep(0.05)
+
+    def _read(self) -> dict[str, Any]:
+        end = time.monotonic() + PATIENCE
+        while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._in], [], [], max(end - time.monotonic(), 0.0))
+            assert ready, f"the browser said nothing for {PATIENCE:.0f} s"
+            more = os.read(self._in, 1 << 16)
+            assert more, "the browser ended"
+            self._rest += more
+        first, self._rest = self._rest.split(b"\0", 1)
+        return json.loads(first)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.skip(f"no browser is installed (looked for {', '.join(BROWSERS)})")
+    started = Browser(program, tmp_path_factory.mktemp("profile"))
+    yield started
+    started.close()
+
+
+WAIT = "new Promise(done => setTimeout(done, {}))"
+LOADED = """new Promise(done => document.readyState === "complete" ? done() :
+    window.addEventListener("load", () => done()))"""
+SETUP = """
+var group = document.querySelector(".modes:not([hidden])");
+var use = Array.from(group.querySelectorAll("use.moving")).find(
+    u => Math.abs(Number(u.dataset.motion.split(" ")[0])) > 1);
+var place = () => use.getAttribute("transform");
+var press = text => Array.from(document.querySelectorAll("button")).find(
+    b => b.textContent === text).click();
+"""
+
+
+def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -> None:
+    file = tmp_path / "report.html"
+    file.write_text(report_html(run_study(design("vgtu-piezo"))), encoding="utf-8")
+    browser.call("Page.navigate", url=file.as_uri())
+    browser.run(LOADED)
+    browser.run(SETUP)
+
+    seen = set()
+    for _ in range(5):
+        seen.add(browser.run("place()"))
+        browser.run(WAIT.format(120))
+    assert len(seen) > 2, "the modes do not move"
+
+    browser.run('press("Pause")')
+    still = browser.run("place()")
+    browser.run(WAIT.format(200))
+    assert browser.run("place()") == still
+    browser.run('press("Play")')
+    browser.run(WAIT.format(200))
+    assert browser.run("place()") != still
+
+    browser.run('press("Pause")')
+    browser.run(
+        'var a = document.getElementById("amplitude"); a.value = 0;'
+        'a.dispatchEvent(new Event("input"))'
+    )
+    numbers = browser.run("place().match(/-?[0-9.]+/g).slice(0, 3).map(Number)")
+    assert numbers == [0, 0, 0]
+
+    browser.run('press("drives locked")')
+    groups = 'document.querySelectorAll(".modes:not([hidden])")'
+    assert browser.run(f"Array.from({groups}, g => g.dataset.condition)") == ["locked"]
+
+    # nothing is wider than the window, nothing but the page was asked for, nobody complained
+    root = "document.documentElement"
+    assert browser.run(f"{root}.scrollWidth - {root}.clientWidth") <= 0
+    asked = {e["params"]["request"]["url"] for e in browser.named("Network.requestWillBeSent")}
+    assert {url for url in asked if not url.startswith("data:")} == {file.as_uri()}
+    assert not browser.named(
+        "Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"
+    )
