@@ -20,6 +20,7 @@ QUANTITIES: dict[str, str] = {
     "input_stiffness": "N/m",
     "output_stiffness": "N/m",
     "straightness": "m",
+    "straightness_out_of_plane": "m",
     "hysteresis_loop_width": "m",
 }
 

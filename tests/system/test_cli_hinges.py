@@ -71,10 +71,10 @@ def test_every_profile_has_a_table(capsys, sizes, cut):
         (("--radius", "1 mm", "--neck", "-1 mm"), "must be positive"),
         (("--radius", "1 mm", "--neck", "1e-30 mm"), "too extreme"),
         ((*CIRCULAR, "--width", "0 mm"), "width must be positive"),
-        ((*CIRCULAR, "--plane", "strin"), "did you mean 'strain'"),
+        ((*CIRCULAR, "--plane", "straim"), "did you mean 'strain'"),
         ((*CIRCULAR, "--material", "Al 7075"), "did you mean 'Al 7075-T6'"),
         ((*CIRCULAR, "--exponent", "x"), "--exponent"),
-        ((*CIRCULAR, "--lenght", "1 mm"), "--lenght"),
+        ((*CIRCULAR, "--lengthy", "1 mm"), "--lengthy"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_status_2(capsys, words, said):

@@ -127,13 +127,15 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     half_platform = 0.5 * p.leg_spacing + half_leg + p.platform_overhang
     face = -half_platform - p.actuator_length
     left = face - p.column_width
+    # as far on the other side, so that the two legs stand on equal ground
+    right = -face
     base = Body(
         name="base",
         outline=Loop(
             (
                 (left, -p.base_height),
-                (half_platform, -p.base_height),
-                (half_platform, 0.0),
+                (right, -p.base_height),
+                (right, 0.0),
                 (face, 0.0),
                 (face, platform_top),
                 (left, platform_top),

@@ -97,7 +97,7 @@ PUBLISHED = (
     ),
     *rows(
         _MEASURED,
-        "straightness",
+        "straightness_out_of_plane",
         x=1.4e-6,
         note="motion error along z over the entire stroke in x",
     ),
@@ -109,7 +109,7 @@ PUBLISHED = (
     ),
     *rows(
         _MEASURED,
-        "straightness",
+        "straightness_out_of_plane",
         y=0.92e-6,
         note="motion error along z over the entire stroke in y",
     ),

@@ -90,7 +90,7 @@ PUBLISHED = (
     ),
     *rows(
         _MEASURED,
-        "straightness",
+        "straightness_out_of_plane",
         x=0.09e-6,
         note="motion error along z over the entire stroke in x",
     ),
@@ -102,7 +102,7 @@ PUBLISHED = (
     ),
     *rows(
         _MEASURED,
-        "straightness",
+        "straightness_out_of_plane",
         y=0.22e-6,
         note="motion error along z over the entire stroke in y",
     ),

@@ -66,7 +66,10 @@ _SHOWN: dict[str, Display] = {
     "parasitic_rotation": Display(label="Parasitic rotation", unit="µrad", factor=1e6, zero=1e-12),
     "input_stiffness": Display(label="Input stiffness", unit="N/µm", factor=1e-6),
     "output_stiffness": Display(label="Output stiffness", unit="N/µm", factor=1e-6),
-    "straightness": Display(label="Straightness", unit="µm", factor=1e6),
+    "straightness": Display(label="Straightness in plane", unit="µm", factor=1e6, zero=1e-15),
+    "straightness_out_of_plane": Display(
+        label="Straightness out of plane", unit="µm", factor=1e6, zero=1e-15
+    ),
     "hysteresis_loop_width": Display(label="Hysteresis loop width", unit="µm", factor=1e6),
 }
 

@@ -36,6 +36,9 @@ def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
     """
     from shapely import STRtree
 
+    # a tree of nothing cannot be asked
+    if len(shapes) < 2:
+        return
     tree = STRtree([s.polygon for s in shapes])
     for i, j in sorted(map(tuple, tree.query([s.polygon for s in shapes]).T.tolist())):
         a, b = shapes[i], shapes[j]
@@ -97,6 +100,8 @@ def slots_between(
     from shapely import STRtree
     from shapely.ops import nearest_points
 
+    if len(shapes) < 2:
+        return
     grown = [s.polygon.buffer(wire_width, quad_segs=2) for s in shapes]
     tree = STRtree([s.polygon for s in shapes])
     for i, j in sorted(map(tuple, tree.query(grown).T.tolist())):
