@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+from flexstage.report.quantities import display
 
 __all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent"]
 
@@ -60,9 +61,14 @@ class ComparisonRow:
         Returns
         -------
         float or None
-            Percent of the reference; None where one is missing or the reference is 0.
+            Percent of the reference; None where one is missing, the reference is 0, or the
+            value is 0 but for rounding.
         """
-        return difference_percent(self.value(column), self.value(reference))
+        value = self.value(column)
+        # a value that is shown as zero is what the model leaves out, not 100 % less
+        if value is not None and abs(value) < display(self.quantity).zero:
+            return None
+        return difference_percent(value, self.value(reference))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

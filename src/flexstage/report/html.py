@@ -11,6 +11,7 @@ from flexstage.report.figures import (
     draw_stage,
     draw_static_shape,
     draw_stress,
+    draw_stroke,
     inline_svg,
     mode_cards,
 )
@@ -135,6 +136,23 @@ def _static(study: Study) -> str:
     )
 
 
+def _stroke(study: Study) -> str:
+    figures = {axis: draw_stroke(path, axis) for axis, path in study.paths.items()}
+    if not figures:
+        return ""
+    plots = [
+        inline_svg(figure, f"stroke{i}", f"motion of {axis} over its stroke")
+        for i, (axis, figure) in enumerate(figures.items())
+    ]
+    # axes that go straight have one curve, and stand side by side
+    narrow = all(len(figure.axes) == 1 for figure in figures.values())
+    return (
+        "<p>Lumped model with finite rotations: what levers and links add to the first-order "
+        "model. Rigid bodies joined symmetrically go straight; what was measured comes from "
+        f"bending of the platform and from manufacture.</p>{_plots(plots, two=narrow)}"
+    )
+
+
 def _stress(study: Study) -> str:
     if not any(study.main.hinge_stress.values()):
         return ""
@@ -207,6 +225,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     "bode": ("Bode diagrams", _bode),
     "modes": ("Mode shapes", _modes),
     "static": ("Static shapes", _static),
+    "stroke": ("Motion over the stroke", _stroke),
     "stress": ("Stress in the hinges", _stress),
     "hinges": ("Hinges", _hinges),
     "equations": ("Equations", _equations),

@@ -1,11 +1,14 @@
 """The main job: every model of a stage, beside what others gave for it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from flexstage.characteristic import Characteristic
-from flexstage.errors import ModelError
+import numpy as np
+
+from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.errors import ConvergenceError, ModelError
+from flexstage.lumped import StrokePath, lumped_system, mechanism, stroke_path
 from flexstage.report.comparison import Comparison, compare
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
@@ -16,13 +19,13 @@ Plane = Literal["auto", "stress", "strain"]
 
 
 def _lumped(stage: Stage, plane: Plane) -> Analysis:
-    from flexstage.lumped import lumped_system
-
     return analyse(stage, lumped_system(stage, plane=plane))
 
 
 #: Models by name: each makes an analysis from a stage and the plane state of its notches.
 MODELS: Mapping[str, Callable[[Stage, Plane], Analysis]] = {"lumped": _lumped}
+
+_STEPS = 21  # states along a stroke
 
 #: Models that have a name already, but nothing behind it yet.
 FUTURE_MODELS: tuple[str, ...] = ("superelement", "plane", "solid")
@@ -40,11 +43,14 @@ class Study:
         Analysis by model.
     variants : Mapping
         The same models with another choice of plane stress or strain, by what they are called.
+    paths : Mapping
+        Motion over the whole stroke with finite rotations, by axis; of the lumped model.
     """
 
     stage: Stage
     analyses: Mapping[str, Analysis]
     variants: Mapping[str, Analysis]
+    paths: Mapping[str, StrokePath]
 
     @property
     def characteristics(self) -> tuple[Characteristic, ...]:
@@ -136,4 +142,37 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
         other: Plane = "stress" if "strain" in used else "strain"
         if used:
             variants[f"{model}, plane {other}"] = analyse_model(stage, model, plane=other)
-    return Study(stage=stage, analyses=analyses, variants=variants)
+    paths: Mapping[str, StrokePath] = {}
+    if "lumped" in analyses:
+        paths, analyses["lumped"] = _over_the_stroke(stage, analyses["lumped"], plane)
+    return Study(stage=stage, analyses=analyses, variants=variants, paths=paths)
+
+
+def _over_the_stroke(
+    stage: Stage, analysis: Analysis, plane: Plane
+) -> tuple[dict[str, StrokePath], Analysis]:
+    """Follow each axis with finite rotations, and add its straightness to the characteristics."""
+    model = mechanism(stage, plane=plane)
+    paths: dict[str, StrokePath] = {}
+    rows = list(analysis.characteristics)
+    validity = list(analysis.validity)
+    for axis in analysis.axes:
+        steps = np.linspace(0.0, axis.input_displacement, _STEPS)
+        try:
+            path = stroke_path(model, axis.drive, axis.probe, steps)
+        except ConvergenceError as error:
+            validity.append(f"Axis {axis.axis} could not be followed over its stroke: {error}.")
+            continue
+        paths[axis.axis] = path
+        straightness = Characteristic(
+            quantity="straightness",
+            axis=axis.axis,
+            origin=analysis.system.model,
+            value=path.straightness,
+            unit=QUANTITIES["straightness"],
+            note="finite rotations over the full stroke: largest less smallest distance from the "
+            "least-squares straight line",
+        )
+        last = max(i for i, row in enumerate(rows) if row.axis == axis.axis)
+        rows.insert(last + 1, straightness)
+    return paths, replace(analysis, characteristics=tuple(rows), validity=tuple(validity))

@@ -5,6 +5,7 @@ from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
 from flexstage.report.figures.static_shape import draw_static_shape, exaggeration
 from flexstage.report.figures.stress_bars import draw_stress
+from flexstage.report.figures.stroke import draw_stroke
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "draw_stage",
     "draw_static_shape",
     "draw_stress",
+    "draw_stroke",
     "encode",
     "exaggeration",
     "inline_svg",

@@ -229,8 +229,8 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
     text = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", text)
     for colour, variable in _VARIABLES.items():
         text = text.replace(colour, f"var({variable})")
-    # numbers of a picture of some hundred points need no nanometres
-    text = re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    # coordinates of a picture of some hundred points need no more digits; words keep all of theirs
+    text = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d+\.\d{2})\d+", r"\1", tag[0]), text)
     opening, rest = text.split(">", 1)
     opening = re.sub(r'\s(width|height|version)="[^"]*"', "", opening)
     return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{rest}'
