@@ -1,6 +1,7 @@
 """A stage as a linear mechanical system: statics, modes, responses, reduction, characteristics."""
 
-from flexstage.system.analysis import Analysis, AxisAnalysis, analyse, analyse_axis
+from flexstage.system.analysis import Analysis, analyse
+from flexstage.system.axis import AxisAnalysis, analyse_axis
 from flexstage.system.characteristics import axis_characteristics, axis_mode
 from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
 from flexstage.system.mechanical import (

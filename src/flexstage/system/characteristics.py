@@ -1,16 +1,12 @@
 """The figures that an engineer quotes of a stage, from one analysed axis."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from flexstage.characteristic import QUANTITIES, Characteristic
 from flexstage.stage import Stage
+from flexstage.system.axis import AxisAnalysis
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
-
-if TYPE_CHECKING:
-    from flexstage.system.analysis import AxisAnalysis
 
 __all__ = ["axis_characteristics", "axis_mode"]
 
@@ -44,7 +40,7 @@ def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -
 
 
 def axis_characteristics(
-    stage: Stage, system: MechanicalSystem, axis: "AxisAnalysis", removed: Modes
+    stage: Stage, system: MechanicalSystem, axis: AxisAnalysis, removed: Modes
 ) -> list[Characteristic]:
     """Return the characteristics of one axis.
 
