@@ -9,8 +9,7 @@ from benchmarks.ladder import ladder
 from benchmarks.timing import Timed, limited, warm
 from flexstage.designs import design
 from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, symbolic_model
-from flexstage.system import modes
-from flexstage.system import analyse, analyse_axis
+from flexstage.system import analyse, analyse_axis, modes
 
 __all__ = ["Row", "analysis", "equations", "growth"]
 

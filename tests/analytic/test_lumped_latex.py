@@ -18,7 +18,7 @@ from flexstage.lumped import (
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.sheet_items import Section
+from flexstage.lumped.sheet_items import Formula, Section
 from tests.mechanisms import parallelogram
 
 
@@ -96,3 +96,27 @@ def test_mathml_is_xml(small: tuple[Section, ...]) -> None:
     text = mathml(sp.Symbol(r"\ddot{\theta}_3") * sp.Symbol(r"k_{v\theta1}"))
     assert "<mover><mi>θ</mi><mo>..</mo></mover>" in text
     assert "<mi>vθ1</mi>" in text
+
+
+def test_nothing_runs_off_the_page() -> None:
+    # 260 characters of LaTeX are what a line of 170 mm holds, measured by typesetting both studies
+    model = symbolic_model(design("vgtu-mechanical"))
+    text = latex_document("x", equation_sheet(model))
+    for line in re.findall(r"\\begin\{align\*\}\n(.*?)\\end\{align\*\}", text, re.DOTALL):
+        for row in re.sub(r"\\begin\{matrix\}.*?\\end\{matrix\}", "", line).split("\\\\\n"):
+            assert len(row) < 260, row
+
+
+def test_a_wide_matrix_is_listed_entry_by_entry() -> None:
+    a = sp.symbols("a_{long}:9")
+    wide = sp.Matrix(2, 2, lambda i, j: sum(a) + i - j if i == j else 0)
+    section = Section(key="k", title="t", items=(Formula(left=sp.Symbol("K"), right=wide),))
+    text = latex_document("x", (section,))
+    assert r"\bigl[K\bigr]_{11} ={}& " in text
+    assert r"_{22}" in text
+    assert r"_{12}" not in text
+
+
+def test_names_cannot_be_commands() -> None:
+    text = latex_document(r"a\input{secret}~^%", ())
+    assert r"\title{a\textbackslash{}input\{secret\}\textasciitilde{}\textasciicircum{}\%}" in text

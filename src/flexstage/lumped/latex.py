@@ -16,8 +16,16 @@ from flexstage.lumped.sheet_items import Formula, Item, Paragraph, Section, Tabu
 
 __all__ = ["latex_document", "mathml", "plain_text", "sheet_data"]
 
+_ESCAPES = {c: "\\" + c for c in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+}
+
 # width of a line of a long sum, in characters of LaTeX: about a line of the page
 _LINE = 130
+# the same for the rows of a matrix, whose entries are mostly indices; a wider one is listed
+_WIDE = 200
 
 _MATH = '<math xmlns="http://www.w3.org/1998/Math/MathML">'
 
@@ -247,23 +255,57 @@ def _shortened(value: Any) -> Any:
 def _lines(formula: Formula) -> list[str]:
     """One or more lines of an aligned display; long sums are broken between terms."""
     left, right = formula.left, formula.right
+    if isinstance(right, sp.MatrixBase) and _width(right) > _WIDE:
+        entries = []
+        for row in range(right.rows):
+            for column in range(right.cols):
+                if right[row, column] != 0:
+                    name = f"\\bigl[{_tex(left)}\\bigr]_{{{row + 1}{column + 1}}}"
+                    entries += _lines(Formula(left=name, right=right[row, column]))
+        return entries
     if isinstance(left, sp.Add):
-        terms, tail = [_tex(a) for a in left.as_ordered_terms()], f" = {_tex(right)}"
-        head = "&"
-    elif isinstance(right, sp.Add):
-        terms, tail = [_tex(a) for a in right.as_ordered_terms()], ""
-        head = f"{_tex(left)} ={{}}&"
+        pieces, tail, head = _pieces(left), f" = {_tex(right)}", "&"
+    elif isinstance(right, sp.Expr):
+        pieces, tail, head = _pieces(right), "", f"{_tex(left)} ={{}}&"
     else:
         return [f"{_tex(left)} ={{}}& {_tex(right)}"]
     lines, current = [], ""
-    for term in terms:
-        signed = term if term.startswith("-") or not (current or lines) else f"+ {term}"
-        if current and len(current) + len(signed) > _LINE:
+    for piece in pieces:
+        if current and len(current) + len(piece) > _LINE:
             lines.append(current)
             current = ""
-        current += (" " if current else "") + signed
+        current += (" " if current else "") + piece
     lines.append(current + tail)
     return [head + " " + lines[0], *(rf"&\quad {line}" for line in lines[1:])]
+
+
+def _width(matrix: sp.MatrixBase) -> int:
+    """Characters of LaTeX that a row of a matrix takes."""
+    return sum(
+        max(len(_tex(matrix[row, column])) for row in range(matrix.rows))
+        for column in range(matrix.cols)
+    )
+
+
+def _pieces(expression: sp.Expr) -> list[str]:
+    """Terms with their signs; a bracket that fills a line is given term by term as well."""
+    pieces: list[str] = []
+    for term in expression.as_ordered_terms():
+        text = _tex(term)
+        sums = [f for f in sp.Mul.make_args(term) if isinstance(f, sp.Add)]
+        if len(text) > _LINE and len(sums) == 1:
+            # multiplying out a bare bracket would hide what belongs together
+            front = _tex(term / sums[0])
+            inner = _pieces(sums[0])
+            start = "" if front == "1" else "-" if front == "-1" else front
+            parts = [rf"{start} \bigl( {inner[0]}".strip(), *inner[1:-1]]
+            parts.append(rf"{inner[-1]} \bigr)")
+        else:
+            parts = [text]
+        if pieces and not parts[0].startswith("-"):
+            parts[0] = f"+ {parts[0]}"
+        pieces += parts
+    return pieces
 
 
 def _aligned(lines: list[str]) -> list[str]:
@@ -306,6 +348,5 @@ def _plain(value: str | float | sp.Basic) -> str:
 
 
 def _escaped(text: str) -> str:
-    for character in "&%$#_{}":
-        text = text.replace(character, "\\" + character)
-    return text.replace("^", r"\^{}").replace("~", r"\textasciitilde{}")
+    # one pass, so that what stands for a character is not escaped again
+    return "".join(_ESCAPES.get(c, c) for c in text)
