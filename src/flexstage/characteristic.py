@@ -61,7 +61,8 @@ class Characteristic:
     Raises
     ------
     ModelError
-        The quantity or the origin is not a known one, or the unit is not the quantity's.
+        The quantity or the origin is not a known one, the unit is not the quantity's, or the
+        uncertainty is negative.
     """
 
     quantity: str
@@ -84,4 +85,8 @@ class Characteristic:
         if self.unit != QUANTITIES[self.quantity]:
             raise ModelError(
                 f"{self.quantity} is held in '{QUANTITIES[self.quantity]}', got '{self.unit}'"
+            )
+        if self.uncertainty is not None and not self.uncertainty >= 0.0:
+            raise ModelError(
+                f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
             )

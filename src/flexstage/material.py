@@ -120,7 +120,8 @@ CATALOGUE: dict[str, Material] = {
             yield_strength=1170e6,
             thermal_expansion=10.8e-6,
             thermal_conductivity=17.9,
-            source=f"{_MIL}; yield: minimum of AMS 5604",
+            source=f"{_MIL}; yield: minimum of AMS 5604; conductivity: AK Steel 17-4 PH data sheet, at "
+            "149 degC",
         ),
         Material(
             name="Stainless steel 304",
@@ -164,7 +165,8 @@ CATALOGUE: dict[str, Material] = {
             thermal_expansion=2.6e-6,
             thermal_conductivity=148.0,
             source="M. A. Hopcroft, W. D. Nix, T. W. Kenny, J. MEMS 19 (2010) 229: in the plane of "
-            "a (100) wafer along <110>; brittle, so no yield strength is given",
+            "a (100) wafer along <110>; brittle, so no yield strength is given; as an isotropic "
+            "stand-in it misses nu 0.36 through the wafer and G 50.9 GPa in its plane",
         ),
     )
 }

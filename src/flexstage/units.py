@@ -39,6 +39,11 @@ class Dimension:
     si: str
     units: tuple[str, ...]
 
+    @property
+    def noun(self) -> str:
+        """Its name with the article."""
+        return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
+
 
 DIMENSIONS: dict[str, Dimension] = {
     d.name: d
@@ -82,7 +87,7 @@ def _factor(unit: str, dimension: str) -> Decimal:
     spelled = unit.replace("°", "deg").replace("·", "*")
     spelled = re.sub(r"(?<=[A-Za-zµμ])(-?[1-4])(?![0-9])", r"^\1", spelled)
     known = sorted({u for d in DIMENSIONS.values() for u in d.units})
-    allowed = f"a {wanted.name} in {', '.join(wanted.units)}"
+    allowed = f"{wanted.noun} in {', '.join(wanted.units)}"
     try:
         quantity = _registry().Quantity(Decimal(1), spelled)
     except Exception as error:  # pint raises tokenizer, attribute and assertion errors alike
@@ -132,11 +137,11 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     wanted = DIMENSIONS[dimension]
     example = f'"10 {wanted.units[0]}"'
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
-        raise UnitError(f"expected a {wanted.name} such as {example}, got {_short(text)}")
+        raise UnitError(f"expected {wanted.noun} such as {example}, got {_short(text)}")
     # a number keeps its shortest digits: 0.1 is one tenth, and not its binary neighbour
     match = _QUANTITY.fullmatch(text if isinstance(text, str) else repr(text))
     if match is None:
-        raise UnitError(f"expected a {wanted.name} such as {example}, got {_short(text)}")
+        raise UnitError(f"expected {wanted.noun} such as {example}, got {_short(text)}")
     number, unit = match.groups()
     if unit is None:
         if bare_unit is None:

@@ -114,6 +114,9 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["show", "vgtu-piezo", "--out", "stage.gif"], ".svg, .png, .pdf"),
         (["show", "vgtu-piezo", "--out", "stage"], ".svg, .png, .pdf"),
         (["draw", "vgtu-piezo"], "draw"),
+        (["check", ""], "called ''"),
+        (["check", "x" * 5000], "no file is called"),
+        (["study", "parallelogram", "--out", ""], "an empty text"),
         (["--nonsense"], "--nonsense"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -128,6 +131,30 @@ def test_bad_input_is_one_sentence_and_status_2(
     assert captured.err.startswith("flexstage: ")
     assert said in captured.err
     assert left_behind(elsewhere) == []
+
+
+def test_a_stage_without_axes_says_what_is_missing(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    corners = "{outline: [[0, 0], [30, 0], [30, 20], [0, 20]]}"
+    (elsewhere / "plate.yaml").write_text(
+        "flexstage: 1\nlength_unit: mm\nname: plate\nthickness: 8 mm\nmaterial: Invar 36\n"
+        f"bodies:\n  plate: {corners}\n"
+    )
+    assert run("analyse", "plate.yaml") == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "No axis is named" in out
+    # one body that nothing holds has three motions in the plane
+    assert "3 of these modes, at 0 Hz" in out
+    assert run("study", "plate.yaml") == 0
+    assert "names no axis" in capsys.readouterr().out
+
+
+def test_a_long_name_still_makes_a_directory(elsewhere: Path) -> None:
+    text = (Path(__file__).parents[2] / "examples" / "parallelogram.yaml").read_text()
+    name = "µ" * 80
+    (elsewhere / "long.yaml").write_text(text.replace("parallelogram-example", name), "utf-8")
+    assert run("show", "long.yaml") == 0
 
 
 @pytest.mark.parametrize("command", [["study"], ["analyse", "--json"], ["show"]])

@@ -147,6 +147,40 @@ FILE_FAULTS = [
         "truth by another word", "fixed: true", "fixed: yes", ("bodies.base.fixed", "'yes'"), True
     ),
     Broken("falling voltage", "[0 V, 120 V]", "[120 V, 0 V]", ("drives.stack", "must rise")),
+    Broken(
+        "bulge without end",
+        "[34, 17], [34, 41]",
+        "[34, 17], {to: [34, 41], bulge: 1e9}",
+        ("bodies.left leg.outline", "-1000 and 1000"),
+    ),
+    Broken("far corner", "[0, 0], [81, 0]", "[0, 0], [1e300, 0]", ("bodies.base", "over 1000 m")),
+    Broken(
+        "mounting hole without end", "radius: 2.75", "radius: 1e12", ("mounting_holes[0]", "1000 m")
+    ),
+    Broken("negative mass", "mass: 35 g", "mass: -35 g", ("extra_masses[0]", "0 or more")),
+    Broken("negative inertia", "inertia: 4200", "inertia: -4200", ("extra_masses[0]", "inertia")),
+    Broken("negative wire", "wire_width: 0.35", "wire_width: -1", ("manufacture", "0 or more")),
+    Broken("negative patch", "half_width: 2", "half_width: -2", ("drives.stack", "patch")),
+    Broken(
+        "negative uncertainty",
+        "thickness: 10 mm",
+        "published: [{quantity: natural_frequency_hz, axis: x, origin: measured, value: 300 Hz, "
+        "uncertainty: -1 Hz}]\nthickness: 10 mm",
+        ("published[0]", "uncertainty"),
+    ),
+    Broken(
+        "name of two lines",
+        "name: parallelogram-example",
+        'name: "a\\nb"',
+        ("name: a name must be 1 to 80 printable",),
+    ),
+    Broken(
+        "angle in a list",
+        "direction: 0 deg\n    patch",
+        "direction: [0, 1]\n    patch",
+        ("expected an angle",),
+        True,
+    ),
     Broken("wrong version", "flexstage: 1", "flexstage: 2", ("version 1", "'2'"), True),
     Broken("no version", "flexstage: 1\n", "", ("'flexstage: 1' is missing",), True),
     Broken("not YAML", "bodies:\n  base:", "bodies:\n  base: [", ("not YAML",)),
@@ -336,6 +370,13 @@ def test_what_is_no_stage_file_is_refused(tmp_path: Path) -> None:
         with pytest.raises(FlexstageError, match=says) as caught:
             read_stage(path)
         assert one_sentence(str(caught.value))
+        assert str(caught.value).count(str(path)) == 1
+
+
+def test_the_length_unit_is_not_asked_for_where_it_is_given() -> None:
+    with pytest.raises(FlexstageError) as caught:
+        stage_from_text(TEXT.replace("half_width: 2", f"half_width: {'9' * 50}"))
+    assert "length_unit" not in str(caught.value)
 
 
 BOMBS = {

@@ -12,6 +12,7 @@ from flexstage.cli.common import (
     console,
     load_stage,
     make_table,
+    output_path,
     print_json,
 )
 
@@ -30,6 +31,7 @@ def analyse(
     out: Annotated[
         Path | None,
         typer.Option(
+            parser=output_path,
             metavar="DIR",
             help="Write analysis.json, with the Bode data, and a Bode diagram of each axis there.",
         ),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.cli.common import JsonOption, StageArgument, load_stage, print_json
+from flexstage.cli.common import JsonOption, StageArgument, count, load_stage, print_json
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
@@ -33,8 +33,11 @@ def check(stage: StageArgument, json: JsonOption = False) -> None:
 
 
 def _summary(stage: "Stage", warnings: int) -> str:
-    found = "nothing wrong" if not warnings else f"no errors, {warnings} warning(s)"
-    return (
-        f"{stage.name}: {found} ({len(stage.bodies)} bodies, {len(stage.hinges)} hinges, "
-        f"{len(stage.drives)} drives, {len(stage.probes)} probes)"
-    )
+    found = "nothing wrong" if not warnings else f"no errors, {count(warnings, 'warning')}"
+    parts = {
+        "body": len(stage.bodies),
+        "hinge": len(stage.hinges),
+        "drive": len(stage.drives),
+        "probe": len(stage.probes),
+    }
+    return f"{stage.name}: {found} ({', '.join(count(n, noun) for noun, n in parts.items())})"

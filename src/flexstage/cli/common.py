@@ -20,9 +20,11 @@ __all__ = [
     "PlaneOption",
     "StageArgument",
     "console",
+    "count",
     "load_stage",
     "make_table",
     "name_for_files",
+    "output_path",
     "print_json",
     "write_file",
 ]
@@ -68,13 +70,44 @@ def load_stage(text: str) -> "Stage":
     if text.casefold() in DESIGNS:
         return design(text)
     path = Path(text)
-    if not path.exists():
+    if not text or not _exists(path):
         near = difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
         hint = f"did you mean '{near[0]}'?" if near else f"the designs are {', '.join(DESIGNS)}"
-        raise StageError(f"no built-in design and no file is called '{text}': {hint}")
+        raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     from flexstage.stage.file import read_stage
 
     return read_stage(path, designs=build)
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long for any file
+        return False
+
+
+def output_path(text: str) -> Path:
+    """Return the path that an option names.
+
+    Parameters
+    ----------
+    text : str
+        What the option was given.
+
+    Returns
+    -------
+    pathlib.Path
+        The path.
+
+    Raises
+    ------
+    typer.BadParameter
+        It was given nothing, as by a variable of the shell that is not set; the working directory
+        would be taken instead.
+    """
+    if not text.strip():
+        raise typer.BadParameter("expected a path, got an empty text")
+    return Path(text)
 
 
 def name_for_files(name: str) -> str:
@@ -96,7 +129,32 @@ def name_for_files(name: str) -> str:
     'a-b--c'
     """
     kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".")
-    return kept or "stage"
+    # no system takes a name of more than 255 bytes
+    return kept[:60] or "stage"
+
+
+def count(number: int, noun: str) -> str:
+    """Return a number of things in words.
+
+    Parameters
+    ----------
+    number : int
+        How many.
+    noun : str
+        What one of them is called.
+
+    Returns
+    -------
+    str
+        Number and noun.
+
+    Examples
+    --------
+    >>> count(1, "body"), count(2, "body")
+    ('1 body', '2 bodies')
+    """
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{number} {noun if number == 1 else plural}"
 
 
 def console() -> "Console":

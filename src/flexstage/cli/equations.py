@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, StageArgument, load_stage, print_json, write_file
+from flexstage.cli.common import (
+    JsonOption,
+    StageArgument,
+    load_stage,
+    output_path,
+    print_json,
+    write_file,
+)
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -45,7 +52,10 @@ def equations(
         str, typer.Option(metavar="rayleigh|hinge|none", help="Kind of damping in the equations.")
     ] = "rayleigh",
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write to a file instead of the terminal.")
+        Path | None,
+        typer.Option(
+            parser=output_path, metavar="FILE", help="Write to a file instead of the terminal."
+        ),
     ] = None,
     json: JsonOption = False,
 ) -> None:

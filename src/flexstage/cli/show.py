@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from flexstage.cli.common import StageArgument, load_stage, name_for_files, write_file
+from flexstage.cli.common import StageArgument, load_stage, name_for_files, output_path, write_file
 from flexstage.errors import ModelError
 
 __all__ = ["show"]
@@ -15,7 +15,11 @@ def show(
     stage: StageArgument,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A .svg, .png or .pdf file; NAME.svg where not given."),
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="A .svg, .png or .pdf file; NAME.svg where not given.",
+        ),
     ] = None,
 ) -> None:
     """Draw a stage: its bodies, hinges, drives and probes."""

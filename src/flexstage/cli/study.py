@@ -13,6 +13,7 @@ from flexstage.cli.common import (
     load_stage,
     make_table,
     name_for_files,
+    output_path,
     print_json,
 )
 
@@ -35,7 +36,11 @@ def study(
     plane: PlaneOption = "auto",
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where the report goes; out/NAME where not given."),
+        typer.Option(
+            parser=output_path,
+            metavar="DIR",
+            help="Where the report goes; out/NAME where not given.",
+        ),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -76,6 +81,8 @@ def study(
     title = f"{described.name}: {described.title}" if described.title else described.name
     for table in comparison_tables(result.comparison, title, width=screen.width):
         screen.print(table)
+    if not described.axes:
+        screen.print("note: the stage names no axis, so there are modes only; see the report")
     for note in described.notes:
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in files:

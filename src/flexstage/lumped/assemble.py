@@ -257,8 +257,11 @@ def _along(angle: float) -> Array:
 
 
 def _drive_port(layout: Layout, drive: Drive) -> DrivePort:
+    # Force and reaction share one line of action, through the pushed point and turning with the
+    # body that the drive stands on. Taken at two points beside each other they would be a couple
+    # out of nothing, and turning both bodies alike would seem to stretch the drive.
     pushed = point_matrix(layout, drive.pushes, drive.at[0])
-    stood = point_matrix(layout, drive.reacts, drive.at[1])
+    stood = point_matrix(layout, drive.reacts, drive.at[0])
     return DrivePort(
         name=drive.name,
         vector=_along(drive.direction) @ (pushed - stood),

@@ -148,13 +148,15 @@ def sight_vector(
         The vector, shape (n, 1).
     """
     c, s = table.direction(sight.direction)
+    # the line of action goes through the point on body b and turns with body a: its first order
+    at = sight.points[1]
     out = sp.zeros(3 * len(numbers), 1)
     for side, sign in ((0, -1), (1, 1)):
         body = sight.bodies[side]
         if body not in numbers:
             continue
         first = 3 * (numbers[body] - 1)
-        X, Y = (table.length(sight.points[side][k] - source.bodies[body].centre[k]) for k in (0, 1))
+        X, Y = (table.length(at[k] - source.bodies[body].centre[k]) for k in (0, 1))
         for j, value in enumerate((c, s, s * X - c * Y)):
             out[first + j] += sign * value
     return sp.ImmutableMatrix(out)

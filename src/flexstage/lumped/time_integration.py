@@ -114,7 +114,8 @@ def motion(
     Notes
     -----
     Validity: as `flexstage.lumped.finite_rotation`. Some 20 steps in a period of the fastest mode
-    that matters follow it closely; energy is conserved whatever the step.
+    that matters follow it closely; energy and the momentum of a free mechanism are conserved
+    whatever the step, its angular momentum to the order of the method.
     """
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or t.size < 2 or not np.allclose(np.diff(t), t[1] - t[0], rtol=1e-6, atol=0.0):

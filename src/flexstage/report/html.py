@@ -186,7 +186,7 @@ def _equations(study: Study) -> str:
         "<i>θ̇</i>² ],&emsp; <i>V</i> = ½ Σ <i>e</i><sup>T</sup> <i>k e</i>,&emsp; "
         "<b>M</b> <i>q̈</i> + <b>C</b> <i>q̇</i> + <b>K</b> <i>q</i> = Σ <i>d F</i></p>"
         f"<p>Here <i>q</i> has {order} coordinates. "
-        f"<code>flexstage equations {escape(study.stage.name)}</code> derives all of it in "
+        "<code>flexstage equations STAGE</code> derives all of it in "
         "symbols, with transfer functions of a reduced model.</p>"
     )
 

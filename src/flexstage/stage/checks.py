@@ -258,12 +258,15 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Fin
             f"{drive.kind} cannot pull: turn its direction round, or push on the other side",
         )
     dx, dy = x - drive.at[1][0], y - drive.at[1][1]
-    if abs(dx * s - dy * c) > _ON_BODY:
+    # beside each other within the patch, the two contacts still face each other
+    if abs(dx * s - dy * c) > drive.patch_half_width:
         yield _warning(
             "drive-askew",
             (name,),
             f"the two points of drive '{name}' lie {millimetres(abs(dx * s - dy * c))} beside the "
-            "line of its direction, so it turns the bodies as well as pushing them",
+            f"line of its direction, further than its patch reaches "
+            f"({millimetres(drive.patch_half_width)}): the models take the line through the pushed "
+            "point for push and reaction, so move one of the points",
         )
 
 

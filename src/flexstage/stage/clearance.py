@@ -1,7 +1,6 @@
 """Overlaps between bodies and notches, and slots that the wire does not fit through."""
 
 from collections.abc import Iterator
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -97,14 +96,15 @@ def slots_between(
     Finding
         One for each pair.
     """
-    from shapely import STRtree
+    from shapely import STRtree, box
     from shapely.ops import nearest_points
 
     if len(shapes) < 2:
         return
-    grown = [s.polygon.buffer(wire_width, quad_segs=2) for s in shapes]
-    tree = STRtree([s.polygon for s in shapes])
-    for i, j in sorted(map(tuple, tree.query(grown).T.tolist())):
+    polygons = [s.polygon for s in shapes]
+    reach = np.array([-wire_width, -wire_width, wire_width, wire_width])
+    around = [box(*(polygon.bounds + reach)) for polygon in polygons]
+    for i, j in sorted(map(tuple, STRtree(polygons).query(around).T.tolist())):
         a, b = shapes[i], shapes[j]
         if i >= j or frozenset((a.name, b.name)) in skip:
             continue
@@ -168,7 +168,7 @@ def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
 
 
 def _sides(polygon: Any) -> tuple[Any, Any]:
-    """Return the edges of a body as lines, and their outward normals."""
+    """Return the edges of a body as lines in a tree, and their outward normals."""
     import shapely
 
     starts, ends = [], []
@@ -183,25 +183,25 @@ def _sides(polygon: Any) -> tuple[Any, Any]:
     length = np.hypot(along[:, 0], along[:, 1])
     keep = length > 0.0
     normal = np.stack([along[keep, 1], -along[keep, 0]], axis=1) / length[keep, None]
-    return shapely.linestrings(np.stack([start[keep], end[keep]], axis=1)), normal
+    lines: Any = shapely.linestrings(np.stack([start[keep], end[keep]], axis=1))
+    return shapely.STRtree(lines), normal
 
 
-def _facing_distance(part: Any, lines: Any, normals: Any, wire_width: float) -> float | None:
+def _facing_distance(part: Any, edges: Any, normals: Any, wire_width: float) -> float | None:
     """Return the distance between the two sides of a slot, or None for a corner."""
     import shapely
 
-    near = np.flatnonzero(shapely.dwithin(lines, part, CHORD))
-    best: float | None = None
-    for i, j in combinations(near.tolist(), 2):
-        if float(normals[i] @ normals[j]) > _FACING:
-            continue
-        # only the parts that bound this region: a long edge bounds others as well
-        region = part.buffer(2.0 * CHORD)
-        one, two = lines[i].intersection(region), lines[j].intersection(region)
-        if one.is_empty or two.is_empty:
-            continue
-        gap = one.distance(two)
+    near = edges.query(part, predicate="dwithin", distance=CHORD)
+    # only the parts that bound this region: a long edge bounds others as well
+    faces = shapely.intersection(edges.geometries[near], part.buffer(2.0 * CHORD))
+    reached = ~shapely.is_empty(faces)
+    faces, normals = faces[reached], normals[near[reached]]
+    tree = shapely.STRtree(faces)
+    best = wire_width
+    for face, normal in zip(faces, normals, strict=True):
+        others = tree.query(face, predicate="dwithin", distance=best)
         # the two faces of a thin wall are parallel too, but the slot is not between them
-        if gap < wire_width and (best is None or gap < best):
-            best = gap
-    return best
+        others = others[normals[others] @ normal <= _FACING]
+        if others.size:
+            best = min(best, float(np.min(shapely.distance(face, faces[others]))))
+    return best if best < wire_width else None

@@ -254,14 +254,14 @@ class Decoder:
             self.refuse(
                 node,
                 path,
-                f"expected a {dimension.name} such as '10 {dimension.units[0]}', got {_show(node)}",
+                f"expected {dimension.noun} such as '10 {dimension.units[0]}', got {_show(node)}",
             )
         unit = self.length_unit if dimension.name == "length" else None
         try:
             return parse(node.text, dimension.name, bare_unit=unit)
         except FlexstageError as error:
             extra = ""
-            if dimension.name == "length" and isinstance(node.value, (int, float)):
+            if dimension.name == "length" and unit is None and isinstance(node.value, (int, float)):
                 extra = ", or put 'length_unit: mm' at the top of the file"
             self.refuse(node, path, f"{error}{extra}", type(error))
 
@@ -361,9 +361,7 @@ def _hint(kind: Any) -> str:
         bare, dimension = typing.get_args(kind)
         one = f'"10 {dimension.units[0]}"'
         count = len(typing.get_args(bare)) or 1
-        return (
-            f"a {dimension.name} such as {one}" if count == 1 else f"[{', '.join([one] * count)}]"
-        )
+        return f"{dimension.noun} such as {one}" if count == 1 else f"[{', '.join([one] * count)}]"
     return ""
 
 

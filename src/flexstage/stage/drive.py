@@ -31,6 +31,12 @@ class Drive:
         Direction in which it pushes, from the x axis to the left [rad].
     patch_half_width : float
         Half of the width over which the force is spread [m].
+
+    Notes
+    -----
+    Push and reaction act along one line, which goes through the pushed point in the direction of
+    the drive and turns with the reacting body. The point on the reacting body says where the drive
+    stands; `flexstage.stage.check` warns where it is further from that line than the patch reaches.
     """
 
     kind: ClassVar[str]
@@ -58,7 +64,7 @@ class Drive:
         return None
 
     def _positive(self, *names: str) -> None:
-        for name in names:
+        for name in ("patch_half_width", *names):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise StageError(

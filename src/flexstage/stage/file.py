@@ -120,9 +120,11 @@ def stage_from_text(
     )
     # the names are looked up by the stage itself, which does not know lines: find them again
     try:
-        return decoder.build(Stage, rest, "")
+        stage = decoder.build(Stage, rest, "")
     except FlexstageError as error:
         raise _placed(error, decoder, root) from None
+    check_name(stage.name, lambda text: decoder.refuse(root.items["name"], "name", text))
+    return stage
 
 
 def stage_to_text(stage: Stage) -> str:
@@ -145,7 +147,7 @@ def stage_to_text(stage: Stage) -> str:
     """
     import yaml
 
-    for thing in (*stage.bodies, *stage.hinges, *stage.drives, *stage.probes, *stage.axes):
+    for thing in (stage, *stage.bodies, *stage.hinges, *stage.drives, *stage.probes, *stage.axes):
         check_name(thing.name, _refuse_name)
     unit = DIMENSIONS["length"].units[0]
     data: dict[str, Any] = {"flexstage": Number(FORMAT_VERSION), "length_unit": unit}

@@ -119,7 +119,7 @@ def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
     if hold_drives:
         for d in stage.drives:
             along = np.array([[np.cos(d.direction), np.sin(d.direction)]])
-            rows.append(along @ (motion_at(d.pushes, d.at[0]) - motion_at(d.reacts, d.at[1])))
+            rows.append(along @ (motion_at(d.pushes, d.at[0]) - motion_at(d.reacts, d.at[0])))
     _, values, basis = np.linalg.svd(np.concatenate(rows), full_matrices=True)
     rank = int(np.sum(values > _RANK * values[0]))
     free = basis[rank:]

@@ -32,11 +32,23 @@ class ExtraMass:
         Its centre of mass in the plane [m].
     inertia : float
         Its moment of inertia about its own centre, normal to the plane [kg m^2].
+
+    Raises
+    ------
+    StageError
+        Mass or inertia is negative or not finite.
     """
 
     mass: Annotated[float, DIMENSIONS["mass"]]
     at: Point
     inertia: Annotated[float, DIMENSIONS["inertia"]] = 0.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("mass", "kg"), ("inertia", "kg m^2")):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise StageError(
+                    f"{name} of an extra mass must be 0 or more and finite, got {value!r} {unit}"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,10 +178,20 @@ class Manufacture:
         Width of the narrowest slot that can be cut [m].
     minimum_neck : float
         Thinnest neck that can be cut [m].
+
+    Raises
+    ------
+    StageError
+        One is negative or not finite.
     """
 
     wire_width: Length = 0.35e-3
     minimum_neck: Length = 0.3e-3
+
+    def __post_init__(self) -> None:
+        for name in ("wire_width", "minimum_neck"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise StageError(f"{name} must be 0 or more and finite, got {value!r} m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,6 +15,11 @@ __all__ = ["AreaIntegrals", "Circle", "Loop", "Point"]
 
 Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 
+# Beyond these an outline is a slip of the pen, and its polygon would have no end: coordinates [m],
+# and a bulge that leaves a quarter of a degree of the full circle open.
+_LARGEST = 1e3
+_LARGEST_BULGE = 1e3
+
 
 class AreaIntegrals(NamedTuple):
     """Integrals over an area, about the origin.
@@ -71,7 +76,8 @@ class Loop:
     Raises
     ------
     StageError
-        Too few points, a number that is not finite, or the wrong number of bulges.
+        Too few points, a coordinate or a bulge out of all proportion, or the wrong number of
+        bulges.
 
     Examples
     --------
@@ -94,8 +100,15 @@ class Loop:
                 f"an outline of {n} points needs {n} bulges, one for each segment, "
                 f"got {len(self.bulges)}"
             )
-        if not all(map(math.isfinite, (*(c for p in self.points for c in p), *self.bulges))):
-            raise StageError("an outline has a coordinate that is not a finite number")
+        if not all(abs(c) <= _LARGEST for p in self.points for c in p):
+            raise StageError(
+                f"an outline has a coordinate that is not finite, or over {_LARGEST:g} m"
+            )
+        if not all(abs(b) <= _LARGEST_BULGE for b in self.bulges):
+            raise StageError(
+                f"an outline has a bulge that is not between -{_LARGEST_BULGE:g} and "
+                f"{_LARGEST_BULGE:g}: it is the tangent of a quarter of the arc's angle"
+            )
 
     def segments(self) -> list[tuple[tuple[float, float], tuple[float, float], float]]:
         """Return the segments in order.
@@ -187,15 +200,19 @@ class Circle:
     Raises
     ------
     StageError
-        The radius is not positive.
+        The radius is not positive, or something is out of all proportion.
     """
 
     centre: Point
     radius: Annotated[float, DIMENSIONS["length"]]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius < math.inf or not all(map(math.isfinite, self.centre)):
-            raise StageError(f"a circle needs a positive radius, got {self.radius!r} m")
+        if not 0.0 < self.radius <= _LARGEST:
+            raise StageError(
+                f"a circle needs a positive radius, at most {_LARGEST:g} m, got {self.radius!r} m"
+            )
+        if not all(abs(c) <= _LARGEST for c in self.centre):
+            raise StageError(f"the centre of a circle is not within {_LARGEST:g} m of the origin")
 
     def loop(self) -> Loop:
         """Return it as a loop of two half circles.

@@ -115,6 +115,8 @@ def read_text(path: Path) -> str:
             data = stream.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise StageError(f"there is no file {path}: give the path of a stage file") from None
+    except StageError:
+        raise
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise StageError(f"the file {path} cannot be read: {reason}") from None

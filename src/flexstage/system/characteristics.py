@@ -78,7 +78,8 @@ def axis_characteristics(
             )
         )
 
-    add("input_displacement", axis.input_displacement, "elongation of the drive, imposed")
+    pushed = "imposed" if port.stroke is not None else "at its largest force"
+    add("input_displacement", axis.input_displacement, f"elongation of the drive, {pushed}")
     add(
         "output_displacement",
         axis.output_displacement,

@@ -52,6 +52,8 @@ class ModalDamping:
 class RayleighDamping:
     """Viscous damping C = alpha M + beta K (Lord Rayleigh, The Theory of Sound, 1877, art. 97).
 
+    K is that of the stage with the springs of the drives that are in place.
+
     Parameters
     ----------
     alpha : float

@@ -20,6 +20,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+# Above this damping ratio, and below this angle of a mode in one step [rad], the closed form of a
+# step loses digits or does not exist.
+_NEARLY_CRITICAL = 0.999
+_SHORT = 0.01
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrequencyResponse:
@@ -288,14 +293,45 @@ def _coefficients(omega: Array, zeta: Array, h: float) -> tuple[Array, ...]:
     With g the impulse response, z = (g' + 2 zeta omega g) z0 + g v0 + G1 f0 + G2 rate, where G1 and
     G2 are the first and second integral of g.
     """
+    hard = (zeta > _NEARLY_CRITICAL) | (omega * h < _SHORT)
+    out = np.empty((6, omega.size))
+    out[:, ~hard] = _oscillating(omega[~hard], zeta[~hard], h)
+    if hard.any():
+        out[:, hard] = _by_exponential(omega[hard], zeta[hard], h)
+    return tuple(out)
+
+
+def _oscillating(omega: Array, zeta: Array, h: float) -> Array:
     a = zeta * omega
     damped = omega * np.sqrt(1.0 - zeta**2)
     decay = np.exp(-a * h)
     g = h * decay * np.sinc(damped * h / np.pi)
     cos = decay * np.cos(damped * h)
     dg = cos - a * g
-    slow = omega * h < 1e-4
-    safe = np.where(slow, 1.0, omega)
-    g1 = np.where(slow, h**2 / 2.0 - a * h**3 / 3.0, (1.0 - cos - a * g) / safe**2)
-    g2 = np.where(slow, h**3 / 6.0, (h - 2.0 * a * g1 - g) / safe**2)
-    return dg + 2.0 * a * g, g, g1, g2, -(omega**2) * g, dg
+    g1 = (1.0 - cos - a * g) / omega**2
+    g2 = (h - 2.0 * a * g1 - g) / omega**2
+    return np.array((dg + 2.0 * a * g, g, g1, g2, -(omega**2) * g, dg))
+
+
+def _by_exponential(omega: Array, damping_ratio: Array, h: float) -> Array:
+    """The same from the exponential of the matrix of (z, h z', h^2 f, h^3 rate).
+
+    C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395.
+    """
+    from scipy.linalg import expm
+
+    matrix = np.zeros((omega.size, 4, 4))
+    matrix[:, 0, 1] = matrix[:, 1, 2] = matrix[:, 2, 3] = 1.0
+    matrix[:, 1, 0] = -((omega * h) ** 2)
+    matrix[:, 1, 1] = -2.0 * damping_ratio * omega * h
+    e: Array = np.asarray(expm(matrix), dtype=np.float64)
+    return np.array(
+        (
+            e[:, 0, 0],
+            h * e[:, 0, 1],
+            h**2 * e[:, 0, 2],
+            h**3 * e[:, 0, 3],
+            e[:, 1, 0] / h,
+            e[:, 1, 1],
+        )
+    )

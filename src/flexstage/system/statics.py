@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.errors import ModelError
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
@@ -18,6 +19,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+# two drives whose elongations are the same to this part are one
+_DEPENDENT = 1e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +112,7 @@ def static_displacements(
     Raises
     ------
     ModelError
-        A drive does not exist, or the stage is a mechanism.
+        A drive does not exist or moves nothing, two hold the same, or the stage is a mechanism.
     """
     names = list(displacements)
     vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
@@ -116,7 +120,22 @@ def static_displacements(
     added, held = rest.drive_springs(others)
     compliance, _ = solve_stiffness(system.K + added, vectors, held)
     wanted = np.array([displacements[n] for n in names])
-    force = np.linalg.solve(vectors.T @ compliance, wanted)
+    moved = vectors.T @ compliance
+    free = compliance
+    if held.shape[1]:
+        free, _ = solve_stiffness(system.K + added, vectors, held[:, :0])
+    loose = np.einsum("ij,ij->j", vectors, free)
+    size = np.sqrt(np.abs(np.diag(moved)))
+    # a unit diagonal makes the drives comparable
+    if (
+        np.any(size**2 <= loose / _DEPENDENT)
+        or np.linalg.cond(moved / np.outer(size, size)) > _DEPENDENT
+    ):
+        raise ModelError(
+            f"the displacements of {', '.join(names)} cannot be imposed together: a drive moves "
+            "nothing, or moves what the others already hold"
+        )
+    force = np.linalg.solve(moved, wanted)
     return _solution(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
 
 
