@@ -10,6 +10,15 @@ from flexstage.units import DIMENSIONS
 __all__ = ["CATALOGUE", "Material", "material"]
 
 
+# From foams to diamond, with room to spare: beyond it a unit was mistaken.
+_PLAUSIBLE = {
+    "youngs_modulus": (1e3, 1e14),
+    "density": (1e-2, 1e5),
+    "yield_strength": (1.0, 1e12),
+    "fatigue_limit": (1.0, 1e12),
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """An isotropic, linearly elastic material.
@@ -55,11 +64,12 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
-        for field in ("youngs_modulus", "density", "yield_strength", "fatigue_limit"):
+        for field, (low, high) in _PLAUSIBLE.items():
             value = getattr(self, field)
-            if value is not None and not 0.0 < value < float("inf"):
+            if value is not None and not low <= value <= high:
                 raise StageError(
-                    f"material '{self.name}': {field} must be positive and finite, got {value!r}"
+                    f"material '{self.name}': {field} must lie between {low:g} and {high:g} (SI), "
+                    f"got {value!r}"
                 )
         if not -1.0 < self.poissons_ratio < 0.5:
             raise StageError(
@@ -120,8 +130,8 @@ CATALOGUE: dict[str, Material] = {
             yield_strength=1170e6,
             thermal_expansion=10.8e-6,
             thermal_conductivity=17.9,
-            source=f"{_MIL}; yield: minimum of AMS 5604; conductivity: AK Steel 17-4 PH data sheet, at "
-            "149 degC",
+            source=f"{_MIL}; yield: minimum of AMS 5604; conductivity: AK Steel 17-4 PH "
+            "data sheet, at 149 degC",
         ),
         Material(
             name="Stainless steel 304",

@@ -19,6 +19,7 @@ from flexstage.lumped import (
     transfer_function,
 )
 from flexstage.lumped.sheet_items import Formula, Section
+from flexstage.lumped.symbols import upright
 from tests.mechanisms import parallelogram
 
 
@@ -120,3 +121,7 @@ def test_a_wide_matrix_is_listed_entry_by_entry() -> None:
 def test_names_cannot_be_commands() -> None:
     text = latex_document(r"a\input{secret}~^%", ())
     assert r"\title{a\textbackslash{}input\{secret\}\textasciitilde{}\textasciicircum{}\%}" in text
+
+
+def test_names_of_ports_are_plain_in_symbols() -> None:
+    assert upright(r"a_b_c 5% ${x}^2\y") == r"\mathrm{a\_b\_c 5- --x--2-y}"

@@ -12,6 +12,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
+from flexstage.hinges import Leaf
 from flexstage.material import material
 from flexstage.report import (
     FUTURE_MODELS,
@@ -24,7 +25,15 @@ from flexstage.report import (
     study_results,
     write_files,
 )
-from flexstage.report.figures import FORMATS, draw_bode, draw_stage, draw_static_shape, encode
+from flexstage.report.figures import (
+    FORMATS,
+    draw_bode,
+    draw_stage,
+    draw_static_shape,
+    draw_stroke,
+    encode,
+    inline_svg,
+)
 from flexstage.report.figures.mode_shapes import mode_motion
 from flexstage.system import modes
 
@@ -275,3 +284,40 @@ def test_a_write_that_breaks_off_leaves_nothing(
     with pytest.raises(OSError, match="No space"):
         write_files(tmp_path / "new", {"a.txt": b"half"})
     assert not list((tmp_path / "new").iterdir())
+
+
+def test_words_in_figures_keep_their_digits() -> None:
+    # coordinates of the picture are shortened, what is printed in it is not
+    study = run_study(design("parallelogram"))
+    svg = inline_svg(draw_stroke(study.paths["x"], "x"), "s", "t")
+    words = " ".join(re.findall(r">([^<>]+)<", svg))
+    assert f"rotation {study.paths['x'].parasitic_rotation * 1e6:.3f} µrad" in words
+    assert not re.search(r'="[^"#]*\d\.\d{3}', svg)
+
+
+def test_straightness_follows_the_arc_of_the_legs() -> None:
+    # the platform sinks by d^2/(2 l) on legs whose necks are l apart
+    stage = design("parallelogram")
+    row = next(
+        r for r in run_study(stage).characteristics if (r.quantity, r.axis) == ("straightness", "x")
+    )
+    length, stroke = 30e-3, 200e-6
+    # a parabola leaves a quarter of its rise between itself and any line parallel to its chord
+    assert row.value == pytest.approx(stroke**2 / (2 * length) / 4, rel=0.01)
+    assert row.origin == "lumped"
+
+
+def test_hinges_that_bend_over_a_length_give_no_straightness() -> None:
+    stage = design("parallelogram")
+    leaf = Leaf(neck_thickness=0.5e-3, leaf_length=4e-3, notch_depth=2e-3)
+    bent = replace(stage, hinges=tuple(replace(h, profile=leaf) for h in stage.hinges))
+    study = run_study(bent)
+    assert not study.paths
+    assert not any(r.quantity == "straightness" for r in study.characteristics)
+    assert any("shorten" in note for note in study.main.validity)
+
+
+def test_what_is_zero_but_for_rounding_is_no_difference(study: Study) -> None:
+    row = next(r for r in study.comparison.rows if (r.quantity, r.axis) == ("straightness", "x"))
+    assert row.value("published-measured") == pytest.approx(0.11e-6)
+    assert row.difference_percent("lumped", "published-measured") is None

@@ -510,3 +510,13 @@ def test_the_command_prints_findings_and_exits_with_their_status(tmp_path: Path)
     refused = run("check", str(unreadable))
     assert (refused.returncode, refused.stdout) == (2, "")
     assert len(refused.stderr.splitlines()) == 1
+
+
+def test_an_outline_of_too_many_points_is_refused() -> None:
+    corners = ", ".join(f"[{k % 7}, {k}]" for k in range(10_001))
+    text = TEXT.replace(
+        "outline: [[29, 17], [34, 17], [34, 41], [29, 41]]", f"outline: [{corners}]"
+    )
+    assert text != TEXT
+    with pytest.raises(FlexstageError, match="at most 10000 points, got 10001"):
+        stage_from_text(text)

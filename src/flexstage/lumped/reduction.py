@@ -16,6 +16,7 @@ from flexstage.errors import ModelError
 from flexstage.lumped.evaluate import number, starting_values
 from flexstage.lumped.mirror import Mirror, find_mirror
 from flexstage.lumped.symbolic import DampingKind, Port, SymbolicModel
+from flexstage.lumped.symbols import upright
 
 __all__ = ["ReducedModel", "condense", "reduce_by_symmetry"]
 
@@ -279,7 +280,8 @@ def condense(
         symbols = [symbol for symbol, _ in chosen]
         kinds = {"d": "drive ", "p": "probe "}
         how = "static condensation to " + ", ".join(
-            kinds.get(x.name.split("_{\\mathrm{")[0], "") + x.name.split("mathrm{")[-1].rstrip("}")
+            kinds.get(x.name.split("_{\\mathrm{")[0], "")
+            + x.name.split("mathrm{")[-1].rstrip("}").replace(r"\_", "_")
             for x in symbols
         )
         reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
@@ -324,7 +326,7 @@ def _masters(model: SymbolicModel, names: Sequence[str] | None) -> list[tuple[sp
     for name in dict.fromkeys(p.name for _, p in ports) if names is None else names:
         found = [(letter, p) for letter, p in ports if p.name == name]
         for letter, port in found:
-            symbol = sp.Symbol(f"{letter}_{{\\mathrm{{{name}}}}}", real=True)
+            symbol = sp.Symbol(f"{letter}_{{{upright(name)}}}", real=True)
             out.append((symbol, model.numbers(port.vector)[:, 0]))
         if not found:
             if name not in coordinates:

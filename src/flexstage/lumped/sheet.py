@@ -12,6 +12,7 @@ from flexstage.lumped.hinge_block import generic_body, generic_hinge
 from flexstage.lumped.reduction import ReducedModel
 from flexstage.lumped.sheet_items import Formula, Item, Paragraph, Section, Tabular
 from flexstage.lumped.symbolic import SymbolicModel
+from flexstage.lumped.symbols import upright
 from flexstage.lumped.transfer import TransferFunction
 
 __all__ = ["equation_sheet"]
@@ -287,7 +288,7 @@ def _operator(model: SymbolicModel) -> Section:
         ),
         *(
             Formula(
-                left=rf"{letter}_{{\mathrm{{{_escape(port.name)}}}}}^T q",
+                left=rf"{letter}_{{{upright(port.name)}}}^T q",
                 right=(sp.Matrix(port.vector).T * sp.Matrix(model.coordinates))[0],
                 plain=f"{letter}_{port.name}^T q",
             )
@@ -379,7 +380,3 @@ def _unit(name: str) -> str:
     return {"m": "kg", "J": "kg m^2", "ell": "m", "phi": "rad", "alpha": "1/s", "beta": "s"}.get(
         name.split("_", maxsplit=1)[0], ""
     )
-
-
-def _escape(name: str) -> str:
-    return name.replace("_", r"\_")

@@ -5,6 +5,7 @@
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 import math
+import re
 
 import numpy as np
 import sympy as sp
@@ -12,7 +13,30 @@ from numpy.typing import NDArray
 
 from flexstage.lumped.rigid_bodies import Mechanism
 
-__all__ = ["SymbolTable"]
+__all__ = ["SymbolTable", "upright"]
+
+
+def upright(name: str) -> str:
+    r"""Write a name of a drive or probe as an index of a symbol, in LaTeX.
+
+    Parameters
+    ----------
+    name : str
+        Any name.
+
+    Returns
+    -------
+    str
+        The name in upright type; what means something to LaTeX is left out.
+
+    Examples
+    --------
+    >>> print(upright("x_1 50%"))
+    \mathrm{x\_1 50-}
+    """
+    plain = re.sub(r"[^\w .+-]", "-", name).replace("_", r"\_")
+    return rf"\mathrm{{{plain}}}"
+
 
 # Two numbers closer than this to each other, relative to the largest of their kind, are one: it is
 # some roundings of a coordinate, a thousandth of what the matrices are compared to.

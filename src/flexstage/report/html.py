@@ -44,8 +44,8 @@ def report_html(study: Study) -> str:
             links.append(f'<a href="#{key}">{title}</a>')
     free = sum(not body.fixed for body in stage.bodies)
     lead = (
-        f"{len(stage.bodies)} bodies ({free} free), {len(stage.hinges)} hinges, "
-        f"{len(stage.drives)} drives; {stage.material.name}, {stage.thickness * 1e3:g} mm thick"
+        f"bodies: {len(stage.bodies)} ({free} free); hinges: {len(stage.hinges)}; "
+        f"drives: {len(stage.drives)}; {stage.material.name}, {stage.thickness * 1e3:g} mm thick"
     )
     page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
     return page.substitute(

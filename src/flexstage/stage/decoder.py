@@ -25,6 +25,9 @@ from flexstage.units import DIMENSIONS, Dimension, parse
 
 __all__ = ["Decoder"]
 
+# More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
+_MOST_POINTS = 10_000
+
 
 @dataclass(slots=True)
 class Decoder:
@@ -268,6 +271,12 @@ class Decoder:
     def _loop(self, node: Node, path: str) -> Loop:
         dimension = DIMENSIONS["length"]
         items = self._items(node, path, None, "points")
+        if len(items) > _MOST_POINTS:
+            self.refuse(
+                node,
+                path,
+                f"an outline has at most {_MOST_POINTS} points, got {len(items)}: use arcs",
+            )
 
         def point(place: Node, where: str) -> tuple[float, float]:
             x, y = self._items(place, where, 2, "2 coordinates")

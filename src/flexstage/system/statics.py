@@ -131,9 +131,11 @@ def static_displacements(
         np.any(size**2 <= loose / _DEPENDENT)
         or np.linalg.cond(moved / np.outer(size, size)) > _DEPENDENT
     ):
+        if len(names) == 1 and not held.shape[1]:
+            raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are held")
         raise ModelError(
-            f"the displacements of {', '.join(names)} cannot be imposed together: a drive moves "
-            "nothing, or moves what the others already hold"
+            f"the displacements of {', '.join(names)} cannot be imposed: a drive moves nothing, "
+            "or moves what the others already hold"
         )
     force = np.linalg.solve(moved, wanted)
     return _solution(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
