@@ -1,10 +1,10 @@
-"""One row of the table that an engineer quotes: a quantity, its axis, where it comes from."""
+"""The table that an engineer quotes: a quantity, its axis, where it comes from, its value."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from flexstage.errors import ModelError
 
-__all__ = ["ORIGINS", "QUANTITIES", "Characteristic"]
+__all__ = ["ORIGINS", "QUANTITIES", "Characteristic", "Characteristics"]
 
 #: Quantities and the unit that their values are in: SI, but for the frequency, which says so.
 QUANTITIES: dict[str, str] = {
@@ -90,3 +90,90 @@ class Characteristic:
             raise ModelError(
                 f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
             )
+
+
+class Characteristics(tuple[Characteristic, ...]):
+    """A tidy table of characteristics: one row for each quantity, axis and origin.
+
+    It is a tuple of its rows.
+
+    Examples
+    --------
+    >>> table = Characteristics(
+    ...     Characteristic(quantity="resolution", axis=a, origin="measured", value=v, unit="m")
+    ...     for a, v in (("x", 2e-08), ("y", 3e-08))
+    ... )
+    >>> table.value("resolution", "x")
+    2e-08
+    """
+
+    __slots__ = ()
+
+    def select(
+        self, quantity: str | None = None, axis: str | None = None, origin: str | None = None
+    ) -> "Characteristics":
+        """Return the rows that fit.
+
+        Parameters
+        ----------
+        quantity : str, optional
+            Quantity of the rows.
+        axis : str, optional
+            Axis of the rows.
+        origin : str, optional
+            Origin of the rows.
+
+        Returns
+        -------
+        Characteristics
+            The rows, in order; all where nothing is asked.
+        """
+        wanted = {"quantity": quantity, "axis": axis, "origin": origin}
+        asked = {name: value for name, value in wanted.items() if value is not None}
+        return Characteristics(
+            row for row in self if all(getattr(row, k) == v for k, v in asked.items())
+        )
+
+    def value(self, quantity: str, axis: str, origin: str | None = None) -> float:
+        """Return one value.
+
+        Parameters
+        ----------
+        quantity : str
+            The quantity.
+        axis : str
+            The axis.
+        origin : str, optional
+            Where it comes from; not needed where there is one origin.
+
+        Returns
+        -------
+        float
+            The value, in the unit of the quantity.
+
+        Raises
+        ------
+        ModelError
+            No row fits, or more than one.
+        """
+        rows = self.select(quantity, axis, origin)
+        if len(rows) != 1:
+            what = f"{quantity} of axis '{axis}'" + (f" from '{origin}'" if origin else "")
+            found = ", ".join(row.origin for row in rows)
+            raise ModelError(
+                f"there is no {what}"
+                if not rows
+                else f"there are {len(rows)} values of {what}: name one origin of {found}"
+            )
+        return rows[0].value
+
+    def columns(self) -> dict[str, list[object]]:
+        """Return the table by columns, as data-frame libraries take it.
+
+        Returns
+        -------
+        dict of str to list
+            quantity, axis, origin, value, unit, uncertainty and note.
+        """
+        names = [f.name for f in fields(Characteristic)]
+        return {name: [getattr(row, name) for row in self] for name in names}

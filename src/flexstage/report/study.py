@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.lumped import StrokePath, lumped_system, mechanism, stroke_path
 from flexstage.report.comparison import Comparison, compare
@@ -53,10 +53,10 @@ class Study:
     paths: Mapping[str, StrokePath]
 
     @property
-    def characteristics(self) -> tuple[Characteristic, ...]:
+    def characteristics(self) -> Characteristics:
         """What was published, then what each model gives."""
         ours = (row for analysis in self.analyses.values() for row in analysis.characteristics)
-        return (*self.stage.published, *ours)
+        return Characteristics((*self.stage.published, *ours))
 
     @property
     def comparison(self) -> Comparison:
@@ -183,4 +183,4 @@ def _over_the_stroke(
         )
         last = max(i for i, row in enumerate(rows) if row.axis == axis.axis)
         rows.insert(last + 1, straightness)
-    return paths, replace(analysis, characteristics=tuple(rows), validity=tuple(validity))
+    return paths, replace(analysis, characteristics=Characteristics(rows), validity=tuple(validity))

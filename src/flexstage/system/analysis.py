@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexstage.characteristic import Characteristic
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.provenance import Provenance, provenance
 from flexstage.stage import Stage
 from flexstage.system.axis import AxisAnalysis, analyse_axis
@@ -36,7 +36,7 @@ class Analysis:
         Modes by condition of the drives.
     responses : tuple of FrequencyResponse
         Response of each axis' probe to its drive, drives removed and in place.
-    characteristics : tuple of Characteristic
+    characteristics : Characteristics
         The figures that are quoted.
     validity : tuple of str
         Where they stop being valid.
@@ -49,7 +49,7 @@ class Analysis:
     axes: tuple[AxisAnalysis, ...]
     modes: dict[DriveCondition, Modes]
     responses: tuple[FrequencyResponse, ...]
-    characteristics: tuple[Characteristic, ...]
+    characteristics: Characteristics
     validity: tuple[str, ...]
     provenance: Provenance
 
@@ -99,7 +99,7 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
         axes=axes,
         modes=found,
         responses=tuple(responses),
-        characteristics=tuple(rows),
+        characteristics=Characteristics(rows),
         validity=(*system.validity, *_missing(system, found["removed"])),
         provenance=provenance(stage, system.settings),
     )

@@ -1,0 +1,58 @@
+"""The tidy table of characteristics."""
+
+import pytest
+
+from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.errors import ModelError
+
+
+def row(axis: str, origin: str, value: float) -> Characteristic:
+    return Characteristic(
+        quantity="natural_frequency_hz", axis=axis, origin=origin, value=value, unit="Hz"
+    )
+
+
+TABLE = Characteristics(
+    (row("x", "lumped", 326.0), row("y", "lumped", 538.7), row("x", "published-measured", 337.0))
+)
+
+
+def test_rows_are_found_by_any_of_their_keys() -> None:
+    assert [r.value for r in TABLE.select(axis="x")] == [326.0, 337.0]
+    assert [r.value for r in TABLE.select(origin="lumped")] == [326.0, 538.7]
+    assert TABLE.select() == TABLE
+    assert TABLE.value("natural_frequency_hz", "y") == 538.7
+    assert TABLE.value("natural_frequency_hz", "x", "lumped") == 326.0
+
+
+def test_what_is_not_there_or_not_clear_is_said() -> None:
+    with pytest.raises(ModelError, match=r"there are 2 values .* lumped, published-measured"):
+        TABLE.value("natural_frequency_hz", "x")
+    with pytest.raises(ModelError, match="there is no resolution of axis 'x'"):
+        TABLE.value("resolution", "x")
+
+
+def test_columns_are_as_long_as_the_table() -> None:
+    columns = TABLE.columns()
+    assert columns["value"] == [326.0, 538.7, 337.0]
+    assert {len(c) for c in columns.values()} == {3}
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"quantity": "frequency"}, "unknown quantity 'frequency'"),
+        ({"origin": "guessed"}, "unknown origin 'guessed'"),
+        ({"unit": "rad/s"}, "held in 'Hz'"),
+    ],
+)
+def test_rows_that_mix_up_their_words_are_refused(changes: dict, part: str) -> None:
+    sound = {
+        "quantity": "natural_frequency_hz",
+        "axis": "x",
+        "origin": "lumped",
+        "value": 1.0,
+        "unit": "Hz",
+    }
+    with pytest.raises(ModelError, match=part):
+        Characteristic(**{**sound, **changes})
