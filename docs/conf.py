@@ -2,6 +2,10 @@
 
 import importlib.util
 from pathlib import Path
+from typing import Any
+
+from docutils.nodes import SkipNode
+from latex2mathml.converter import convert
 
 import flexstage
 
@@ -10,7 +14,7 @@ author = "The flexstage developers"
 copyright = "2026, The flexstage developers"
 version = release = flexstage.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["examples", "reference/api/.*"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -23,7 +27,13 @@ napoleon_custom_sections = ["Validity", "Equation", "Source"]
 
 html_theme = "alabaster"
 html_title = "flexstage"
-html_theme_options = {"description": "Flexure stages: design, verify, identify, drive"}
+html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_theme_options = {
+    "description": "Flexure stages: design, verify, identify, drive",
+    "page_width": "1180px",
+    "body_max_width": "none",
+}
 
 # The rooms from low to high. What does not exist yet has no page.
 ROOMS = [
@@ -54,3 +64,22 @@ def write_reference() -> None:
 
 
 write_reference()
+
+
+def _inline(writer: Any, node: Any) -> None:
+    writer.body.append(convert(node.astext()))
+    raise SkipNode
+
+
+def _display(writer: Any, node: Any) -> None:
+    text = node.astext()
+    # an alignment needs its surroundings
+    if "&" in text and "\\begin" not in text:
+        text = f"\\begin{{aligned}}{text}\\end{{aligned}}"
+    writer.body.append(f'<div class="math">{convert(text, display="block")}</div>')
+    raise SkipNode
+
+
+def setup(app: Any) -> None:
+    """Write formulas as MathML, which browsers show by themselves: the manual works offline."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
