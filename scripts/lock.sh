@@ -22,7 +22,7 @@ compile() {
         --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
         --no-emit-index-url --no-emit-find-links --no-header --no-annotate --quiet \
         --output-file "$output" >/dev/null
-    if grep -nE '://|^-' "$output"; then
+    if grep -nE ':/{2}|^-' "$output"; then
         echo "$output: an address or an option has come into the lock" >&2
         exit 1
     fi

@@ -6,9 +6,8 @@ from flexstage.designs import design
 from flexstage.lumped import lumped_system
 from flexstage.system import analyse_axis, modes
 
-# "Lumped: rigid bodies + hinge stiffness with root", NUMERICS section 1: output x/y [um],
-# stress x/y [MPa], first two frequencies [Hz]; computed before this code by other means (hinges
-# condensed from finite elements).
+# Rigid bodies with hinges condensed from finite elements, computed before this code by other
+# means: output x/y [um], stress x/y [MPa], first two frequencies [Hz].
 LUMPED = {
     ("vgtu-mechanical", "strain"): (115.74, 118.19, 471.5, 388.5, 525.6, 740.6),
     ("vgtu-mechanical", "stress"): (115.81, 118.26, 477.5, 393.2, 497.7, 701.3),
@@ -39,7 +38,7 @@ def test_plane_strain_is_chosen_for_the_study_stages(name: str) -> None:
 
 
 def test_drive_conditions_of_the_piezo_stage() -> None:
-    # NUMERICS section 1, 2D finite elements: free 322/535, 50 N/um in place 810/1851, locked
+    # Plane finite elements made before this code: free 322/535, 50 N/um in place 810/1851, locked
     # 1197/4063 Hz. With rigid bodies and other springs the order of magnitude is what can agree:
     # input blocks and levers bend, so in place and locked come out far higher here.
     system = lumped_system(design("vgtu-piezo"))
