@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from flexstage.characteristic import Characteristic
 from flexstage.hinges import RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.material import material
@@ -329,3 +330,13 @@ def test_findings_do_not_depend_on_the_frame(name: str) -> None:
         probes=tuple(dataclasses.replace(p, at=move(p.at)) for p in stage.probes),
     )
     assert check(moved) == ()
+
+
+def test_published_figures_of_an_axis_that_does_not_exist() -> None:
+    figure = Characteristic(
+        quantity="resolution", axis="z", origin="published-fem", value=1e-8, unit="m"
+    )
+    stage = dataclasses.replace(stage_of(body("a", box(0, 0, 5, 3))), published=(figure,))
+    (found,) = check(stage)
+    assert (found.severity, found.code, found.what) == ("warning", "published-axis", ("z",))
+    assert "which the stage does not have (it has none)" in found.message

@@ -74,6 +74,7 @@ def check(stage: Stage) -> tuple[Finding, ...]:
     for drive in stage.drives:
         findings += _drive(stage, drive, by_name)
     findings += _probes(stage, sound)
+    findings += _published(stage)
     return tuple(sorted(findings, key=lambda f: f.severity != "error"))
 
 
@@ -310,3 +311,14 @@ def _list(noun: str, names: tuple[str, ...]) -> str:
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     plural = noun[:-1] + "ies" if len(names) > 1 and noun.endswith("y") else noun
     return f"{plural} {shown}{more}"
+
+
+def _published(stage: Stage) -> Iterator[Finding]:
+    axes = {axis.name for axis in stage.axes}
+    for name in sorted({row.axis for row in stage.published} - axes):
+        yield _warning(
+            "published-axis",
+            (name,),
+            f"a published figure belongs to axis '{name}', which the stage does not have "
+            f"(it has {', '.join(sorted(axes)) or 'none'}), so nothing will stand beside it",
+        )
