@@ -83,3 +83,9 @@ def test_bad_input_gets_one_sentence_and_status_2(capsys, words, said):
     assert said in err
     assert err.count("\n") == 1
     assert "Traceback" not in err
+
+
+def test_without_any_size_it_shows_a_circular_notch(capsys):
+    status, out, _ = run(capsys, "--json")
+    assert status == 0
+    assert out == run(capsys, "--json", "--profile", "circular", "--radius", "1 mm")[1]

@@ -69,7 +69,7 @@ def hinges(
 
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
-    power --length --depth --exponent.
+    power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
     """
     from flexstage.material import material as find_material
     from flexstage.units import parse
@@ -81,6 +81,8 @@ def hinges(
         "angle": angle,
         "exponent": None if exponent is None else str(exponent),
     }
+    if profile == "circular" and not any(given.values()):
+        given["radius"] = "1 mm"
     notch = _profile(profile, neck, given, one_sided=one_sided)
     if plane not in ("auto", "stress", "strain"):
         near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
