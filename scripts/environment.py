@@ -49,8 +49,11 @@ def set_up(environment: Path, lock: Path) -> None:
     pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     if {key: found.get(key) for key in base} != base or not python.exists():
         print(f"setting up {environment.name} from {lock.relative_to(ROOT)} ...", file=sys.stderr)
+        # This may be the Python of the environment itself, where that is activated: it is about to
+        # go, and the one that it was made from stays.
+        maker = getattr(sys, "_base_executable", sys.executable)
         shutil.rmtree(environment, ignore_errors=True)
-        subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+        subprocess.run([maker, "-m", "venv", str(environment)], check=True)
         # A lock names wheels for every platform, so nothing is ever compiled here.
         locked = ["--require-hashes", "--only-binary", ":all:", "--requirement", str(lock)]
         subprocess.run(pip + locked, check=True)
