@@ -200,9 +200,9 @@ def lumped_system(
 
     Notes
     -----
-    Validity: small displacements; bodies count as rigid, so ratios are 2 to 5 % too large and
+    Validity: small displacements; bodies count as rigid, so ratios are 2.5 to 4.5 % too large and
     motion across the axis is far too small, where platforms, levers or input blocks bend; first
-    frequencies are within about 2 % of finite elements. Out-of-plane motion is left out.
+    frequencies are 1 to 2.5 % above finite elements. Out-of-plane motion is left out.
     """
     properties = _masses(stage)
     free = tuple(b.name for b in stage.bodies if not b.fixed)
@@ -284,7 +284,7 @@ def _probe_port(layout: Layout, probe: Probe) -> ProbePort:
 def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) -> tuple[str, ...]:
     notes = [
         "Lumped model: bodies are rigid. Against 3D finite elements of the study's stages its "
-        "transmission ratio is 3 to 5 % large and its first frequencies are 1 to 2.5 % high; "
+        "transmission ratio is 2.5 to 4.5 % large and its first frequencies are 1 to 2.5 % high; "
         "motion across the axis, which comes from bending of the platform, is far too small.",
         "Plane motion only: modes out of the plane are left out.",
         f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",

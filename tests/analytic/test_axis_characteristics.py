@@ -1,0 +1,157 @@
+"""The figures that are quoted of a stage, on a body whose compliance is known by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexstage.material import material
+from flexstage.provenance import content_hash
+from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
+from flexstage.system import (
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    MechanicalSystem,
+    ModalDamping,
+    ProbePort,
+    StressMap,
+    analyse,
+    guyan_reduction,
+    static_displacements,
+    transformed,
+)
+
+# one body on springs that couple x, y and its rotation; y is softer, so its mode comes first
+K = np.array([[9.0e5, 4.0e4, 700.0], [4.0e4, 2.0e5, -900.0], [700.0, -900.0, 60.0]])
+M = np.diag([0.21, 0.21, 3.0e-6])
+STROKE, STEP = 42e-6, 0.3e-6
+STRESS = np.array([[2.0e12, 1.0e11, 4.0e9], [-3.0e12, 2.0e11, 1.0e9], [1.0e11, 5.0e12, 0.0]])
+PLATE = Loop(((0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.0, 0.02)))
+
+
+def system() -> MechanicalSystem:
+    x, y, _ = np.eye(3)
+    return MechanicalSystem(
+        name="body",
+        model="lumped",
+        M=M,
+        K=K,
+        coordinates=("x [m]", "y [m]", "rotation [rad]"),
+        drives=(
+            DrivePort(
+                name="a", vector=2.0 * x, stiffness=None, stroke=STROKE, smallest_displacement=STEP
+            ),
+            DrivePort(name="b", vector=y, stiffness=3e6, stroke=STROKE),
+        ),
+        probes=(
+            ProbePort(name="p", vector=x, body="body"),
+            ProbePort(name="q", vector=y, body="body"),
+        ),
+        bodies=(BodyPort(name="body", centre=(0.0, 0.0), matrix=np.eye(3)),),
+        stress=StressMap(hinges=("h", "g"), matrix=STRESS, owner=np.array([0, 0, 1])),
+        axes=(
+            AxisPort(name="x", drive="a", probe="p"),
+            AxisPort(name="y", drive="b", probe="q"),
+        ),
+        damping=ModalDamping(ratio=0.01),
+    )
+
+
+def stage() -> Stage:
+    return Stage(
+        name="body",
+        thickness=0.01,
+        material=material("Ti-6Al-4V"),
+        bodies=(Body(name="body", outline=PLATE),),
+    )
+
+
+def test_every_figure_of_an_axis() -> None:
+    found = analyse(stage(), system()).characteristics
+    # the drive of x has a lever of 2: its elongation is twice the displacement
+    q = np.linalg.inv(K)[:, 0]
+    q = q / q[0] * STROKE / 2
+    value = {r.quantity: r.value for r in found.select(axis="x")}
+    assert value["output_displacement"] == pytest.approx(STROKE / 2, rel=1e-12)
+    assert value["transmission_ratio"] == pytest.approx(0.5, rel=1e-12)
+    assert value["resolution"] == pytest.approx(STEP / 2, rel=1e-12)
+    assert value["cross_coupling"] == pytest.approx(q[1] / q[0], rel=1e-10)
+    assert value["parasitic_rotation"] == pytest.approx(q[2], rel=1e-10)
+    stress = np.abs(STRESS @ q).max()
+    assert value["max_stress"] == pytest.approx(stress, rel=1e-10)
+    assert value["safety_factor"] == pytest.approx(880e6 / stress, rel=1e-10)
+    stiffness = 1.0 / np.linalg.inv(K)[0, 0] / 4
+    assert value["input_stiffness"] == pytest.approx(stiffness, rel=1e-10)
+    # a stack has no smallest step
+    assert not found.select("resolution", "y")
+    # the resonance of an axis is that of the mode that moves it, not the lowest
+    omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    low, middle, _ = np.sort(omega) / (2 * np.pi)
+    assert found.value("natural_frequency_hz", "y") == pytest.approx(low, rel=1e-9)
+    assert found.value("natural_frequency_hz", "x") == pytest.approx(middle, rel=1e-9)
+
+
+def test_ratio_and_coupling_keep_their_sign() -> None:
+    turned = replace(system(), probes=(replace(system().probes[0], vector=-np.eye(3)[0]),
+                                       system().probes[1]))  # fmt: skip
+    rows = analyse(stage(), turned).characteristics
+    assert rows.value("transmission_ratio", "x") == pytest.approx(-0.5)
+    assert rows.value("resolution", "x") == pytest.approx(STEP / 2)
+
+
+def test_a_reduced_system_says_the_same_of_stress_and_bodies() -> None:
+    whole = static_displacements(system(), {"a": STROKE})
+    turn = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [0.0, 1.0, 4.0], [5.0, 6.0, 1.0]]))[0]
+    for other in (
+        transformed(system(), turn, ("u", "v", "w")),
+        guyan_reduction(system(), ["x [m]", "rotation [rad]"]),
+    ):
+        found = static_displacements(other, {"a": STROKE})
+        assert found.hinge_stress == pytest.approx(whole.hinge_stress, rel=1e-9)
+        assert found.body_motion["body"] == pytest.approx(whole.body_motion["body"], rel=1e-9)
+        assert found.readings == pytest.approx(whole.readings, rel=1e-9)
+
+
+def test_a_hash_sees_every_number_and_name() -> None:
+    first = stage()
+    assert content_hash(first) == content_hash(stage())
+    others = (
+        replace(first, thickness=np.nextafter(0.01, 1.0).item()),
+        replace(first, name="other"),
+        replace(first, bodies=(replace(first.bodies[0], fixed=True),)),
+        replace(first, material=material("Invar 36")),
+    )
+    assert len({content_hash(s) for s in (first, *others)}) == 5
+
+
+def test_a_relative_probe_reads_the_difference_at_its_point() -> None:
+    from flexstage.lumped import lumped_system
+
+    # two loose plates: only the kinematics is asked for
+    near = Body(name="near", outline=PLATE)
+    far = Body(name="far", outline=PLATE.mapped(lambda p: (p[0] + 0.05, p[1])))
+    at = (0.041, 0.013)
+    pair = Stage(
+        name="pair",
+        thickness=0.01,
+        material=material("Al 7075-T6"),
+        bodies=(near, far),
+        drives=(
+            PiezoStack(
+                name="s",
+                pushes="far",
+                reacts="near",
+                at=((0.05, 0.01), (0.03, 0.01)),
+                direction=0.0,
+                free_stroke=1e-5,
+                stiffness=1e7,
+            ),
+        ),
+        probes=(Probe(name="p", body="far", at=at, direction=np.pi / 2, relative_to="near"),),
+        axes=(Axis(name="y", drive="s", probe="p"),),
+    )
+    vector = lumped_system(pair).probes[0].vector
+    # centres at x = 15 and 65 mm: y - y', and the lever arms of the two rotations
+    expected = [0.0, -1.0, -(at[0] - 0.015), 0.0, 1.0, at[0] - 0.065]
+    assert vector == pytest.approx(expected, abs=1e-15)
