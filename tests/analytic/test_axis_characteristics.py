@@ -12,6 +12,7 @@ from flexstage.system import (
     AxisPort,
     BodyPort,
     DrivePort,
+    LoadPort,
     MechanicalSystem,
     ModalDamping,
     ProbePort,
@@ -90,6 +91,50 @@ def test_every_figure_of_an_axis() -> None:
     low, middle, _ = np.sort(omega) / (2 * np.pi)
     assert found.value("natural_frequency_hz", "y") == pytest.approx(low, rel=1e-9)
     assert found.value("natural_frequency_hz", "x") == pytest.approx(middle, rel=1e-9)
+
+
+def test_what_weight_and_temperature_do_to_a_probe() -> None:
+    loads = (
+        LoadPort(name="gravity x", vector=np.array([2.0, 0.0, 0.01]), unit="g"),
+        LoadPort(name="gravity y", vector=np.array([0.3, 5.0, 0.0]), unit="g"),
+        LoadPort(name="temperature", vector=np.array([7.0, -3.0, 0.02]), unit="K"),
+    )
+    angle = 0.6  # the weight falls along the probe, which reads x
+    read = Probe(name="p", body="body", at=(0.0, 0.0), direction=angle)
+    other = Probe(name="q", body="body", at=(0.0, 0.0), direction=np.pi / 2)
+    rows = analyse(replace(stage(), probes=(read, other)), replace(system(), loads=loads))
+    value = {r.quantity: r.value for r in rows.characteristics.select(axis="x")}
+    # drive a is rigid and holds x, so the sag is nothing there; of y it is what b leaves
+    assert abs(value["gravity_sag"]) < 1e-18
+    held = K[1:, 1:] + np.diag([3e6, 0.0])
+    sag = np.linalg.solve(held, loads[1].vector[1:])[0]
+    assert rows.characteristics.value("gravity_sag", "y") == pytest.approx(sag, rel=1e-9)
+    drift = np.linalg.solve(K, loads[2].vector)
+    assert value["thermal_drift"] == pytest.approx(drift[0], rel=1e-10)
+    # x is held by a rigid drive, so it has no stiffness to quote; y works against spring b
+    assert "output_stiffness" not in value
+    stiffness = 1.0 / np.linalg.inv(held)[0, 0]
+    assert rows.characteristics.value("output_stiffness", "y") == pytest.approx(
+        stiffness, rel=1e-10
+    )
+    # a stroke from nothing to full: half of the stress swings about the other half
+    stress = value["max_stress"]
+    fatigue = 1.0 / (stress / 2 / stage().material.fatigue_limit + stress / 2 / 880e6)
+    assert value["fatigue_safety"] == pytest.approx(fatigue, rel=1e-12)
+
+
+def test_stress_is_averaged_between_the_elements_about_a_point() -> None:
+    # two elements share a point; hand-made components, so von Mises is known
+    one = np.zeros((3, 6, 1))
+    one[0, 0, 0], one[1, 0, 0] = 90.0, 110.0  # tension of 90 and 110 at the shared point
+    one[2, 5, 0] = 40.0  # shear of 40 elsewhere: sqrt(3) 40 = 69.3
+    found = StressMap(
+        hinges=("h",), matrix=one, owner=np.zeros(3, dtype=int), point=np.array([0, 0, 1])
+    )
+    assert found.largest(np.array([-2.0])) == pytest.approx({"h": 200.0})
+    assert found.scatter(np.array([-2.0])) == pytest.approx({"h": 20.0})
+    shear = replace(found, matrix=one[2:], owner=np.zeros(1, dtype=int), point=np.array([0]))
+    assert shear.largest(np.array([1.0]))["h"] == pytest.approx(np.sqrt(3.0) * 40.0)
 
 
 def test_ratio_and_coupling_keep_their_sign() -> None:

@@ -7,6 +7,7 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
+    ModelOption,
     PlaneOption,
     StageArgument,
     console,
@@ -14,11 +15,14 @@ from flexstage.cli.common import (
     make_table,
     output_path,
     print_json,
+    progress_bar,
+    relative,
 )
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from flexstage.report import Display
     from flexstage.system import Analysis
 
 __all__ = ["analyse"]
@@ -26,8 +30,28 @@ __all__ = ["analyse"]
 
 def analyse(
     stage: StageArgument,
-    model: Annotated[str, typer.Option(metavar="NAME", help="The model: lumped.")] = "lumped",
+    model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            parser=relative,
+            metavar="SHARE",
+            help="Refine the mesh of the plane or solid model until --quantity has settled to this "
+            "share of itself, such as 0.1%.",
+        ),
+    ] = None,
+    quantity: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="What --accuracy is asked of, such as max_stress."),
+    ] = "natural_frequency_hz",
+    supports: Annotated[
+        str,
+        typer.Option(
+            metavar="rigid|elastic",
+            help="Whether the frame gives way under drives that react on it (finite elements).",
+        ),
+    ] = "rigid",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -39,9 +63,18 @@ def analyse(
     json: JsonOption = False,
 ) -> None:
     """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
-    from flexstage.report import analyse_model, analysis_results, results_json, write_files
+    from flexstage.report import Wanted, analysis_results, results_json, run_model, write_files
 
-    analysis = analyse_model(load_stage(stage), model, plane=plane)  # type: ignore[arg-type]
+    described = load_stage(stage)
+    wanted = Wanted(
+        plane=plane,  # type: ignore[arg-type]
+        accuracy=accuracy,
+        quantity=quantity,
+        supports=supports,  # type: ignore[arg-type]
+    )
+    with progress_bar():
+        run = run_model(described, model, wanted)
+    analysis = run.analysis
     files = []
     if out is not None:
         results = results_json(analysis_results(analysis, responses=True))
@@ -74,14 +107,25 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.report import display
 
     model = analysis.system.model
-    table = make_table(
-        f"{analysis.stage.name}: {model}", "quantity", "<axis", "value", "<unit", "<condition"
-    )
+    head = ["quantity", "<axis", "value", "<unit", "<condition"]
+    known = any(row.uncertainty is not None for row in analysis.characteristics)
+    if known:
+        head.insert(3, "± mesh")
+    table = make_table(f"{analysis.stage.name}: {model}", *head)
     for row in analysis.characteristics:
         shown = display(row.quantity)
-        table.add_row(shown.label, row.axis, shown.text(row.value), shown.unit, row.note)
+        cells = [shown.label, row.axis, shown.text(row.value), shown.unit, row.note]
+        if known:
+            cells.insert(3, "" if row.uncertainty is None else _spread(row.uncertainty, shown))
+        table.add_row(*cells)
     if analysis.characteristics:
         screen.print(table)
+
+
+def _spread(uncertainty: float, shown: "Display") -> str:
+    from flexstage.report import number
+
+    return number(uncertainty * shown.factor, 2)
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:

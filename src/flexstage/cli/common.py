@@ -2,6 +2,7 @@
 
 import difflib
 import json
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,8 @@ import typer
 from flexstage.errors import StageError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.console import Console
     from rich.table import Table
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "JsonOption",
+    "ModelOption",
     "PlaneOption",
     "StageArgument",
     "console",
@@ -26,6 +30,8 @@ __all__ = [
     "name_for_files",
     "output_path",
     "print_json",
+    "progress_bar",
+    "relative",
     "write_file",
 ]
 
@@ -33,6 +39,14 @@ StageArgument = Annotated[
     str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+ModelOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+        "elements in the plane; solid: in three dimensions.",
+    ),
+]
 PlaneOption = Annotated[
     str,
     typer.Option(
@@ -216,6 +230,80 @@ def print_json(value: Any) -> None:
         Plain data.
     """
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
+
+
+def relative(text: str) -> float:
+    """Return the share that an option gives, as a percentage or as a plain number.
+
+    Parameters
+    ----------
+    text : str
+        What the option was given.
+
+    Returns
+    -------
+    float
+        The share [1].
+
+    Raises
+    ------
+    typer.BadParameter
+        It is no number, or not between nothing and one.
+
+    Examples
+    --------
+    >>> relative("0.1%"), relative("2e-3")
+    (0.001, 0.002)
+    """
+    plain = text.strip()
+    try:
+        value = float(plain.removesuffix("%")) / (100.0 if plain.endswith("%") else 1.0)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < 1.0:
+        raise typer.BadParameter(
+            f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
+        )
+    return value
+
+
+@contextmanager
+def progress_bar() -> "Iterator[None]":
+    """Show on standard error how far the work in this block has come, with the time left.
+
+    Nothing is shown where standard error is no terminal.
+
+    Yields
+    ------
+    None
+    """
+    import sys
+
+    from flexstage.progress import reporting
+
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description:<17}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        with reporting(lambda what, done: bar.update(task, description=what, completed=done)):
+            yield
 
 
 def write_file(path: Path, content: bytes) -> None:

@@ -15,6 +15,7 @@ from flexstage.cli.common import (
     name_for_files,
     output_path,
     print_json,
+    progress_bar,
 )
 
 if TYPE_CHECKING:
@@ -31,8 +32,11 @@ _WIDE = 116  # characters that values and differences take side by side
 def study(
     stage: StageArgument,
     models: Annotated[
-        str, typer.Option(metavar="LIST", help="Models, with commas between: lumped.")
-    ] = "lumped",
+        str,
+        typer.Option(
+            metavar="LIST", help="Models, with commas between: lumped, superelement, plane, solid."
+        ),
+    ] = "lumped,superelement,plane,solid",
     plane: PlaneOption = "auto",
     out: Annotated[
         Path | None,
@@ -59,7 +63,8 @@ def study(
 
     described = load_stage(stage)
     names = list(dict.fromkeys(name.strip() for name in models.split(",") if name.strip()))
-    result = run_study(described, names, plane=plane)  # type: ignore[arg-type]
+    with progress_bar():
+        result = run_study(described, names, plane=plane)  # type: ignore[arg-type]
     directory = out if out is not None else Path("out") / name_for_files(described.name)
     files = write_files(
         directory,
@@ -83,6 +88,8 @@ def study(
         screen.print(table)
     if not described.axes:
         screen.print("note: the stage names no axis, so there are modes only; see the report")
+    for model, why in result.left_out.items():
+        screen.print(f"note: the {model} model was left out: {why}", markup=False)
     for note in described.notes:
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in files:

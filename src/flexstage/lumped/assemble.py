@@ -22,10 +22,12 @@ from flexstage.stage import (
     root_widths,
 )
 from flexstage.system import (
+    STANDARD_GRAVITY,
     AxisPort,
     BodyPort,
     Damping,
     DrivePort,
+    LoadPort,
     MechanicalSystem,
     ModalDamping,
     ProbePort,
@@ -35,6 +37,9 @@ from flexstage.system import (
 __all__ = ["HingeSpring", "hinge_springs", "layout_of", "lumped_system"]
 
 Array = NDArray[np.float64]
+
+#: Methods of hinge stiffness that include the roots in the bodies.
+WITH_ROOTS = ("wedge", "finite-element")
 
 #: Assumed where nothing was measured: typical of a bolted monolithic aluminium stage.
 DEFAULT_DAMPING = ModalDamping(ratio=0.01)
@@ -100,7 +105,8 @@ def hinge_springs(
     stage : Stage
         The stage.
     method : str
-        ``wedge`` (with the roots in the bodies), ``timoshenko`` or ``euler-bernoulli`` (without).
+        ``wedge`` or ``finite-element`` (with the roots in the bodies), ``timoshenko`` or
+        ``euler-bernoulli`` (without).
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
 
@@ -127,7 +133,7 @@ def _springs(
     elastic = (stage.material.youngs_modulus, stage.material.poissons_ratio)
     springs = []
     for hinge in stage.hinges:
-        roots = root_widths(stage, hinge) if method == "wedge" else None
+        roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
         found = _compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
         springs.append(
             HingeSpring(
@@ -179,8 +185,8 @@ def lumped_system(
     stage : Stage
         The stage.
     method : str
-        How the hinges' stiffness is found: ``wedge`` (with the roots in the bodies),
-        ``timoshenko`` or ``euler-bernoulli``.
+        How the hinges' stiffness is found: ``wedge`` or ``finite-element`` (with the roots in the
+        bodies), ``timoshenko`` or ``euler-bernoulli``.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
     damping : ModalDamping or RayleighDamping or LossFactor
@@ -245,11 +251,22 @@ def lumped_system(
             matrix=np.concatenate(rows) if rows else np.zeros((0, layout.order)),
             owner=np.array(owner, dtype=np.intp),
         ),
+        loads=tuple(
+            LoadPort(name=f"gravity {axis}", vector=_weight(layout, mass, i), unit="g")
+            for i, axis in enumerate("xy")
+        ),
         axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
         damping=damping,
         validity=_validity(stage, method, planes, damping),
         settings={"model": "lumped", "method": method, "plane": " and ".join(planes)},
     )
+
+
+def _weight(layout: Layout, mass: Array, axis: int) -> Array:
+    """Weight of the bodies, falling along x or y."""
+    weight = np.zeros(layout.order)
+    weight[axis::3] = STANDARD_GRAVITY * mass[axis::3]
+    return weight
 
 
 def _along(angle: float) -> Array:
@@ -290,7 +307,7 @@ def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) ->
         f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
     ]
-    if method != "wedge":
+    if method not in WITH_ROOTS:
         notes.append(
             f"Hinges by {method} beam theory without their roots: 2 to 20 % too stiff in rotation."
         )

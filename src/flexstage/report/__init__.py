@@ -10,16 +10,25 @@ from flexstage.report.results import (
     results_json,
     study_results,
 )
-from flexstage.report.study import FUTURE_MODELS, MODELS, Study, analyse_model, run_study
+from flexstage.report.study import (
+    MODELS,
+    ModelRun,
+    Study,
+    Wanted,
+    analyse_model,
+    run_model,
+    run_study,
+)
 
 __all__ = [
-    "FUTURE_MODELS",
     "MODELS",
     "SECTIONS",
     "Comparison",
     "ComparisonRow",
     "Display",
+    "ModelRun",
     "Study",
+    "Wanted",
     "analyse_model",
     "analysis_results",
     "characteristic_row",
@@ -29,6 +38,7 @@ __all__ = [
     "number",
     "report_html",
     "results_json",
+    "run_model",
     "run_study",
     "study_results",
     "write_files",

@@ -60,12 +60,18 @@ _SHOWN: dict[str, Display] = {
     "transmission_ratio": Display(label="Transmission ratio", unit="", factor=1.0),
     "max_stress": Display(label="Largest stress", unit="MPa", factor=1e-6),
     "safety_factor": Display(label="Safety factor (yield)", unit="", factor=1.0),
+    "fatigue_safety": Display(label="Safety factor (fatigue)", unit="", factor=1.0),
     "resolution": Display(label="Resolution", unit="µm", factor=1e6),
     "natural_frequency_hz": Display(label="Natural frequency", unit="Hz", factor=1.0),
     "cross_coupling": Display(label="Cross-coupling", unit="%", factor=100.0, zero=1e-9),
     "parasitic_rotation": Display(label="Parasitic rotation", unit="µrad", factor=1e6, zero=1e-12),
     "input_stiffness": Display(label="Input stiffness", unit="N/µm", factor=1e-6),
     "output_stiffness": Display(label="Output stiffness", unit="N/µm", factor=1e-6),
+    "gravity_sag": Display(label="Sag under its weight", unit="µm", factor=1e6, zero=1e-12),
+    "thermal_drift": Display(label="Thermal drift", unit="nm/K", factor=1e9, zero=1e-13),
+    "out_of_plane_frequency_hz": Display(label="Lowest mode out of plane", unit="Hz", factor=1.0),
+    "out_of_plane_stiffness": Display(label="Stiffness out of plane", unit="N/µm", factor=1e-6),
+    "buckling_factor": Display(label="Buckling load over load", unit="", factor=1.0),
     "straightness": Display(label="Straightness in plane", unit="µm", factor=1e6, zero=1e-15),
     "straightness_out_of_plane": Display(
         label="Straightness out of plane", unit="µm", factor=1e6, zero=1e-15

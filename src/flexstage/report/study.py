@@ -1,34 +1,145 @@
 """The main job: every model of a stage, beside what others gave for it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import StrokePath, lumped_system, mechanism, stroke_path
+from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
-__all__ = ["FUTURE_MODELS", "MODELS", "Plane", "Study", "analyse_model", "run_study"]
+if TYPE_CHECKING:
+    from flexstage.fem import MeshSettings, Refinement, StageModel
+
+__all__ = [
+    "MODELS",
+    "ModelRun",
+    "Plane",
+    "Study",
+    "Wanted",
+    "analyse_model",
+    "run_model",
+    "run_study",
+]
 
 Plane = Literal["auto", "stress", "strain"]
 
 
-def _lumped(stage: Stage, plane: Plane) -> Analysis:
-    return analyse(stage, lumped_system(stage, plane=plane))
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelRun:
+    """What one model made of a stage.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        What it says of the stage.
+    mesh : StageModel or None
+        The finite-element model behind it, for pictures; None where there is none.
+    refinement : Refinement or None
+        How its mesh was refined, where an accuracy was asked for.
+    """
+
+    analysis: Analysis
+    mesh: "StageModel | None" = None
+    refinement: "Refinement | None" = None
 
 
-#: Models by name: each makes an analysis from a stage and the plane state of its notches.
-MODELS: Mapping[str, Callable[[Stage, Plane], Analysis]] = {"lumped": _lumped}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """What is asked of a model beyond its stage.
+
+    Parameters
+    ----------
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+    accuracy : float or None
+        Relative accuracy of `quantity` [1]; None for the usual mesh.
+    quantity : str
+        The quantity that shall be accurate.
+    supports : str
+        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
+    """
+
+    plane: Plane = "auto"
+    accuracy: float | None = None
+    quantity: str = "natural_frequency_hz"
+    supports: Literal["rigid", "elastic"] = "rigid"
+
+
+def _lumped(stage: Stage, wanted: Wanted) -> ModelRun:
+    _no_accuracy("lumped", wanted)
+    return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=wanted.plane)))
+
+
+def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
+    from flexstage.fem import plane_model
+
+    return _meshed(
+        stage,
+        wanted,
+        "plane",
+        lambda mesh: plane_model(stage, mesh, plane=wanted.plane, supports=wanted.supports),
+    )
+
+
+def _solid(stage: Stage, wanted: Wanted) -> ModelRun:
+    from flexstage.fem import solid_model
+
+    if wanted.plane != "auto":
+        raise ModelError(
+            f"the solid model has no plane state, got '{wanted.plane}': leave the option out"
+        )
+    return _meshed(
+        stage, wanted, "solid", lambda mesh: solid_model(stage, mesh, supports=wanted.supports)
+    )
+
+
+def _meshed(
+    stage: Stage,
+    wanted: Wanted,
+    name: str,
+    build: "Callable[[MeshSettings | None], StageModel]",
+) -> ModelRun:
+    from flexstage.fem import LADDERS, refine
+
+    if wanted.accuracy is None:
+        model = build(None)
+        return ModelRun(analysis=analyse(stage, model.system), mesh=model)
+    found = refine(build, LADDERS[name], accuracy=wanted.accuracy, quantity=wanted.quantity)
+    return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
+
+
+def _no_accuracy(model: str, wanted: Wanted) -> None:
+    if wanted.accuracy is not None:
+        raise ModelError(
+            f"the {model} model has no mesh to refine to an accuracy: ask the plane or the solid "
+            "one, or leave the accuracy out"
+        )
+
+
+#: Models by name: each makes an analysis from a stage and what is asked for.
+MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
+    "lumped": _lumped,
+    "plane": _plane,
+    "solid": _solid,
+}
+
+#: Models of which the other choice of plane state is shown as well: it costs little.
+_BOUNDED = ("lumped", "plane")
+
+#: Time that the models take beside one another, for the progress that is told.
+_WEIGHTS: Mapping[str, float] = {"lumped": 0.2, "superelement": 1.0, "plane": 2.0, "solid": 25.0}
+
+#: Responses and modes are drawn of the first of these that was run.
+_DRAWN = ("superelement", "plane", "lumped", "solid")
 
 _STEPS = 21  # states along a stroke
-
-#: Models that have a name already, but nothing behind it yet.
-FUTURE_MODELS: tuple[str, ...] = ("superelement", "plane", "solid")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,12 +156,18 @@ class Study:
         The same models with another choice of plane stress or strain, by what they are called.
     paths : Mapping
         Motion over the whole stroke with finite rotations, by axis; of the lumped model.
+    runs : Mapping
+        Run of each model, with the mesh behind it.
+    left_out : Mapping
+        Why a model could not be made of this stage, by model.
     """
 
     stage: Stage
     analyses: Mapping[str, Analysis]
     variants: Mapping[str, Analysis]
     paths: Mapping[str, StrokePath]
+    runs: Mapping[str, ModelRun] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def characteristics(self) -> Characteristics:
@@ -68,8 +185,43 @@ class Study:
 
     @property
     def main(self) -> Analysis:
-        """The analysis that figures are drawn of: that of the first model."""
+        """The analysis that figures are drawn of: of the model that comes first in `_DRAWN`."""
+        for name in _DRAWN:
+            if name in self.analyses:
+                return self.analyses[name]
         return next(iter(self.analyses.values()))
+
+
+def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRun:
+    """Analyse a stage with one model.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : str
+        One of `MODELS`.
+    wanted : Wanted, optional
+        What is asked for.
+
+    Returns
+    -------
+    ModelRun
+        What the model says of the stage, and the mesh behind it.
+
+    Raises
+    ------
+    ModelError
+        There is no such model, or no such plane state, or the model cannot give what is asked for.
+    """
+    wanted = wanted or Wanted()
+    if wanted.plane not in ("auto", "stress", "strain"):
+        raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")
+    if wanted.supports not in ("rigid", "elastic"):
+        raise ModelError(f"unknown supports '{wanted.supports}': expected rigid or elastic")
+    if model not in MODELS:
+        raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
+    return MODELS[model](stage, wanted)
 
 
 def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
@@ -94,12 +246,7 @@ def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysi
     ModelError
         There is no such model, or no such plane state.
     """
-    if plane not in ("auto", "stress", "strain"):
-        raise ModelError(f"unknown plane state '{plane}': expected auto, stress or strain")
-    if model not in MODELS:
-        what = "is not built yet" if model in FUTURE_MODELS else "is not known"
-        raise ModelError(f"the model '{model}' {what}: choose from {', '.join(MODELS)}")
-    return MODELS[model](stage, plane)
+    return run_model(stage, model, Wanted(plane=plane)).analysis
 
 
 def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane = "auto") -> Study:
@@ -110,14 +257,16 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     stage : Stage
         The stage.
     models : sequence of str
-        Some of `MODELS`; figures are drawn of the first.
+        Some of `MODELS`.
     plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck; it
+        says nothing to the solid model.
 
     Returns
     -------
     Study
-        The results, each model also with the other choice of plane state.
+        The results, plane models also with the other choice of plane state. Of several models, one
+        that cannot be made of this stage is left out, with the reason.
 
     Raises
     ------
@@ -134,18 +283,49 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     """
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
-    analyses = {model: analyse_model(stage, model, plane=plane) for model in models}
+    for model in models:  # before the first of them has taken its minutes
+        if model not in MODELS:
+            raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
+    runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
-    for model, analysis in analyses.items():
-        used = analysis.provenance.settings.get("plane", "")
-        # plane strain belongs to wide notches; where it was used plane stress is the other bound
-        other: Plane = "stress" if "strain" in used else "strain"
-        if used:
-            variants[f"{model}, plane {other}"] = analyse_model(stage, model, plane=other)
+    left_out: dict[str, str] = {}
+    weights = [_WEIGHTS.get(model, 1.0) for model in models]
+    done = 0.0
+    for model, weight in zip(models, weights, strict=True):
+        with share(done / sum(weights), (done + weight) / sum(weights)):
+            own: Plane = "auto" if model == "solid" else plane
+            try:
+                with share(0.0, 0.5 if model in _BOUNDED else 1.0):
+                    runs[model] = run_model(stage, model, Wanted(plane=own))
+            except (ModelError, StageError) as error:
+                if len(models) == 1:
+                    raise
+                left_out[model] = str(error)
+                continue
+            finally:
+                done += weight
+            used = runs[model].analysis.provenance.settings.get("plane", "")
+            if model in _BOUNDED and used:
+                # plane strain belongs to wide notches; where it was used plane stress is the
+                # other bound
+                other: Plane = "stress" if "strain" in used else "strain"
+                with share(0.5, 1.0):
+                    variant = run_model(stage, model, Wanted(plane=other)).analysis
+                variants[f"{model}, plane {other}"] = variant
+    if not runs:
+        raise ModelError("; ".join(f"{model}: {why}" for model, why in left_out.items()))
+    analyses = {model: run.analysis for model, run in runs.items()}
     paths: Mapping[str, StrokePath] = {}
     if "lumped" in analyses:
         paths, analyses["lumped"] = _over_the_stroke(stage, analyses["lumped"], plane)
-    return Study(stage=stage, analyses=analyses, variants=variants, paths=paths)
+    return Study(
+        stage=stage,
+        analyses=analyses,
+        variants=variants,
+        paths=paths,
+        runs=runs,
+        left_out=left_out,
+    )
 
 
 def _over_the_stroke(

@@ -154,7 +154,7 @@ class Loop:
         for start, end, bulge in self.segments():
             corners.append(start)
             if bulge:
-                centre, radius, first, sweep = _arc(start, end, bulge)
+                centre, radius, first, sweep = arc(start, end, bulge)
                 step = 2.0 * math.acos(max(1.0 - tolerance / radius, 0.0))
                 for k in range(1, count := max(2, math.ceil(abs(sweep) / step))):
                     angle = first + sweep * k / count
@@ -226,7 +226,7 @@ class Circle:
         return Loop(((x - self.radius, y), (x + self.radius, y)), (1.0, 1.0))
 
 
-def _arc(
+def arc(
     start: tuple[float, float], end: tuple[float, float], bulge: float
 ) -> tuple[tuple[float, float], float, float, float]:
     """Return centre, radius, first angle and signed sweep of an arc."""
@@ -257,7 +257,7 @@ def _circular_segment(
     start: tuple[float, float], end: tuple[float, float], bulge: float
 ) -> AreaIntegrals:
     """Integrate over the area between a chord and its arc, positive where the arc turns left."""
-    (cx, cy), r, first, sweep = _arc(start, end, bulge)
+    (cx, cy), r, first, sweep = arc(start, end, bulge)
     a = abs(sweep) / 2.0
     sign = math.copysign(1.0, sweep)
     # in axes through the centre, u along the bisector of the arc

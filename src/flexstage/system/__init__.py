@@ -5,10 +5,12 @@ from flexstage.system.axis import AxisAnalysis, analyse_axis
 from flexstage.system.characteristics import axis_characteristics, axis_mode
 from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
 from flexstage.system.mechanical import (
+    STANDARD_GRAVITY,
     AxisPort,
     BodyPort,
     DriveCondition,
     DrivePort,
+    LoadPort,
     MechanicalSystem,
     ProbePort,
     StressMap,
@@ -29,9 +31,11 @@ from flexstage.system.statics import (
     probe_stiffness,
     static_displacements,
     static_forces,
+    static_loads,
 )
 
 __all__ = [
+    "STANDARD_GRAVITY",
     "Analysis",
     "AxisAnalysis",
     "AxisPort",
@@ -40,6 +44,7 @@ __all__ = [
     "DriveCondition",
     "DrivePort",
     "FrequencyResponse",
+    "LoadPort",
     "LossFactor",
     "MechanicalSystem",
     "ModalDamping",
@@ -64,6 +69,7 @@ __all__ = [
     "state_space",
     "static_displacements",
     "static_forces",
+    "static_loads",
     "time_response",
     "transformed",
 ]

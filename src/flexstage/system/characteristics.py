@@ -1,12 +1,18 @@
 """The figures that an engineer quotes of a stage, from one analysed axis."""
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 
 from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.material import Material
 from flexstage.stage import Stage
 from flexstage.system.axis import AxisAnalysis
+from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
+from flexstage.system.statics import probe_stiffness, static_loads
 
 __all__ = ["axis_characteristics", "axis_mode"]
 
@@ -58,7 +64,8 @@ def axis_characteristics(
     Returns
     -------
     list of Characteristic
-        Stroke, ratio, stress, safety, resolution, frequency, coupling, rotation, stiffness.
+        Stroke, ratio, stress, safety, resolution, frequency, coupling, rotation, stiffness, and
+        what weight and temperature do, as far as the model knows.
     """
     ratio = axis.output_displacement / axis.input_displacement
     others = [a for a in system.axes if a.name != axis.axis]
@@ -66,7 +73,7 @@ def axis_characteristics(
     port = system.drive(axis.drive)
     rows: list[Characteristic] = []
 
-    def add(quantity: str, value: float, note: str) -> None:
+    def add(quantity: str, value: float, note: str, uncertainty: float | None = None) -> None:
         rows.append(
             Characteristic(
                 quantity=quantity,
@@ -74,6 +81,7 @@ def axis_characteristics(
                 origin=system.model,
                 value=float(value),
                 unit=QUANTITIES[quantity],
+                uncertainty=uncertainty,
                 note=note,
             )
         )
@@ -89,9 +97,19 @@ def axis_characteristics(
     if static.hinge_stress:
         worst = max(static.hinge_stress, key=lambda k: static.hinge_stress[k])
         stress = static.hinge_stress[worst]
-        add("max_stress", stress, f"equivalent stress at hinge '{worst}', full stroke")
+        scatter = None if system.stress is None else system.stress.scatter(static.q)[worst]
+        add(
+            "max_stress",
+            stress,
+            f"equivalent stress at hinge '{worst}', full stroke",
+            # nothing is known of it where the stress comes from no mesh
+            scatter or None,
+        )
         if stage.material.yield_strength is not None and stress > 0.0:
             add("safety_factor", stage.material.yield_strength / stress, "against yield")
+        fatigue = _fatigue(stage.material, stress)
+        if fatigue is not None:
+            add("fatigue_safety", *fatigue)
     if port.smallest_displacement is not None:
         add(
             "resolution",
@@ -109,4 +127,58 @@ def axis_characteristics(
     if body in static.body_motion:
         add("parasitic_rotation", static.body_motion[body][2], f"of body '{body}' at full stroke")
     add("input_stiffness", axis.input_stiffness, "force of the drive over its elongation")
+    stiffness = probe_stiffness(system, axis.probe, drives="in place")
+    if stiffness < math.inf:
+        where = f"against a force at probe '{axis.probe}', drives in place (a rigid one is held)"
+        add("output_stiffness", stiffness, where)
+    for quantity, value, note in _loaded(stage, system, axis.probe):
+        add(quantity, value, note)
     return rows
+
+
+def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
+    r"""Safety against fatigue when the stroke is gone through again and again.
+
+    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
+    its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
+    """
+    limit, strength = material.fatigue_limit, material.yield_strength
+    if limit is None or strength is None or stress <= 0.0:
+        return None
+    cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
+    note = f"stroke from nothing to full and back, by Soderberg{cycles}"
+    return 1.0 / (0.5 * stress / limit + 0.5 * stress / strength), note
+
+
+def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
+    """Give what weight and temperature do to a probe, where the model knows."""
+    known = {load.name for load in system.loads}
+    if {"gravity x", "gravity y"} <= known:
+        angle = stage.probe(probe).direction
+        weight = {"gravity x": math.cos(angle), "gravity y": math.sin(angle)}
+        sag = static_loads(system, weight, drives="in place").readings[probe]
+        yield "gravity_sag", sag, "1 g along the axis, drives in place (a rigid one is held)"
+    if "temperature" in known:
+        drift = static_loads(system, {"temperature": 1.0}).readings[probe]
+        yield (
+            "thermal_drift",
+            drift,
+            "uniform change of temperature, drives removed, base of constant length; on a base "
+            "that expands, times the difference of the coefficients over the stage's own",
+        )
+    body = system.probe(probe).body
+    lift = f"{body} out of plane"
+    if any(p.name == lift for p in system.probes):
+        yield (
+            "out_of_plane_stiffness",
+            probe_stiffness(system, lift),
+            f"against a force on '{body}', normal to the plate",
+        )
+        index = [i for i, c in enumerate(system.coordinates) if c.startswith("out of plane")]
+        omega, _ = generalized_modes(
+            system.K[np.ix_(index, index)],
+            system.M[np.ix_(index, index)],
+            np.zeros((len(index), 0)),
+            1,
+        )
+        yield "out_of_plane_frequency_hz", omega[0] / (2.0 * math.pi), "drives removed or locked"

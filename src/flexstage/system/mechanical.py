@@ -11,10 +11,12 @@ from flexstage.errors import ModelError
 from flexstage.system.damping import Damping, ModalDamping
 
 __all__ = [
+    "STANDARD_GRAVITY",
     "AxisPort",
     "BodyPort",
     "DriveCondition",
     "DrivePort",
+    "LoadPort",
     "MechanicalSystem",
     "ProbePort",
     "StressMap",
@@ -25,7 +27,10 @@ Array = NDArray[np.float64]
 #: What is done with the drives: taken out, left in with their stiffness, or held at their length.
 DriveCondition = Literal["removed", "in place", "locked"]
 
-_T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort")
+#: Standard acceleration of gravity [m/s^2] (3rd CGPM, 1901).
+STANDARD_GRAVITY = 9.80665
+
+_T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort", "LoadPort")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,6 +104,25 @@ class BodyPort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadPort:
+    """A load that acts on the whole stage, such as its weight or a change of temperature.
+
+    Parameters
+    ----------
+    name : str
+        Name of the load.
+    vector : numpy.ndarray
+        Force on each coordinate for a load of one unit, shape (n,).
+    unit : str
+        Unit of the load.
+    """
+
+    name: str
+    vector: Array
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressMap:
     """Stress at the critical points of each hinge, linear in the coordinates.
 
@@ -107,14 +131,21 @@ class StressMap:
     hinges : tuple of str
         Names of the hinges.
     matrix : numpy.ndarray
-        Signed equivalent stress at each point for each coordinate [Pa], shape (m, n).
+        For each place and coordinate the signed equivalent stress [Pa], shape (m, n), or the
+        components xx, yy, zz, yz, xz, xy of the stress [Pa], shape (m, 6, n), whose equivalent
+        stress is that of von Mises.
     owner : numpy.ndarray
-        Index into `hinges` of each point, shape (m,).
+        Index into `hinges` of each place, shape (m,).
+    point : numpy.ndarray or None
+        The point that each place belongs to, counted from 0, shape (m,); several places, one in
+        each finite element about it, share a point, and their stress is averaged there. None where
+        each is a point of its own.
     """
 
     hinges: tuple[str, ...]
     matrix: Array
     owner: NDArray[np.intp]
+    point: NDArray[np.intp] | None = None
 
     def largest(self, q: Array) -> dict[str, float]:
         """Return the largest stress in each hinge.
@@ -130,8 +161,57 @@ class StressMap:
             Largest magnitude of the equivalent stress by hinge [Pa].
         """
         worst = np.zeros(len(self.hinges))
-        np.maximum.at(worst, self.owner, np.abs(self.matrix @ q))
+        np.maximum.at(worst, self.owner, self._equivalent(q))
         return dict(zip(self.hinges, worst.tolist(), strict=True))
+
+    def scatter(self, q: Array) -> dict[str, float]:
+        """Return by how much the elements about the most stressed point of each hinge differ.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates, shape (n,).
+
+        Returns
+        -------
+        dict
+            Half of the range of the equivalent stress there [Pa]; 0 where the stress comes from
+            no mesh.
+        """
+        spread = np.zeros(len(self.hinges))
+        if self.point is None or not self.owner.size:
+            return dict(zip(self.hinges, spread.tolist(), strict=True))
+        mean = self._equivalent(q)
+        alone = np.abs(_equivalent(self.matrix @ q))
+        high, low = np.full(self.point.max() + 1, -np.inf), np.full(self.point.max() + 1, np.inf)
+        np.maximum.at(high, self.point, alone)
+        np.minimum.at(low, self.point, alone)
+        half = 0.5 * (high - low)
+        for i in range(len(self.hinges)):
+            at = np.flatnonzero(self.owner == i)
+            if at.size:
+                spread[i] = half[self.point[at[np.argmax(mean[at])]]]
+        return dict(zip(self.hinges, spread.tolist(), strict=True))
+
+    def _equivalent(self, q: Array) -> Array:
+        """Magnitude of the equivalent stress at each place, averaged at shared points."""
+        stress = self.matrix @ q
+        if self.point is not None and self.point.size:
+            count = self.point.max() + 1
+            total = np.zeros((count, *stress.shape[1:]))
+            np.add.at(total, self.point, stress)
+            share = np.bincount(self.point, minlength=count)
+            stress = (total / share.reshape(-1, *(1,) * (stress.ndim - 1)))[self.point]
+        return np.abs(_equivalent(stress))
+
+
+def _equivalent(stress: Array) -> Array:
+    """Return equivalent stresses: as they are, or by von Mises from six components."""
+    if stress.ndim == 1:
+        return stress
+    xx, yy, zz, yz, xz, xy = stress.T
+    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.sqrt(0.5 * normal + 3.0 * (yz**2 + xz**2 + xy**2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,6 +262,8 @@ class MechanicalSystem:
         Motion of the bodies.
     stress : StressMap or None
         Stress in the hinges.
+    loads : tuple of LoadPort
+        Loads on the whole stage.
     axes : tuple of AxisPort
         Directions of positioning.
     damping : ModalDamping or RayleighDamping or LossFactor
@@ -206,6 +288,7 @@ class MechanicalSystem:
     probes: tuple[ProbePort, ...] = ()
     bodies: tuple[BodyPort, ...] = ()
     stress: StressMap | None = None
+    loads: tuple[LoadPort, ...] = ()
     axes: tuple[AxisPort, ...] = ()
     damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
     validity: tuple[str, ...] = ()
@@ -269,6 +352,21 @@ class MechanicalSystem:
             The body.
         """
         return _find("body", name, self.bodies)
+
+    def load(self, name: str) -> LoadPort:
+        """Return a load by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        LoadPort
+            The load.
+        """
+        return _find("load", name, self.loads)
 
     def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
         """Return what the drives add to the bare stage.

@@ -54,6 +54,7 @@ def transformed(
         drives=tuple(replace(d, vector=basis.T @ d.vector) for d in system.drives),
         probes=tuple(replace(p, vector=basis.T @ p.vector) for p in system.probes),
         bodies=tuple(replace(b, matrix=b.matrix @ basis) for b in system.bodies),
+        loads=tuple(replace(f, vector=basis.T @ f.vector) for f in system.loads),
         stress=None if stress is None else replace(stress, matrix=stress.matrix @ basis),
     )
 

@@ -1,5 +1,6 @@
 """Static response of a system to forces and to imposed drive displacements."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ __all__ = [
     "probe_stiffness",
     "static_displacements",
     "static_forces",
+    "static_loads",
 ]
 
 Array = NDArray[np.float64]
@@ -141,6 +143,45 @@ def static_displacements(
     return _solution(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
 
 
+def static_loads(
+    system: MechanicalSystem,
+    loads: Mapping[str, float],
+    *,
+    drives: DriveCondition = "removed",
+) -> StaticSolution:
+    """Return the equilibrium under loads on the whole stage, such as weight or temperature.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    loads : Mapping
+        Size of each load in its unit.
+    drives : str
+        ``removed``, ``in place`` or ``locked``.
+
+    Returns
+    -------
+    StaticSolution
+        The state. Its hinge stress is that of the deformation alone: under a change of temperature
+        the part that expands freely has to be taken off, so it is left out there.
+
+    Raises
+    ------
+    ModelError
+        A load does not exist, or the stage is a mechanism.
+    """
+    right = np.zeros((system.order, 1))
+    for name, size in loads.items():
+        right[:, 0] += size * system.load(name).vector
+    added, held = system.drive_springs(drives)
+    q, _ = solve_stiffness(system.K + added, right, held)
+    found = _solution(system, q[:, 0], {})
+    if any(name.startswith("temperature") for name in loads):
+        return replace(found, hinge_stress={})
+    return found
+
+
 def drive_stiffness(
     system: MechanicalSystem, drive: str, *, others: DriveCondition = "removed"
 ) -> float:
@@ -180,12 +221,17 @@ def probe_stiffness(
     Returns
     -------
     float
-        Force over reading [N/m].
+        Force over reading [N/m]; infinite where the drives hold the probe.
     """
     vector = system.probe(probe).vector[:, None]
     added, held = system.drive_springs(drives)
     q, _ = solve_stiffness(system.K + added, vector, held)
-    return 1.0 / float(vector[:, 0] @ q[:, 0])
+    moved = float(vector[:, 0] @ q[:, 0])
+    if held.shape[1]:
+        free, _ = solve_stiffness(system.K + added, vector, held[:, :0])
+        if moved <= float(vector[:, 0] @ free[:, 0]) / _DEPENDENT:
+            return math.inf
+    return 1.0 / moved
 
 
 def _without(system: MechanicalSystem, names: list[str]) -> MechanicalSystem:

@@ -1,0 +1,597 @@
+"""Linear elasticity of a meshed part: matrices, loads, readings, statics, modes, stress."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+from numpy.typing import NDArray
+
+from flexstage.elasticity.unit import METRE
+from flexstage.errors import ConvergenceError, ModelError
+from flexstage.material import Material
+from flexstage.progress import tell
+
+__all__ = ["AttachedMass", "Continuum"]
+
+Array = NDArray[np.float64]
+_COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttachedMass:
+    """Something heavy that rides on a part and does not stiffen it.
+
+    Parameters
+    ----------
+    motion : numpy.ndarray
+        Its motions for each degree of freedom of the part, one a row [m or rad], shape (k, n).
+    inertia : numpy.ndarray
+        Mass or moment of inertia for each motion [kg or kg m^2], shape (k,).
+    """
+
+    motion: Array
+    inertia: Array
+
+
+class Continuum:
+    r"""A linear-elastic part on a mesh.
+
+    .. math:: K u = f, \quad K_{ij} = \int \varepsilon(\phi_i) : C : \varepsilon(\phi_j)
+
+    Displacements are in metres, forces in newtons; the mesh is in millimetres. Interior degrees of
+    freedom of the elements are condensed before the factorisation, which is made once.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        The mesh, curved to `order`, in two or three dimensions.
+    material : Material
+        What the part is made of.
+    order : int
+        Polynomial order of the displacement.
+    thickness : float, optional
+        Thickness of a plane part [m]; for three dimensions leave it out.
+    strain : str
+        Regular expression of the regions in plane strain; the others are in plane stress.
+    held : str
+        Regular expression of the boundaries that are held.
+    held_components : Mapping
+        Regular expression of the boundaries that are held in one direction, by ``x``, ``y``, ``z``.
+    copies : int
+        How often the meshed part is there: 2 where a half stands for a whole that is symmetric, or
+        the opposite, about a plane. Stiffness, mass and volume forces are those of the whole.
+    shift : float
+        Adds this multiple of the mass matrix to the stiffness [rad^2/s^2], so that a part that
+        nothing holds can be solved; its modes are found all the same.
+
+    Raises
+    ------
+    ModelError
+        The thickness does not go with the dimension of the mesh, nothing holds the part and there
+        is no shift, or the stiffness cannot be factorised.
+
+    Notes
+    -----
+    Validity: small displacements and strains, isotropic material. Plane stress holds for parts thin
+    against their other dimensions, plane strain for notches wide against their neck.
+    """
+
+    def __init__(
+        self,
+        mesh: ng.Mesh,
+        material: Material,
+        *,
+        order: int,
+        thickness: float | None = None,
+        strain: str = "",
+        held: str = "",
+        held_components: Mapping[str, str] | None = None,
+        copies: int = 1,
+        shift: float = 0.0,
+    ) -> None:
+        if (thickness is None) != (mesh.dim == 3):
+            raise ModelError(
+                "a plane mesh needs a thickness, and a mesh in three dimensions takes none"
+            )
+        self.mesh = mesh
+        self.material = material
+        self.order = order
+        self.dimension = int(mesh.dim)
+        self.thickness = thickness
+        self.shift = shift
+        parts = {f"dirichlet{c}": names for c, names in (held_components or {}).items()}
+        self.space = ng.VectorH1(mesh, order=order, dirichlet=held, **parts)
+        self.size: int = self.space.ndof
+        modulus, poisson = material.youngs_modulus, material.poissons_ratio
+        self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
+        first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        if self.dimension == 2:
+            # plane stress is three-dimensional elasticity with another first Lamé constant
+            flat = modulus * poisson / (1.0 - poisson**2)
+            wide = mesh.Materials(strain).Mask() if strain else None
+            self.lame = ng.CoefficientFunction(
+                [first if wide is not None and wide[i] else flat for i in range(_regions(mesh))]
+            )
+            self.in_strain = ng.CoefficientFunction(
+                [float(wide is not None and wide[i]) for i in range(_regions(mesh))]
+            )
+        else:
+            self.lame = ng.CoefficientFunction(first)
+            self.in_strain = ng.CoefficientFunction(1.0)
+        # A gradient is by millimetres. What is left of a volume integral of two gradients:
+        self._measure = copies * (thickness if thickness is not None else 1.0 / METRE)
+        self._volume = self._measure / METRE**2
+        self.free = np.array(self.space.FreeDofs(), dtype=bool)
+        self._solver: ng.BaseMatrix | None = None
+
+    # ------------------------------------------------------------------ matrices
+
+    def _form(self) -> ng.BilinearForm:
+        u, v = self.space.TnT()
+        form = ng.BilinearForm(self.space, symmetric=True, condense=True)
+        strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
+        stress = 2.0 * self.shear_modulus * ng.InnerProduct(strain_u, strain_v)
+        form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
+        if self.shift:
+            weight = self.shift * self.material.density * self._volume
+            form += weight * ng.InnerProduct(u, v) * ng.dx
+        return form
+
+    def factorise(self) -> None:
+        """Assemble and factorise the stiffness; `solve` does it where it was not done.
+
+        Raises
+        ------
+        ModelError
+            Nothing holds the part, or the stiffness cannot be factorised.
+        """
+        if self._solver is not None:
+            return
+        if self.free.all() and not self.shift:
+            raise ModelError(
+                "nothing holds the part, so it has no static solution: hold a boundary, or give "
+                "a shift"
+            )
+        with ng.TaskManager():
+            tell("assembly")
+            form = self._form()
+            form.Assemble()
+            kept = self.space.FreeDofs(True)
+            tell("factorisation", 0.5)
+            inverse = form.mat.Inverse(kept, "sparsecholesky")
+            one = ng.IdentityMatrix(self.size)
+            outwards, inwards = (
+                one + form.harmonic_extension,
+                one + form.harmonic_extension_trans,
+            )
+            self._solver = outwards @ inverse @ inwards + form.inner_solve
+            self._form_kept = form  # the operators refer to it
+            self._right = form.mat.CreateColVector()
+            self._left = form.mat.CreateColVector()
+
+    def release(self) -> None:
+        """Free the factorisation and the mass matrix, the bulk of the memory; fields stay."""
+        self._solver = None
+        self.__dict__.pop("_mass", None)
+        self.__dict__.pop("_form_kept", None)
+
+    @cached_property
+    def _mass(self) -> sp.csr_matrix:
+        """Mass matrix of one component of the displacement [kg]; all components share it."""
+        scalar = ng.H1(self.mesh, order=self.order)
+        if scalar.ndof * self.dimension != self.size:
+            raise ModelError("the components of the displacement do not share one scalar space")
+        p, q = scalar.TnT()
+        with ng.TaskManager():
+            form = ng.BilinearForm(scalar)
+            form += self.material.density * self._volume * p * q * ng.dx
+            form.Assemble()
+        rows, columns, values = form.mat.COO()
+        shape = (scalar.ndof, scalar.ndof)
+        return sp.csr_matrix((np.asarray(values), (np.asarray(rows), np.asarray(columns))), shape)
+
+    def mass_times(self, u: Array) -> Array:
+        """Multiply by the mass matrix.
+
+        Parameters
+        ----------
+        u : numpy.ndarray
+            Displacements, shape (n,) or (n, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            M u, same shape.
+        """
+        d, width = self.dimension, u.shape[1:]
+        return np.concatenate([self._mass @ part for part in u.reshape(d, self.size // d, *width)])
+
+    def solve(self, load: Array) -> Array:
+        """Return the displacement under loads.
+
+        Parameters
+        ----------
+        load : numpy.ndarray
+            Loads, shape (n,) or (n, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacements, same shape.
+
+        Raises
+        ------
+        ModelError
+            Nothing holds the part, or the solution is not finite.
+        """
+        self.factorise()
+        assert self._solver is not None
+        if load.ndim == 2:
+            return np.column_stack([self.solve(column) for column in load.T])
+        with ng.TaskManager():
+            self._right.FV().NumPy()[:] = np.where(self.free, load, 0.0)
+            self._left.data = self._solver * self._right
+        found = self._left.FV().NumPy().copy()
+        if not np.isfinite(found).all():
+            raise ModelError("the stiffness is singular: a part of the mesh is held by nothing")
+        return found
+
+    def modes(
+        self, count: int, *, attached: Sequence[AttachedMass] = (), tolerance: float = 1e-9
+    ) -> tuple[Array, Array]:
+        r"""Return the lowest natural modes, :math:`K\phi = \omega^2 M\phi`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        attached : sequence of AttachedMass
+            What rides on the part.
+        tolerance : float
+            Relative tolerance of the eigenvalues.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count).
+
+        Raises
+        ------
+        ConvergenceError
+            The iteration did not end.
+        """
+        n = self.size
+
+        def mass(x: Array) -> Array:
+            x = x.ravel()
+            total = self.mass_times(x)
+            for rider in attached:
+                total = total + rider.motion.T @ (rider.inertia * (rider.motion @ x))
+            return total
+
+        steps = 0
+
+        def solve(x: Array) -> Array:
+            # a Krylov space of twice the modes, rebuilt once as a rule
+            nonlocal steps
+            steps += 1
+            tell("modes", steps / (steps + max(4.0 * count - steps, 0.15 * steps)))
+            return self.solve(x.ravel())
+
+        start = self.solve(np.random.default_rng(0).standard_normal(n))
+        operator: Any = spl.LinearOperator  # its types do not know its keywords
+        weigh = operator((n, n), matvec=mass, dtype=float)
+        try:
+            values, shapes = spl.eigsh(
+                weigh,
+                k=count,
+                M=weigh,
+                sigma=0.0,
+                OPinv=operator((n, n), matvec=solve, dtype=float),
+                v0=start,
+                tol=tolerance,  # type: ignore[arg-type]
+            )
+        except spl.ArpackError as error:
+            raise ConvergenceError(f"the modes of the mesh were not found: {error}") from error
+        order = np.argsort(values)
+        omega = np.sqrt(np.clip(values[order] - self.shift, 0.0, None))
+        return omega, shapes[:, order]
+
+    # ------------------------------------------------------------------ loads and readings
+
+    def _linear(self, *integrals: object) -> Array:
+        form = ng.LinearForm(self.space)
+        for integral in integrals:
+            form += integral
+        with ng.TaskManager():
+            form.Assemble()
+        return form.vec.FV().NumPy().copy()
+
+    def _vector(self, direction: Sequence[float] | ng.CoefficientFunction) -> object:
+        if isinstance(direction, ng.CoefficientFunction):
+            return direction
+        given = tuple(float(c) for c in direction)[: self.dimension]
+        return ng.CoefficientFunction(given + (0.0,) * (self.dimension - len(given)))
+
+    def measure(self, *, boundary: str = "", region: str = "") -> float:
+        """Return the length or area of boundaries, or the area or volume of regions.
+
+        Parameters
+        ----------
+        boundary : str
+            Regular expression of boundaries.
+        region : str
+            Regular expression of regions, if no boundary is given.
+
+        Returns
+        -------
+        float
+            In metres to the power of its dimension.
+
+        Raises
+        ------
+        ModelError
+            Nothing has such a name.
+        """
+        where = self.mesh.Boundaries(boundary) if boundary else self.mesh.Materials(region)
+        total = float(ng.Integrate(ng.CoefficientFunction(1.0), self.mesh, definedon=where))
+        if total <= 0.0:
+            raise ModelError(f"the mesh has no part called '{boundary or region}'")
+        return total / METRE ** (self.dimension - (1 if boundary else 0))
+
+    def mean(
+        self,
+        boundary: str,
+        direction: Sequence[float] | ng.CoefficientFunction,
+        weight: ng.CoefficientFunction | float = 1.0,
+    ) -> Array:
+        r"""Return the mean of a displacement over a boundary, :math:`\int w\,d^T u / \int w`.
+
+        The same vector is the load of a unit force along `direction` that is spread as `weight`.
+
+        Parameters
+        ----------
+        boundary : str
+            Regular expression of boundaries.
+        direction : sequence of float or ngsolve.CoefficientFunction
+            The direction d.
+        weight : ngsolve.CoefficientFunction or float
+            The weight w.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n,).
+
+        Raises
+        ------
+        ModelError
+            Nothing has such a name, or the weight is nothing there.
+        """
+        self.measure(boundary=boundary)
+        where = self.mesh.Boundaries(boundary)
+        w = ng.CoefficientFunction(weight)
+        total = ng.Integrate(w, self.mesh, definedon=where, order=2 * self.order + 2)
+        v = self.space.TestFunction()
+        integral = ng.InnerProduct(self._vector(direction), v.Trace()) * w
+        return self._linear(integral * ng.ds(boundary, bonus_intorder=2)) / total
+
+    def force(self, region: str, density: Sequence[float] | ng.CoefficientFunction) -> Array:
+        """Return the load of a force that is spread over regions.
+
+        Parameters
+        ----------
+        region : str
+            Regular expression of regions.
+        density : sequence of float or ngsolve.CoefficientFunction
+            Force by volume [N/m^3].
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n,).
+        """
+        v = self.space.TestFunction()
+        integral = self._volume * ng.InnerProduct(self._vector(density), v)
+        return self._linear(integral * ng.dx(region, bonus_intorder=2))
+
+    def gravity(self, direction: Sequence[float], acceleration: float = 9.80665) -> Array:
+        """Return the load of the part's own weight.
+
+        Parameters
+        ----------
+        direction : sequence of float
+            Unit vector in which it falls.
+        acceleration : float
+            Acceleration [m/s^2]; standard gravity where not given.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n,).
+        """
+        scale = self.material.density * acceleration
+        return self.force(".*", [scale * c for c in direction])
+
+    def thermal(self, change: ng.CoefficientFunction | float) -> Array:
+        r"""Return the load of a change of temperature, :math:`\int\alpha T\,(C:I):\varepsilon(v)`.
+
+        In plane strain the thickness counts as free to grow with the temperature: only the strain
+        beyond that is held at nothing.
+
+        Parameters
+        ----------
+        change : ngsolve.CoefficientFunction or float
+            Change of temperature [K].
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n,).
+
+        Raises
+        ------
+        ModelError
+            The material has no coefficient of expansion.
+        """
+        expansion = self.material.thermal_expansion
+        if expansion is None:
+            raise ModelError(
+                f"material '{self.material.name}' gives no thermal_expansion: add it to the "
+                "material"
+            )
+        pressure = (self.dimension * self.lame + 2.0 * self.shear_modulus) * expansion * change
+        v = self.space.TestFunction()
+        # one gradient is by millimetres
+        return self._linear(self._volume * METRE * pressure * ng.div(v) * ng.dx)
+
+    def rigid_motion(
+        self, region: str, centre: Sequence[float] | None = None
+    ) -> tuple[tuple[float, ...], Array]:
+        """Return the mean motion of regions: the rigid motion nearest to theirs in mean square.
+
+        Parameters
+        ----------
+        region : str
+            Regular expression of regions.
+        centre : sequence of float, optional
+            The point whose displacement is given [m]; their centroid where not given.
+
+        Returns
+        -------
+        tuple
+            The point, and displacements [m] and rotations [rad] for each degree of freedom,
+            shape (3, n) for x, y and the rotation about z, or (6, n) in three dimensions.
+        """
+        d = self.dimension
+        where = self.mesh.Materials(region)
+        x = [c / METRE for c in (ng.x, ng.y, ng.z)[:d]]
+        volume = float(ng.Integrate(ng.CoefficientFunction(1.0), self.mesh, definedon=where))
+        if volume <= 0.0:
+            raise ModelError(f"the mesh has no region called '{region}'")
+        middle = [float(ng.Integrate(c, self.mesh, definedon=where)) / volume for c in x]
+        units = np.eye(d)
+        fields = [ng.CoefficientFunction(tuple(units[i])) for i in range(d)]
+        arm = [c - m for c, m in zip(x, middle, strict=True)]
+        pairs = [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]
+        for a, b in pairs:
+            parts: list[object] = [ng.CoefficientFunction(0.0)] * d
+            parts[a], parts[b] = -arm[b], arm[a]
+            fields.append(ng.CoefficientFunction(tuple(parts)))
+        gram = np.array(
+            [
+                [
+                    float(ng.Integrate(ng.InnerProduct(p, q), self.mesh, definedon=where))
+                    for q in fields
+                ]
+                for p in fields
+            ]
+        )
+        v = self.space.TestFunction()
+        rows = np.array(
+            [self._linear(ng.InnerProduct(p, v) * ng.dx(region, bonus_intorder=1)) for p in fields]
+        )
+        motion: Array = np.linalg.solve(gram, rows).astype(np.float64)
+        at = tuple(middle) if centre is None else tuple(float(c) for c in centre)[:d]
+        offset = np.array(at) - np.array(middle)
+        turned = motion.copy()
+        for k, (a, b) in enumerate(pairs):
+            turned[a] -= offset[b] * motion[d + k]
+            turned[b] += offset[a] * motion[d + k]
+        return at, turned
+
+    def point(self, at: Sequence[float], direction: Sequence[float]) -> Array:
+        """Return the displacement of a point of the part along a direction.
+
+        Parameters
+        ----------
+        at : sequence of float
+            The point [m].
+        direction : sequence of float
+            The direction.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n,).
+
+        Raises
+        ------
+        ModelError
+            The point is not in the part.
+        """
+        place = [c * METRE for c in at]
+        if not self.mesh.Contains(*place):
+            raise ModelError(f"there is no material at {tuple(at)} m, so nothing moves there")
+        mapped = self.mesh(*place)
+        element = self.mesh[ng.ElementId(ng.VOL, mapped.nr)]
+        row = np.zeros(self.size)
+        scalar = ng.H1(self.mesh, order=self.order)
+        shape = np.asarray(
+            scalar.GetFE(element).CalcShape(mapped.pnt[0], mapped.pnt[1], mapped.pnt[2])
+        )
+        dofs = np.asarray(scalar.GetDofNrs(element))
+        for c, part in enumerate(tuple(direction)[: self.dimension]):
+            row[dofs + c * scalar.ndof] += part * shape
+        return row
+
+    # ------------------------------------------------------------------ fields
+
+    def field(self, u: Array) -> ng.GridFunction:
+        """Return displacements as a function on the mesh [m].
+
+        Parameters
+        ----------
+        u : numpy.ndarray
+            Displacements, shape (n,).
+
+        Returns
+        -------
+        ngsolve.GridFunction
+            The field.
+        """
+        function = ng.GridFunction(self.space)
+        function.vec.FV().NumPy()[:] = u
+        return function
+
+    def stress(
+        self, u: Array, change: ng.CoefficientFunction | float = 0.0
+    ) -> ng.CoefficientFunction:
+        """Return the stress as a function on the mesh [Pa].
+
+        Parameters
+        ----------
+        u : numpy.ndarray
+            Displacements, shape (n,).
+        change : ngsolve.CoefficientFunction or float
+            Change of temperature that goes with them [K].
+
+        Returns
+        -------
+        ngsolve.CoefficientFunction
+            The tensor, 3 x 3; of a plane part with the stress through its thickness.
+        """
+        function = self.field(u)
+        gradient = METRE * ng.Grad(function)
+        d = self.dimension
+        alpha = self.material.thermal_expansion or 0.0
+        strain = ng.Sym(gradient) - alpha * change * ng.Id(d)
+        trace = sum(strain[i, i] for i in range(d))
+        inner = self.lame * trace * ng.Id(d) + 2.0 * self.shear_modulus * strain
+        if d == 3:
+            return inner
+        through = self.in_strain * self.lame * trace
+        zero = ng.CoefficientFunction(0.0)
+        return ng.CoefficientFunction(
+            (inner[0, 0], inner[0, 1], zero, inner[1, 0], inner[1, 1], zero, zero, zero, through),
+            dims=(3, 3),
+        )
+
+
+def _regions(mesh: ng.Mesh) -> int:
+    return len(mesh.GetMaterials())

@@ -1,0 +1,321 @@
+"""The plane of a stage as named faces that share their edges."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from netgen.occ import Glue, TopoDS_Shape
+
+from flexstage.elasticity import METRE, face
+from flexstage.errors import StageError
+from flexstage.fem.names import (
+    MOUNTING,
+    body_region,
+    neck_edge,
+    notch_region,
+    patch_edge,
+    surface_edge,
+)
+from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
+from flexstage.stage.contour import body_contour, inner_notch
+
+__all__ = ["Patch", "StageFaces", "patches", "stage_faces"]
+
+Point = tuple[float, float]
+_NEAR = 1e-9  # two points are one [m]
+
+#: Part of a notch, from the neck on, that can be in plane strain [1]. The rest of it belongs to its
+#: body; it deforms little, and where a notch runs out along the edge of the body, a region that
+#: ended there would have a corner without an angle.
+STRAINED = 0.8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patch:
+    """Where a drive touches a body.
+
+    Parameters
+    ----------
+    drive : str
+        Name of the drive.
+    which : int
+        0 on the pushed body, 1 on the reacting one.
+    body : str
+        Name of the body.
+    at : tuple of float
+        The point [m].
+    ends : tuple of tuple of float or None
+        Ends of the straight stretch of its edge on which the force is spread [m]; None where the
+        point lies on no straight edge, and the force is spread in a disc.
+    """
+
+    drive: str
+    which: int
+    body: str
+    at: Point
+    ends: tuple[Point, Point] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageFaces:
+    """Faces of a stage, or of some of its bodies with their half notches.
+
+    Parameters
+    ----------
+    shape : netgen.occ.TopoDS_Shape
+        The faces, glued; regions and edges are named as in `flexstage.fem.names`.
+    patches : tuple of Patch
+        Where drives touch them.
+    held : str
+        What holds the fixed bodies, in words; empty where none is fixed.
+    """
+
+    shape: TopoDS_Shape
+    patches: tuple[Patch, ...]
+    held: str
+
+
+def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[Patch, ...]:
+    """Return the patches of a drive on some bodies.
+
+    Parameters
+    ----------
+    drive : Drive
+        The drive.
+    bodies : iterable of Body
+        The bodies.
+
+    Returns
+    -------
+    tuple of Patch
+        Those of its two patches that lie on one of the bodies.
+    """
+    by_name = {b.name: b for b in bodies}
+    found = []
+    for which, name in enumerate((drive.pushes, drive.reacts)):
+        if name in by_name:
+            at = drive.at[which]
+            ends = _stretch(by_name[name], at, drive.patch_half_width)
+            found.append(Patch(drive=drive.name, which=which, body=name, at=at, ends=ends))
+    return tuple(found)
+
+
+def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | None:
+    """Find the stretch about a point of the straight edge that it lies on."""
+    for loop in (body.outline, *(h for h in body.holes if isinstance(h, Loop))):
+        for a, b, bulge in loop.segments():
+            length = math.dist(a, b)
+            if bulge or length < _NEAR:
+                continue
+            ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+            along = (at[0] - a[0]) * ux + (at[1] - a[1]) * uy
+            aside = (at[1] - a[1]) * ux - (at[0] - a[0]) * uy
+            # as far to either side, so that the resultant goes through the point
+            w = min(half_width, along, length - along)
+            if abs(aside) < _NEAR and w > _NEAR:
+                return (at[0] - w * ux, at[1] - w * uy), (at[0] + w * ux, at[1] + w * uy)
+    return None
+
+
+def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
+    """Add points that lie on straight segments of a loop as corners."""
+    points: list[Point] = []
+    bulges: list[float] = []
+    wanted = list(extra)
+    for a, b, bulge in loop.segments():
+        points.append(a)
+        bulges.append(bulge)
+        length = math.dist(a, b)
+        if bulge or length < _NEAR:
+            continue
+        ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+        inside = sorted(
+            (s, p)
+            for p in wanted
+            if _NEAR < (s := (p[0] - a[0]) * ux + (p[1] - a[1]) * uy) < length - _NEAR
+            and abs((p[1] - a[1]) * ux - (p[0] - a[0]) * uy) < _NEAR
+        )
+        for _, p in inside:
+            if math.dist(p, points[-1]) > _NEAR:
+                points.append(p)
+                bulges.append(0.0)
+    return Loop(tuple(points), tuple(bulges))
+
+
+def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
+    contour, holes = body_contour(stage, body, STRAINED)
+    outline = _with_points(contour, extra)
+    shape = face(outline.points, outline.bulges)
+    for hole in (*holes, *body.mounting_holes):
+        loop = hole.loop() if isinstance(hole, Circle) else _with_points(hole, extra)
+        shape = shape - face(loop.points, loop.bulges)
+    if len(shape.faces) != 1:
+        raise StageError(
+            f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: "
+            "see what 'flexstage check' says about it"
+        )
+    shape = shape.faces[0]
+    shape.name = body_region(body.name)
+    return shape
+
+
+def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
+    """Return the faces of a stage: one for each body and one for each half notch.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    bodies : iterable of str, optional
+        Only these bodies, each with the half notches that it owns.
+
+    Returns
+    -------
+    StageFaces
+        The faces.
+
+    Raises
+    ------
+    StageError
+        Bodies or notches overlap, or a body falls to pieces.
+    """
+    kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
+    names = {b.name for b in kept}
+    touched = tuple(p for d in stage.drives for p in patches(d, kept))
+    extra = [end for p in touched if p.ends is not None for end in p.ends]
+    shapes = [_body_face(stage, b, extra) for b in kept]
+    halves: list[tuple[Hinge, int]] = [
+        (h, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] in names
+    ]
+    for hinge, which in halves:
+        loop = inner_notch(hinge, which, STRAINED)
+        half = face(loop.points, loop.bulges)
+        half.name = notch_region(hinge.name, which)
+        shapes.append(half)
+    glued = Glue(shapes) if len(shapes) > 1 else shapes[0]
+    if len(glued.faces) != len(shapes):
+        raise StageError(
+            f"bodies or notches of stage '{stage.name}' overlap: {len(shapes)} faces became "
+            f"{len(glued.faces)} when they were joined; see what 'flexstage check' says"
+        )
+    held = _name_edges(stage, glued, kept, touched, halves)
+    return StageFaces(shape=glued, patches=touched, held=held)
+
+
+def _middle(edge: TopoDS_Shape) -> Point:
+    first, last = edge.parameter_interval
+    p = edge.Value(0.5 * (first + last))
+    return p.x / METRE, p.y / METRE
+
+
+def _name_edges(
+    stage: Stage,
+    glued: TopoDS_Shape,
+    bodies: list[Body],
+    touched: tuple[Patch, ...],
+    halves: list[tuple[Hinge, int]],
+) -> str:
+    """Give every edge that means something its name; say what holds the fixed bodies."""
+    by_face = {f.name: f for f in glued.faces}
+    for hinge, which in halves:
+        cut = STRAINED * hinge.profile.length / 2.0
+        for edge in by_face[notch_region(hinge.name, which)].edges:
+            start, end = _along(hinge, edge)
+            if abs(start) < _NEAR and abs(end) < _NEAR:
+                edge.name = neck_edge(hinge.name)
+            elif abs(abs(start) - cut) > _NEAR or abs(abs(end) - cut) > _NEAR:
+                edge.name = surface_edge(hinge.name)
+        for edge in by_face[body_region(hinge.bodies[which])].edges:
+            if not edge.name and _beside(hinge, edge):
+                edge.name = surface_edge(hinge.name)
+    held = []
+    for body in bodies:
+        own = by_face[body_region(body.name)]
+        for patch in (p for p in touched if p.body == body.name and p.ends is not None):
+            a, b = patch.ends  # type: ignore[misc]
+            for edge in own.edges:
+                if _between(_middle(edge), a, b):
+                    edge.name = patch_edge(patch.drive, patch.which)
+        if body.fixed:
+            held.append(_hold(stage, body, own))
+    return "; ".join(dict.fromkeys(held))
+
+
+def _local(hinge: Hinge, p: Point) -> Point:
+    """Map a point to the axes of a hinge."""
+    c, s = math.cos(hinge.direction), math.sin(hinge.direction)
+    x, y = p[0] - hinge.at[0], p[1] - hinge.at[1]
+    return c * x + s * y, c * y - s * x
+
+
+def _ends(edge: TopoDS_Shape) -> tuple[Point, Point]:
+    a, b = edge.start, edge.end
+    return (a.x / METRE, a.y / METRE), (b.x / METRE, b.y / METRE)
+
+
+def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
+    a, b = _ends(edge)
+    return _local(hinge, a)[0], _local(hinge, b)[0]
+
+
+def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
+    """Tell whether an edge is of the outer part of a notch, between its cut and its root."""
+    half, height = hinge.profile.length / 2.0, hinge.profile.root_height
+    cut = STRAINED * half
+    for p in (*_ends(edge), _middle(edge)):
+        along, across = _local(hinge, p)
+        if not cut - _NEAR < abs(along) < half + _NEAR or abs(across) > height:
+            return False
+    first, last = _along(hinge, edge)
+    middle = abs(_local(hinge, _middle(edge))[0])
+    # the cut lies across, and so does an edge of the body beside the root
+    return not abs(first - last) < _NEAR or cut + _NEAR < middle < half - _NEAR
+
+
+def _between(p: Point, a: Point, b: Point) -> bool:
+    length = math.dist(a, b)
+    ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+    along = (p[0] - a[0]) * ux + (p[1] - a[1]) * uy
+    aside = (p[1] - a[1]) * ux - (p[0] - a[0]) * uy
+    return abs(aside) < _NEAR and 0.0 < along < length
+
+
+def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
+    """Name the edges that hold a fixed body: its mounting holes, or else its outer edges."""
+    if body.mounting_holes:
+        for edge in own.edges:
+            x, y = _middle(edge)
+            for hole in body.mounting_holes:
+                if abs(math.hypot(x - hole.centre[0], y - hole.centre[1]) - hole.radius) < _NEAR:
+                    edge.name = MOUNTING
+        return "fixed bodies held at their mounting holes"
+    # Where no holes are described it is held all around, but for the edges that a notch grows
+    # from and those beside them: they must be free to give way to the root.
+    roots: list[Point] = []
+    for hinge in stage.hinges:
+        for which, name in enumerate(hinge.bodies):
+            if name == body.name:
+                side = (-1.0, 1.0)[which]
+                roots.append(hinge.to_plane(side * hinge.profile.length / 2.0, 0.0))
+    clear = max((h.profile.root_height for h in stage.hinges if body.name in h.bodies), default=0.0)
+    count = 0
+    for edge in own.edges:
+        if not edge.name and all(_distance_to(edge, p) > clear for p in roots):
+            edge.name = MOUNTING
+            count += 1
+    if not count:
+        raise StageError(
+            f"the fixed body '{body.name}' has no mounting hole, and no edge away from its notches "
+            "to hold it by: give it mounting_holes"
+        )
+    return "fixed bodies without mounting holes held at their edges away from the notches"
+
+
+def _distance_to(edge: TopoDS_Shape, p: Point) -> float:
+    a, b = (edge.start.x / METRE, edge.start.y / METRE), (edge.end.x / METRE, edge.end.y / METRE)
+    length = math.dist(a, b)
+    if length < _NEAR:
+        return math.dist(_middle(edge), p)
+    ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+    along = min(max((p[0] - a[0]) * ux + (p[1] - a[1]) * uy, 0.0), length)
+    return math.dist(p, (a[0] + along * ux, a[1] + along * uy))

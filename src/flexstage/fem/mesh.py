@@ -1,0 +1,168 @@
+"""Meshes of a stage: triangles in its plane, or prisms through its thickness."""
+
+from dataclasses import dataclass
+
+import ngsolve as ng
+from netgen.meshing import IdentificationType
+from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
+
+from flexstage.elasticity import METRE
+from flexstage.errors import ModelError
+from flexstage.fem.geometry import StageFaces
+from flexstage.fem.names import surface_edge
+from flexstage.stage import Stage
+
+__all__ = ["MIDDLE", "MeshSettings", "plane_mesh", "prism_mesh"]
+
+#: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
+MIDDLE = "middle"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshSettings:
+    """How fine a mesh is.
+
+    Parameters
+    ----------
+    order : int
+        Polynomial order of the displacement, 1 to 8.
+    neck_size : float
+        Largest element along the surface of a notch, in neck thicknesses [1].
+    grading : float
+        How fast elements grow away from the necks, 0.1 (slowly) to 1 [1].
+    size : float
+        Largest element, in plate thicknesses [1].
+    layers : int
+        Layers of prisms through half the thickness; of a plane mesh it says nothing.
+
+    Raises
+    ------
+    ModelError
+        A figure is out of its range.
+    """
+
+    order: int = 4
+    neck_size: float = 0.8
+    grading: float = 0.6
+    size: float = 2.0
+    layers: int = 1
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("order", 1, 8),
+            ("neck_size", 0.05, 20.0),
+            ("grading", 0.1, 1.0),
+            ("size", 0.01, 100.0),
+            ("layers", 1, 16),
+        ):
+            if not low <= (value := getattr(self, name)) <= high:
+                raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
+
+
+def _refine(stage: Stage, faces: StageFaces, settings: MeshSettings) -> None:
+    necks = {surface_edge(h.name): h.profile.neck_thickness for h in stage.hinges}
+    for edge in faces.shape.edges:
+        if edge.name in necks:
+            edge.maxh = settings.neck_size * necks[edge.name] * METRE
+
+
+def _generate(shape: TopoDS_Shape, dimension: int, largest: float, grading: float) -> ng.Mesh:
+    geometry = OCCGeometry(shape, dim=dimension)
+    try:
+        with ng.TaskManager():
+            made = geometry.GenerateMesh(maxh=largest * METRE, grading=grading)
+    except Exception as error:  # the mesher raises its own class, and RuntimeError
+        raise ModelError(
+            f"the mesher could not mesh the part ({str(error).strip() or 'no reason given'}): "
+            "look for slivers and overlaps with 'flexstage check', or change the mesh size"
+        ) from error
+    mesh = ng.Mesh(made)
+    if mesh.ne == 0:
+        raise ModelError("the mesher made no element: the part has no area")
+    return mesh
+
+
+def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
+    """Mesh the plane of a stage with curved triangles.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    faces : StageFaces
+        Its faces.
+    settings : MeshSettings
+        How fine.
+
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh, in millimetres, with regions and boundaries named as in `flexstage.fem.names`.
+
+    Raises
+    ------
+    ModelError
+        The mesher failed.
+    """
+    _refine(stage, faces, settings)
+    mesh = _generate(faces.shape, 2, settings.size * stage.thickness, settings.grading)
+    mesh.Curve(settings.order)
+    return mesh
+
+
+def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
+    """Mesh the upper half of a stage's thickness with layers of curved prisms.
+
+    The plane z = 0 is the middle of the plate; whatever a stage does is symmetric about it or the
+    opposite, so that two half models hold the whole answer.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    faces : StageFaces
+        Its faces.
+    settings : MeshSettings
+        How fine.
+
+    Returns
+    -------
+    ngsolve.Mesh
+        The mesh, in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the
+        edges that they grow from.
+
+    Raises
+    ------
+    ModelError
+        The mesher failed, or did not make prisms.
+    """
+    _refine(stage, faces, settings)
+    height = 0.5 * stage.thickness * METRE / settings.layers
+    slabs = [
+        faces.shape.Move(Vec(0.0, 0.0, k * height)).Extrude(Vec(0.0, 0.0, height))
+        for k in range(settings.layers)
+    ]
+    whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
+    levels: dict[int, dict[tuple[float, float], TopoDS_Shape]] = {}
+    for f in whole.faces:
+        box = f.bounding_box
+        if box[1].z - box[0].z < 1e-3 * height:
+            level = round(f.center.z / height)
+            levels.setdefault(level, {})[round(f.center.x, 6), round(f.center.y, 6)] = f
+    for f in levels[0].values():
+        f.name = MIDDLE
+    # Faces that lie over one another are meshed alike, with prisms between them. Layers are slabs
+    # of their own: splitting prisms afterwards would lose the curvature of their sides.
+    for level in range(settings.layers):
+        for key, below in levels[level].items():
+            above = levels[level + 1].get(key)
+            if above is None:
+                raise ModelError("the mesher lost a face of the plate: the part cannot be meshed")
+            below.Identify(above, f"layer {level}", IdentificationType.CLOSESURFACES)
+    mesh = _generate(whole, 3, settings.size * stage.thickness, settings.grading)
+    if any(e.type != ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
+        raise ModelError(
+            "the mesher did not fill the plate with prisms: change the mesh size a little"
+        )
+    mesh.Curve(settings.order)
+    return mesh

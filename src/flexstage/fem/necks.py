@@ -1,0 +1,124 @@
+"""Stress on the free surfaces of the notches, linear in the displacement."""
+
+from dataclasses import dataclass
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.elasticity import METRE, Continuum
+from flexstage.elasticity.stress import COMPONENTS
+from flexstage.fem.names import exactly, surface_edge
+from flexstage.stage import Stage
+
+__all__ = ["NeckPoints", "neck_points", "neck_stress"]
+
+Array = NDArray[np.float64]
+
+# along an element's edge; its ends lie on vertices, where the elements beside it are averaged
+_ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NeckPoints:
+    """Points on the surfaces of the notches, each once for every element that touches it.
+
+    Parameters
+    ----------
+    hinges : tuple of str
+        Names of the hinges.
+    places : numpy.ndarray
+        Points of the mesh, shape (m,).
+    position : numpy.ndarray
+        Where they are [m], shape (m, 3).
+    owner : numpy.ndarray
+        Index into `hinges`, shape (m,).
+    """
+
+    hinges: tuple[str, ...]
+    places: NDArray[np.void]
+    position: Array
+    owner: NDArray[np.intp]
+
+    @property
+    def point(self) -> NDArray[np.intp]:
+        """Number of the point that each place belongs to, shape (m,)."""
+        key = np.column_stack((self.owner, np.round(self.position * 1e9).astype(np.int64)))
+        _, point = np.unique(key, axis=0, return_inverse=True)
+        return point.ravel()
+
+
+def neck_points(continuum: Continuum, stage: Stage) -> NeckPoints:
+    """Return the points at which the stress of the notches is looked for.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum.
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    NeckPoints
+        Points along every element's edge or face on the surface of a notch.
+    """
+    rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in _ALONG])}
+    if continuum.dimension == 3:
+        rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in _ALONG for t in _ALONG])}
+    mesh = continuum.mesh
+    found, owner = [], []
+    for i, hinge in enumerate(stage.hinges):
+        surface = mesh.Boundaries(exactly(surface_edge(hinge.name)))
+        places = mesh.MapToAllElements(rules, surface)
+        found.append(places)
+        owner.append(np.full(len(places), i, dtype=np.intp))
+    if not found:
+        nothing = np.zeros(0, dtype=np.intp)
+        return NeckPoints(
+            hinges=(), places=np.zeros(0, dtype="V1"), position=np.zeros((0, 3)), owner=nothing
+        )
+    places = np.concatenate(found)
+    position = np.asarray(ng.CoefficientFunction((ng.x, ng.y, ng.z))(places)) / METRE
+    return NeckPoints(
+        hinges=tuple(h.name for h in stage.hinges),
+        places=places,
+        position=position,
+        owner=np.concatenate(owner),
+    )
+
+
+def _rule(points: list[tuple[float, float, float]]) -> ng.IntegrationRule:
+    return ng.IntegrationRule(points=points, weights=[1.0] * len(points))
+
+
+def neck_stress(
+    continuum: Continuum, points: NeckPoints, u: Array, temperature: float = 0.0
+) -> Array:
+    """Return the stress at the points of the notches.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum.
+    points : NeckPoints
+        The points.
+    u : numpy.ndarray
+        Displacements, shape (n,) or (n, r).
+    temperature : float
+        Uniform change of temperature that goes with them [K].
+
+    Returns
+    -------
+    numpy.ndarray
+        Components xx, yy, zz, yz, xz, xy [Pa], shape (m, 6) or (m, 6, r).
+    """
+    if not points.owner.size:
+        return np.zeros((0, 6, *u.shape[1:]))
+    if u.ndim == 2:
+        columns = [neck_stress(continuum, points, column, temperature) for column in u.T]
+        return np.stack(columns, axis=-1)
+    stress = continuum.stress(u, temperature)
+    six = ng.CoefficientFunction(tuple(stress[i, j] for i, j in COMPONENTS))
+    with ng.TaskManager():
+        return np.asarray(ng.BoundaryFromVolumeCF(six)(points.places))

@@ -1,0 +1,223 @@
+"""Where a stage is pushed, read and loaded, as vectors on its mesh."""
+
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.elasticity import METRE, AttachedMass, Continuum
+from flexstage.errors import ModelError
+from flexstage.fem.geometry import Patch
+from flexstage.fem.names import body_region, either, exactly, notch_region, patch_edge
+from flexstage.stage import Drive, Probe, Stage
+
+__all__ = [
+    "Supports",
+    "attached_masses",
+    "body_motion",
+    "body_regions",
+    "drive_vector",
+    "probe_vector",
+]
+
+Array = NDArray[np.float64]
+
+#: Whether the fixed bodies give way under the drives that react on them.
+Supports = Literal["rigid", "elastic"]
+
+
+def body_regions(stage: Stage, body: str) -> str:
+    """Return the expression of the regions of a body with its half notches.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    body : str
+        Name of the body.
+
+    Returns
+    -------
+    str
+        The regular expression.
+    """
+    own = [body_region(body)]
+    for hinge in stage.hinges:
+        own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
+    return either(own)
+
+
+def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
+    """Return displacement and rotation of a body in the plane, about a point.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum, its middle plane at z = 0.
+    stage : Stage
+        The stage.
+    body : str
+        Name of the body.
+    at : tuple of float
+        The point [m].
+
+    Returns
+    -------
+    numpy.ndarray
+        x, y [m] and rotation [rad], shape (3, n): the rigid motion nearest to the body's.
+    """
+    centre = at if continuum.dimension == 2 else (*at, 0.0)
+    _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
+    return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
+
+
+def _patch_vector(
+    continuum: Continuum, stage: Stage, patch: Patch, direction: tuple[float, float], reach: float
+) -> Array:
+    """Mean displacement of a patch along a direction."""
+    if patch.ends is not None:
+        return continuum.mean(exactly(patch_edge(patch.drive, patch.which)), direction)
+    # no edge to push on: a disc about the point, with a weight that fades towards its rim
+    r2 = sum((c - METRE * p) ** 2 for c, p in zip((ng.x, ng.y), patch.at, strict=True))
+    weight = ng.IfPos((METRE * reach) ** 2 - r2, 1.0 - r2 / (METRE * reach) ** 2, 0.0)
+    region = exactly(body_region(patch.body))
+    where = continuum.mesh.Materials(region)
+    total = float(ng.Integrate(weight, continuum.mesh, definedon=where, order=12))
+    if total <= 0.0:
+        raise ModelError(
+            f"drive '{patch.drive}' acts at {patch.at} m, where body '{patch.body}' has no "
+            "material: put the point on its edge"
+        )
+    v = continuum.space.TestFunction()
+    pushed = direction[0] * v[0] + direction[1] * v[1]
+    form = ng.LinearForm(continuum.space)
+    form += weight * pushed * ng.dx(region, bonus_intorder=6)
+    form.Assemble()
+    return form.vec.FV().NumPy() / total
+
+
+def drive_vector(
+    continuum: Continuum,
+    stage: Stage,
+    drive: Drive,
+    patches: Iterable[Patch],
+    supports: Supports = "rigid",
+) -> Array:
+    r"""Return the elongation of a drive, :math:`d^T (\bar u_{push} - \bar u_{react})`.
+
+    The bars are means over the patches. Where the reacting patch lies beside the line of action
+    the rotation of its body carries it there, as force and reaction share one line.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum.
+    stage : Stage
+        The stage.
+    drive : Drive
+        The drive.
+    patches : iterable of Patch
+        Patches of all drives.
+    supports : str
+        ``rigid`` where a drive that reacts on a fixed body stands on the ground, ``elastic`` where
+        that body gives way under it.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (n,).
+    """
+    along = (math.cos(drive.direction), math.sin(drive.direction))
+    aside = (-along[1], along[0])
+    total = np.zeros(continuum.size)
+    for patch in patches:
+        grounded = supports == "rigid" and stage.body(patch.body).fixed
+        if patch.drive != drive.name or grounded:
+            continue
+        sign = 1.0 if patch.which == 0 else -1.0
+        total += sign * _patch_vector(continuum, stage, patch, along, drive.patch_half_width)
+        offset = sum(c * (p - q) for c, p, q in zip(aside, patch.at, drive.at[0], strict=True))
+        if patch.which == 1 and abs(offset) > 1e-9:
+            turn = body_motion(continuum, stage, patch.body, patch.at)[2]
+            # a turn moves the point on the line by -aside * offset more than the patch, along it
+            total += sign * offset * turn
+    return total
+
+
+def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
+    """Return the reading of a probe.
+
+    It is the displacement of the point that it names. Where the body has no material there, such
+    as in its aperture, what it reads rides on the body and follows its mean motion.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum.
+    stage : Stage
+        The stage.
+    probe : Probe
+        The probe.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (n,).
+    """
+    along = (math.cos(probe.direction), math.sin(probe.direction))
+    reading = _reading(continuum, stage, probe.body, probe.at, along)
+    if probe.relative_to is not None:
+        reading = reading - _reading(continuum, stage, probe.relative_to, probe.at, along)
+    return reading
+
+
+def _reading(
+    continuum: Continuum,
+    stage: Stage,
+    body: str,
+    at: tuple[float, float],
+    along: tuple[float, float],
+) -> Array:
+    mesh = continuum.mesh
+    place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
+    if mesh.Contains(*place):
+        element = ng.ElementId(ng.VOL, mesh(*place).nr)
+        own = mesh.Materials(body_regions(stage, body)).Mask()
+        if own[mesh[element].index]:
+            return continuum.point((*at, 0.0)[: continuum.dimension], along)
+    motion = body_motion(continuum, stage, body, at)
+    return along[0] * motion[0] + along[1] * motion[1]
+
+
+def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
+    """Return what is mounted on the bodies of a stage and is not of the plate.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The stage as a continuum.
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    list of AttachedMass
+        Each rides on the mean motion of its body.
+    """
+    riders = []
+    for body in stage.bodies:
+        if body.fixed:
+            continue
+        for extra in body.extra_masses:
+            motion = body_motion(continuum, stage, body.name, extra.at)
+            inertia = np.array([extra.mass, extra.mass, extra.inertia])
+            if continuum.dimension == 3:
+                _, whole = continuum.rigid_motion(body_regions(stage, body.name), (*extra.at, 0.0))
+                # how it is spread out of the plane is not described: it counts as a point there
+                motion = whole[[0, 1, 2, 5]]
+                inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])
+            riders.append(AttachedMass(motion=motion, inertia=inertia))
+    return riders

@@ -1,0 +1,400 @@
+r"""A notch with its roots as one spring, condensed from plane finite elements.
+
+One half of the notch stands on a block as wide as the body behind it. On the line of the neck it is
+held as symmetry asks: :math:`u_x = 0` under axial force and moment, :math:`u_y = 0` under shear,
+whose fields mirror with the other sign. The far end of the block, one and a half of its widths
+away, carries the tractions of a beam with the force at the neck. Then
+
+.. math::
+
+    C_{ij} = \int \sigma_i : \varepsilon_j\,\mathrm{d}V - C_{ij}^\mathrm{block}
+
+with the compliance of the block as a beam with shear, from the root on. What is left no longer
+depends on the length of the block (the stress of a strip forgets how it was loaded within a width
+or so; B. de Saint-Venant 1855): it is the half notch and all that the root does to the body. Two
+halves in series make the hinge. Where the bodies differ, each half stands against its own mirror
+image; the error is of second order in what is left at the neck of the difference of the roots.
+
+Lengths are in heights of the root, and compliances times E b.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+
+import ngsolve as ng
+import numpy as np
+
+from flexstage.elasticity import METRE, Continuum
+from flexstage.errors import HingeError
+from flexstage.hinges.compliance import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
+from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
+from flexstage.hinges.profile import Array, Profile
+from flexstage.material import Material
+
+__all__ = ["SurfaceStress", "condensed_compliance", "condensed_stress_rows", "surface_stress"]
+
+# Order 5 with an element or two across the neck: within 0.05 % of order 8 on finer meshes. Stress
+# is a derivative, and wants more of both.
+ORDER, STRESS_ORDER, STRESS_FINENESS = 5, 7, 2.0
+BLOCK = 1.5  # length of the block, in its widths: 1 leaves 0.03 %, 2.5 changes nothing
+
+# The thinnest neck that is meshed, against length and height of the notch: rounding grows like the
+# fourth power. And the widest body, in heights of the root.
+SMALLEST_NECK, WIDEST_BODY = 5e-3, 100.0
+
+_MODULUS = 1e9  # of the model; compliances are told times E b
+_SIDES, _MIRROR = ("left", "right"), np.diag([1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceStress:
+    """Stress along the surface of a notch, on nominal stress at its neck; left, then right.
+
+    The left surface is the one that a one-sided notch is cut from.
+
+    Parameters
+    ----------
+    axial : tuple of float
+        Factor on N/(b t) at the neck; of a notch with a flat part, the largest of its surface [1].
+    bending : tuple of float
+        The same on 6 M/(b t^2) [1].
+    largest_axial, largest_bending : tuple of float
+        The same where it is largest along the surface, wherever that is [1].
+    largest_shear : tuple of float
+        Largest factor on V/(b t) of a shear force that has no moment about the neck [1].
+    """
+
+    axial: tuple[float, float]
+    bending: tuple[float, float]
+    largest_axial: tuple[float, float]
+    largest_bending: tuple[float, float]
+    largest_shear: tuple[float, float]
+
+
+def condensed_compliance(
+    profile: Profile,
+    modulus: float,
+    poisson: float,
+    width: float,
+    plane: PlaneState,
+    root_widths: tuple[float, float] | None = None,
+    *,
+    reach: float | tuple[float, float] = ROOT_REACH,
+) -> HingeCompliance:
+    r"""Return the compliance of a notch about its neck, by plane finite elements.
+
+    With `root_widths` it holds the notch, what the two roots do to the bodies, and the bodies' own
+    bending as strips over `reach`; without it, the notch alone, on blocks of the height of its
+    root. The notch is in the given plane state, alone to its end; bodies are in plane stress.
+
+    Parameters
+    ----------
+    profile : Profile
+        The notch.
+    modulus : float
+        Young's modulus E [Pa].
+    poisson : float
+        Poisson's ratio nu [1].
+    width : float
+        Width b of the hinge [m].
+    plane : str
+        ``stress`` or ``strain``: the state of the notch.
+    root_widths : tuple of float, optional
+        Width of body a and of body b behind the root [m]; one below the height of the root counts
+        as that, and one above 100 of them as 100.
+    reach : float or tuple of float
+        How far into body a and body b their own bending counts, in heights of the root [1]. Use 0
+        beside bodies that are elastic themselves.
+
+    Returns
+    -------
+    HingeCompliance
+        The spring.
+
+    Raises
+    ------
+    HingeError
+        The notch is too slender, its neck below 0.005 of its length or height, or has no mesh.
+
+    Notes
+    -----
+    Validity: small deformation. Of its plane problem the result is within 0.05 %. A body that is a
+    strip along the hinge is covered; one of another shape is to the extent that a strip stands
+    for it. Plane strain in the notch and plane stress in the bodies follow three dimensions where a
+    neck is many times wider than thick: 1.5 % too stiff on a piece 20 necks wide, where plane
+    stress is 10.4 % too soft.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import RightCircular
+    >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
+    >>> spring = condensed_compliance(notch, 71.7e9, 0.33, 10e-3, "stress")
+    >>> round(float(1.0 / spring.matrix[2, 2]), 3)
+    8.147
+    """
+    height = profile.root_height
+    reaches = reach if isinstance(reach, tuple) else (reach, reach)
+    total = np.zeros((3, 3))
+    for which, turn in enumerate((_MIRROR, np.eye(3))):
+        if root_widths is None:
+            half = _half(profile, poisson, plane, None)
+        else:
+            body = _relative(profile, root_widths[which])
+            block = half_notch_on_block(profile, body, BLOCK)
+            half = _half(profile, poisson, plane, body)
+            half = half + block.as_beam(block.root + reaches[which], poisson)
+        total += turn @ half @ turn
+    to_metres = np.diag([1.0, 1.0, 1.0 / height])
+    c = to_metres @ total @ to_metres / (modulus * width)
+    return HingeCompliance(matrix=0.5 * (c + c.T), method="finite-element", plane=plane)
+
+
+@lru_cache(maxsize=1024)
+def surface_stress(
+    profile: Profile,
+    poisson: float,
+    plane: PlaneState = "stress",
+    root_width: float | None = None,
+) -> SurfaceStress:
+    """Return the stress along the surface of a notch, by plane finite elements.
+
+    Parameters
+    ----------
+    profile : Profile
+        The notch.
+    poisson : float
+        Poisson's ratio nu [1].
+    plane : str
+        ``stress`` or ``strain``: the state of the notch.
+    root_width : float, optional
+        Width of the bodies behind the roots [m]; that of the root where not given.
+
+    Returns
+    -------
+    SurfaceStress
+        Magnitudes of the stress along the surface, as factors.
+
+    Raises
+    ------
+    HingeError
+        The contour has a sharp corner at the end of its neck, where the stress is infinite.
+
+    Notes
+    -----
+    Validity: small deformation; within 0.02 % of the plane problem. A sharp corner where a notch
+    meets a wider body is left out.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import RightCircular
+    >>> found = surface_stress(RightCircular(neck_thickness=0.4e-3, radius=1e-3), 0.33)
+    >>> round(found.bending[0], 3)
+    1.077
+    """
+    if profile.step > 0.0:
+        raise HingeError(
+            f"a {profile.kind} notch has sharp corners, where the stress is infinite: "
+            "give it fillets (corner-filleted) to rate it"
+        )
+    body = None if root_width is None else _relative(profile, root_width)
+    with _one_thread():
+        model = _Model(profile, poisson, plane, body, order=STRESS_ORDER, fineness=STRESS_FINENESS)
+        stress = {(n, side): model.surface_stress(n, side) for n in "NMV" for side in _SIDES}
+    t = model.block.neck
+    nominal = {"N": 1.0 / t, "M": 6.0 / t**2, "V": 1.0 / t}
+
+    def factors(name: str, place: int) -> tuple[float, float]:
+        left, right = (stress[name, side][place] / nominal[name] for side in _SIDES)
+        return left, right
+
+    place = 1 if profile.flat_length > 0.0 else 0
+    return SurfaceStress(
+        axial=factors("N", place),
+        bending=factors("M", place),
+        largest_axial=factors("N", 1),
+        largest_bending=factors("M", 1),
+        largest_shear=factors("V", 1),
+    )
+
+
+def condensed_stress_rows(
+    profile: Profile,
+    width: float,
+    poisson: float,
+    plane: PlaneState,
+    root_width: float | None = None,
+) -> Array:
+    """Return what `flexstage.hinges.stress_rows` does, with factors by plane finite elements.
+
+    Parameters
+    ----------
+    profile : Profile
+        The notch.
+    width : float
+        Width b of the hinge [m].
+    poisson : float
+        Poisson's ratio nu [1].
+    plane : str
+        ``stress`` or ``strain``.
+    root_width : float, optional
+        Width of the bodies behind the roots [m]; that of the root where not given.
+
+    Returns
+    -------
+    numpy.ndarray
+        Signed equivalent stress at each point for (N, V, M) about the neck [1/m^2, 1/m^2, 1/m^3],
+        shape (2, 3), or (4, 3) for a notch with a flat part.
+
+    Raises
+    ------
+    HingeError
+        The contour has a sharp corner.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import RightCircular
+    >>> notch = RightCircular(neck_thickness=0.4e-3, radius=1e-3)
+    >>> rows = condensed_stress_rows(notch, 10e-3, 0.33, "stress")
+    >>> [round(float(s) / 1e6) for s in rows @ [0.0, 0.0, 0.1]]
+    [-404, 404]
+    """
+    factors = surface_stress(profile, poisson, plane, root_width)
+    t, half = profile.neck_thickness, 0.5 * profile.flat_length
+    equivalent = 1.0 if plane == "stress" else math.sqrt(1.0 - poisson + poisson**2)
+    rows = []
+    for x in (-half, half) if half > 0.0 else (0.0,):
+        for sign, axial, bending in zip((-1.0, 1.0), factors.axial, factors.bending, strict=True):
+            per_moment = sign * 6.0 * bending / (width * t**2)
+            rows.append((axial / (width * t), -x * per_moment, per_moment))
+    return equivalent * np.array(rows)
+
+
+# --------------------------------------------------------------------------- one half
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Solve on one thread: more are no faster on so few elements, and wait on a busy machine."""
+    kept = ng.GetNumThreads()
+    ng.SetNumThreads(1)
+    try:
+        yield
+    finally:
+        ng.SetNumThreads(kept)
+
+
+@lru_cache(maxsize=4096)
+def _half(profile: Profile, poisson: float, plane: PlaneState, body: float | None) -> Array:
+    """Compliance of the half in body b without its block, times E b, in heights of the root."""
+    with _one_thread():
+        found = _Model(profile, poisson, plane, body).compliance()
+    found.flags.writeable = False
+    return found
+
+
+def _relative(profile: Profile, root_width: float) -> float:
+    """Width of a body in heights of the root."""
+    return round(float(np.clip(root_width / profile.root_height, 1.0, WIDEST_BODY)), 9)
+
+
+class _Model:
+    """Finite elements of the half in body b, under the three forces at the neck."""
+
+    def __init__(
+        self,
+        profile: Profile,
+        poisson: float,
+        plane: PlaneState,
+        body: float | None,
+        *,
+        order: int = ORDER,
+        fineness: float = 1.0,
+        length: float = BLOCK,
+    ) -> None:
+        slender = profile.neck_thickness / max(profile.length, profile.root_height)
+        if slender < SMALLEST_NECK:
+            raise HingeError(
+                f"the neck of this {profile.kind} notch, {profile.neck_thickness!r} m, is too thin "
+                f"to mesh: it must be at least {SMALLEST_NECK:g} of its length and height; "
+                "use the method 'wedge'"
+            )
+        self.order = order
+        self.block = half_notch_on_block(profile, 1.0 if body is None else body, length)
+        self.mesh = half_mesh(profile, self.block, fineness)
+        self.mesh.Curve(order)
+        self.body_is_strain = body is None and plane == "strain"
+        self.poisson = poisson
+        strained = (["notch"] if plane == "strain" else []) + ["body"] * self.body_is_strain
+        material = Material(
+            name="unit", youngs_modulus=_MODULUS, poissons_ratio=poisson, density=1.0
+        )
+
+        def held(components: dict[str, str]) -> Continuum:
+            return Continuum(
+                self.mesh,
+                material,
+                order=order,
+                thickness=1.0,
+                strain="|".join(strained),
+                held_components=components,
+            )
+
+        # "_bbnd": single points, which hold what is left of rigid motion and carry no force
+        even = held({"x": "neck", "y_bbnd": "low"})
+        odd = held({"y": "neck", "x_bbnd": "low|high"})
+        b = self.block
+        self.load = {
+            "N": self._end_load(even, 1.0, 0.0, b.middle),
+            "V": self._end_load(odd, 0.0, 1.0, -b.end),
+            "M": self._end_load(even, 0.0, 0.0, 1.0),
+        }
+        self.part = {"N": even, "V": odd, "M": even}
+        self.motion = {name: self.part[name].solve(f) for name, f in self.load.items()}
+
+    def _end_load(self, part: Continuum, axial: float, shear: float, moment: float) -> Array:
+        """Tractions of a beam at the end of the block: forces there, moment about its middle."""
+        w = self.block.width
+        y = ng.y / METRE - self.block.middle
+        along = axial - 12.0 * moment / w**2 * y
+        across = 1.5 * shear * (1.0 - 4.0 / w**2 * y**2)
+        return part.mean("end", ng.CoefficientFunction((along, across)))
+
+    def compliance(self) -> Array:
+        """Return the compliance without the block, times E b, shape (3, 3)."""
+        f, u = self.load, self.motion
+        c = np.zeros((3, 3))
+        c[0, 0], c[1, 1], c[2, 2] = f["N"] @ u["N"], f["V"] @ u["V"], f["M"] @ u["M"]
+        c[0, 2] = c[2, 0] = f["N"] @ u["M"]
+        # the two kinds of field meet in their energy only: they are held differently at the neck
+        stress = self.part["V"].stress(u["V"])
+        for i, name in ((0, "N"), (2, "M")):
+            strain = METRE * ng.Sym(ng.Grad(self.part[name].field(u[name])))
+            density = stress[0, 0] * strain[0, 0] + stress[1, 1] * strain[1, 1]
+            density += 2.0 * stress[0, 1] * strain[0, 1]
+            energy = ng.Integrate(density, self.mesh, order=2 * self.order) / METRE**2
+            c[1, i] = c[i, 1] = energy
+        if not self.block.middle:
+            # tension of a notch cut from both sides is even about the hinge, the others are odd
+            c[0, 1:] = c[1:, 0] = 0.0
+        modulus, poisson = plane_moduli(
+            _MODULUS, self.poisson, "strain" if self.body_is_strain else "stress"
+        )
+        block = self.block.as_beam(self.block.end, poisson) * (_MODULUS / modulus)
+        return _MODULUS * c - block
+
+    def surface_stress(self, name: str, side: str) -> tuple[float, float]:
+        """Return the stress along a surface for a unit force: at the neck, and the largest."""
+        stress = self.part[name].stress(self.motion[name])
+        # across a free surface there is none, so the trace is the stress along it
+        along = ng.BoundaryFromVolumeCF(stress[0, 0] + stress[1, 1])
+        at = [(float(s), 0.0, 0.0) for s in np.linspace(0.0, 1.0, 13)]
+        rule = ng.IntegrationRule(points=at, weights=[0.0] * len(at))
+        points = self.mesh.MapToAllElements({ng.ET.SEGM: rule}, self.mesh.Boundaries(side))
+        x = np.ravel(ng.x(points)) / METRE
+        values = np.abs(np.ravel(along(points)))
+        # a sharp corner at the root is no part of the notch
+        inside = values[x < 0.98 * self.block.root]
+        return float(values[np.argmin(x)]), float(np.max(inside))

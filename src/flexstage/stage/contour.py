@@ -1,0 +1,220 @@
+"""Bodies as they are cut: their outline together with the half notches that they own."""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+from flexstage.errors import StageError
+from flexstage.hinges.profile import Vertex
+from flexstage.stage.model import Body, Hinge, Stage
+from flexstage.stage.outline import Circle, Loop, arc
+from flexstage.stage.roots import TOLERANCE, root_line
+
+__all__ = ["body_contour", "inner_notch"]
+
+_Pair = tuple[float, float]
+_SAME = 1e-9  # two points are one [m]
+
+
+def _split(contour: Sequence[Vertex], x: float) -> tuple[list[Vertex], list[Vertex]]:
+    """Cut a contour at a distance from the neck; both parts hold the point of the cut."""
+    for i, (a, b) in enumerate(itertools.pairwise(contour)):
+        if not a.x <= x <= b.x or a.x == b.x:
+            continue
+        if x - a.x < _SAME or b.x - x < _SAME:
+            k = i if x - a.x < _SAME else i + 1
+            return list(contour[: k + 1]), list(contour[k:])
+        if a.bulge == 0.0:
+            depth = a.depth + (b.depth - a.depth) * (x - a.x) / (b.x - a.x)
+            cut, before, after = (x, depth), 0.0, 0.0
+        else:
+            centre, radius, first, sweep = arc((a.x, a.depth), (b.x, b.depth), a.bulge)
+            angle = math.acos((x - centre[0]) / radius)
+            turns = [
+                s
+                for sign in (1.0, -1.0)
+                for k in (-1, 0, 1)
+                if 0.0 < (s := (sign * angle + 2.0 * math.pi * k - first) / sweep) < 1.0
+            ]
+            share = turns[0]
+            y = centre[1] + radius * math.sin(first + share * sweep)
+            cut = (x, y)
+            before, after = math.tan(share * sweep / 4.0), math.tan((1.0 - share) * sweep / 4.0)
+        inner = [*contour[:i], Vertex(a.x, a.depth, before), Vertex(*cut)]
+        return inner, [Vertex(*cut, after), *contour[i + 1 :]]
+    return [], list(contour)
+
+
+def _sides(hinge: Hinge, share: float) -> tuple[list[Vertex], list[Vertex]]:
+    """Contour of one side from the neck to the cut, and from the cut to the root."""
+    contour = hinge.profile.contour()
+    if share == 0.0:
+        return [], list(contour)
+    return _split(contour, share * contour[-1].x)
+
+
+def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], list[float]]:
+    """Walk round the outer part of a half notch, from the right end of the root to the left one.
+
+    Right and left are those of the hinge's direction. Bulges belong to the step that follows.
+    """
+    half_neck = 0.5 * hinge.profile.neck_thickness
+    side = (-1.0, 1.0)[which]
+    left = [(side * v.x, half_neck + v.depth) for v in outer]
+    bent = [v.bulge * side for v in outer[:-1]]
+    if hinge.profile.one_sided:
+        right = [(side * outer[-1].x, -half_neck), (side * outer[0].x, -half_neck)]
+        right_bent = [0.0]
+    else:
+        right = [(x, -y) for x, y in reversed(left)]
+        # mirrored and walked backwards an arc turns to the same side
+        right_bent = list(reversed(bent))
+    points = [hinge.to_plane(*p) for p in (*right, *left)]
+    return points, [*right_bent, 0.0, *bent]
+
+
+def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
+    """Return the part of a half notch next to the neck.
+
+    Where a notch runs out tangent to the edge it grows from, a region that ends there would end in
+    a cusp without an angle, which no mesh can bear; this one ends before.
+
+    Parameters
+    ----------
+    hinge : Hinge
+        The hinge.
+    which : int
+        0 for the half of body a, 1 for that of body b.
+    share : float
+        How far it reaches, in half lengths of the notch, above 0 and below 1 [1].
+
+    Returns
+    -------
+    Loop
+        Neck, two sides, and a straight line across.
+    """
+    inner, _ = _sides(hinge, share)
+    half_neck = 0.5 * hinge.profile.neck_thickness
+    side = (-1.0, 1.0)[which]
+    left = [(side * v.x, half_neck + v.depth) for v in inner]
+    bent = [v.bulge * side for v in inner[:-1]]
+    if hinge.profile.one_sided:
+        points = [*left, (side * inner[-1].x, -half_neck), (0.0, -half_neck)]
+        bulges = [*bent, 0.0, 0.0, 0.0]
+    else:
+        points = [*left, *((x, -y) for x, y in reversed(left))]
+        bulges = [*bent, 0.0, *reversed(bent), 0.0]
+    return Loop(tuple(hinge.to_plane(*p) for p in points), tuple(bulges) if any(bulges) else ())
+
+
+def body_contour(
+    stage: Stage, body: Body, share: float = 0.0
+) -> tuple[Loop, tuple[Loop | Circle, ...]]:
+    """Return a body as it is cut: its outline and holes with its half notches grown on.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    body : Body
+        One of its bodies.
+    share : float
+        Part of each half notch, from the neck on, that is left off [1]; 0 keeps it whole.
+
+    Returns
+    -------
+    tuple
+        The outline and the holes.
+
+    Raises
+    ------
+    StageError
+        A root does not lie on one straight stretch of the body's outline or holes.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> stage = design("parallelogram")
+    >>> outline, _ = body_contour(stage, stage.body("left-leg"))
+    >>> round(outline.integrals().area * 1e6, 3)
+    133.717
+    """
+    loops: list[Loop | Circle] = [body.outline, *body.holes]
+    for hinge in stage.hinges:
+        for which in (0, 1):
+            if hinge.bodies[which] != body.name:
+                continue
+            _, outer = _sides(hinge, share)
+            points, bulges = _path(hinge, which, outer)
+            ends = root_line(hinge, which)
+            for i, loop in enumerate(loops):
+                grown = None if isinstance(loop, Circle) else _grow(loop, ends, points, bulges)
+                if grown is not None:
+                    loops[i] = grown
+                    break
+            else:
+                raise StageError(
+                    f"hinge '{hinge.name}' does not grow from one straight edge of body "
+                    f"'{body.name}': see what 'flexstage check' says about it"
+                )
+    outline = loops[0]
+    assert isinstance(outline, Loop)
+    return outline, tuple(loops[1:])
+
+
+def _grow(
+    loop: Loop, root: tuple[_Pair, _Pair], points: list[_Pair], bulges: list[float]
+) -> Loop | None:
+    """Put a path in place of the stretch of a loop between the ends of a root."""
+    segments = loop.segments()
+    first = _segment_at(segments, root[0], root[1])
+    last = _segment_at(segments, root[1], root[0])
+    if first is None or last is None:
+        return None
+    a, b, _ = segments[first]
+    run = (root[1][0] - root[0][0]) * (b[0] - a[0]) + (root[1][1] - root[0][1]) * (b[1] - a[1])
+    if run < 0.0:  # the loop runs along the root the other way
+        first, last = last, first
+        points = points[::-1]
+        bulges = [-v for v in reversed(bulges)]
+    out: list[_Pair] = []
+    bent: list[float] = []
+
+    def step(point: _Pair, bulge: float) -> None:
+        if out and math.dist(out[-1], point) < _SAME:
+            out[-1], bent[-1] = point, bulge
+        else:
+            out.append(point)
+            bent.append(bulge)
+
+    step(segments[first][0], 0.0)
+    for point, bulge in zip(points, [*bulges, 0.0], strict=True):
+        step(point, bulge)
+    n = len(segments)
+    k = (last + 1) % n
+    while k != first:
+        step(segments[k][0], segments[k][2])
+        k = (k + 1) % n
+    if math.dist(out[-1], out[0]) < _SAME:
+        out.pop()
+        bent.pop()
+    return Loop(tuple(out), tuple(bent) if any(bent) else ())
+
+
+def _segment_at(segments: list[tuple[_Pair, _Pair, float]], end: _Pair, other: _Pair) -> int | None:
+    """Find the straight segment that one end of a root lies on and the root goes on along."""
+    for i, (a, b, bulge) in enumerate(segments):
+        length = math.dist(a, b)
+        if bulge or length < _SAME:
+            continue
+        ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+        along = (end[0] - a[0]) * ux + (end[1] - a[1]) * uy
+        aside = (end[1] - a[1]) * ux - (end[0] - a[0]) * uy
+        if abs(aside) > TOLERANCE or not -TOLERANCE <= along <= length + TOLERANCE:
+            continue
+        towards = (other[0] - end[0]) * ux + (other[1] - end[1]) * uy
+        across = (other[1] - end[1]) * ux - (other[0] - end[0]) * uy
+        room = length - along if towards > 0.0 else along
+        if abs(across) <= TOLERANCE and room > TOLERANCE:
+            return i
+    return None
