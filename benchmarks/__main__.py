@@ -1,4 +1,4 @@
-"""Run the benchmarks: `python -m benchmarks [--json] [analysis] [equations] [growth]`."""
+"""Run the benchmarks: `python -m benchmarks [--json] [CASE ...]`."""
 
 import argparse
 import json
@@ -6,9 +6,15 @@ import platform
 import sys
 from itertools import groupby
 
-from benchmarks import cases
+from benchmarks import cases, finite_elements
 
-CASES = {"analysis": cases.analysis, "equations": cases.equations, "growth": cases.growth}
+CASES = {
+    "analysis": cases.analysis,
+    "equations": cases.equations,
+    "growth": cases.growth,
+    "elements": finite_elements.hinge,
+    "elements-growth": finite_elements.growth,
+}
 
 
 def main() -> None:

@@ -34,9 +34,15 @@ def left_behind(directory: Path) -> list[str]:
 def test_study_prints_a_table_and_writes_a_report(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("study", "vgtu-piezo") == 0
+    assert run("study", "vgtu-piezo", "--models", "lumped,superelement") == 0
     out = capsys.readouterr().out
-    for text in ("Natural frequency (Hz)", "Largest stress (MPa)", "reconstruction", "+1.6 %"):
+    for text in (
+        "Natural frequency (Hz)",
+        "Largest stress (MPa)",
+        "reconstruction",
+        "+1.6 %",
+        "lumped to",
+    ):
         assert text in out
     assert left_behind(elsewhere) == [
         "out/vgtu-piezo/report.html",
@@ -62,7 +68,8 @@ def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture
 def test_plane_stress_is_softer(capsys: pytest.CaptureFixture[str]) -> None:
     found = {}
     for plane in ("strain", "stress"):
-        assert run("analyse", "vgtu-piezo", "--plane", plane, "--json") == 0
+        words = ("--model", "lumped", "--plane", plane, "--json")
+        assert run("analyse", "vgtu-piezo", *words) == 0
         result = json.loads(capsys.readouterr().out)
         found[plane] = result["modes"]["removed"][0]["natural_frequency_hz"]
     assert found["stress"] < 0.96 * found["strain"]
@@ -73,6 +80,43 @@ def test_analyse_labels_the_condition_of_the_drives(capsys: pytest.CaptureFixtur
     out = capsys.readouterr().out
     for text in ("drives removed", "drives in place", "drives locked", "free displacement", "xlko"):
         assert text in out
+
+
+def test_every_model_of_a_stage_side_by_side(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A small stage goes through all of them, as a study does where nothing is chosen."""
+    assert run("study", "parallelogram", "--out", "d") == 0
+    out = capsys.readouterr().out
+    results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
+    assert list(results["models"]) == ["lumped", "superelement", "plane", "solid"]
+    assert results["left_out"] == {}
+    found = {
+        row["origin"]: row["value"]
+        for row in results["characteristics"]
+        if row["quantity"] == "natural_frequency_hz"
+    }
+    assert found["superelement"] == pytest.approx(found["plane"], rel=2e-3)
+    assert found["plane"] == pytest.approx(found["solid"], rel=0.02)
+    assert "superelement" in out
+    assert results["models"]["plane"]["refinement"]["estimate"] <= 1e-3
+    assert list(results["models"]["plane"]["strokes"]) == ["x"]
+
+
+def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json")
+    assert run("analyse", "parallelogram", *words) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    found = json.loads(captured.out)
+    assert found["refinement"]["estimate"] <= 5e-4
+    assert found["bar_buckling_load"].keys() == {"left-leg", "right-leg"}
+    rows = {row["quantity"]: row for row in found["characteristics"]}
+    assert (
+        rows["natural_frequency_hz"]["uncertainty"] < 5e-4 * rows["natural_frequency_hz"]["value"]
+    )
+    assert rows["max_stress"]["uncertainty"] > 0.0
+    assert {"straightness", "buckling_factor"} <= rows.keys()
 
 
 def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,14 +147,20 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["study"], "STAGE"),
         (["study", "nothing.yaml"], "vgtu-mechanical"),
         (["study", "vgtu-piez"], "did you mean 'vgtu-piezo'"),
-        (["study", "vgtu-piezo", "--models", "plane"], "'plane' is not built yet"),
-        (["study", "vgtu-piezo", "--models", "lumped,solid"], "'solid' is not built yet"),
+        (["study", "vgtu-piezo", "--models", "lumped,solids"], "'solids' is not known"),
         (["study", "vgtu-piezo", "--models", "magic"], "'magic' is not known"),
         (["study", "vgtu-piezo", "--models", ","], "choose from lumped"),
         (["study", "vgtu-piezo", "--plane", "flat"], "auto, stress or strain"),
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),
-        (["analyse", "vgtu-piezo", "--model", "superelement"], "not built yet"),
+        (["analyse", "vgtu-piezo", "--model", "superelements"], "choose from lumped, super"),
+        (["analyse", "vgtu-piezo", "--model", "lumped", "--accuracy", "1%"], "no mesh to refine"),
+        (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "2"], "0 and 100 %"),
+        (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "fine"], "such as 0.1%"),
+        (["analyse", "vgtu-piezo", "--model", "solid", "--plane", "strain"], "no plane state"),
+        (["analyse", "vgtu-piezo", "--model", "solid", "--stroke"], "choose plane"),
+        (["analyse", "vgtu-piezo", "--model", "lumped", "--supports", "elastic"], "are rigid"),
+        (["analyse", "vgtu-piezo", "--supports", "soft"], "expected rigid or elastic"),
         (["show", "vgtu-piezo", "--out", "stage.gif"], ".svg, .png, .pdf"),
         (["show", "vgtu-piezo", "--out", "stage"], ".svg, .png, .pdf"),
         (["draw", "vgtu-piezo"], "draw"),
@@ -141,13 +191,18 @@ def test_a_stage_without_axes_says_what_is_missing(
         "flexstage: 1\nlength_unit: mm\nname: plate\nthickness: 8 mm\nmaterial: Invar 36\n"
         f"bodies:\n  plate: {corners}\n"
     )
-    assert run("analyse", "plate.yaml") == 0
+    assert run("analyse", "plate.yaml", "--model", "lumped") == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "No axis is named" in out
     # one body that nothing holds has three motions in the plane
     assert "3 of these modes, at 0 Hz" in out
     assert run("study", "plate.yaml") == 0
-    assert "names no axis" in capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
+    assert "names no axis" in out
+    # finite elements need something that holds the stage, and say so
+    assert "the solid model was left out: no body of stage 'plate' is fixed" in out
+    assert run("analyse", "plate.yaml", "--model", "plane") == 2
+    assert "set 'fixed: true' on the body" in capsys.readouterr().err
 
 
 def test_a_long_name_still_makes_a_directory(elsewhere: Path) -> None:
@@ -163,6 +218,7 @@ def test_a_place_that_cannot_be_written_is_status_1(
 ) -> None:
     (elsewhere / "file").write_text("in the way")
     target = "file/stage.svg" if command == ["show"] else "file/out"
+    # said before the minutes that a study can take
     assert run(command[0], "parallelogram", "--out", target, *command[1:]) == 1
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -192,7 +248,7 @@ def test_work_that_fails_leaves_nothing(
 
     # the last thing before the files are written
     monkeypatch.setattr("flexstage.report.report_html", fail)
-    assert run("study", "vgtu-piezo") == status
+    assert run("study", "vgtu-piezo", "--models", "lumped") == status
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1

@@ -1,7 +1,7 @@
 """`flexstage analyse`: one model of a stage: characteristics, modes, stress, Bode data."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,9 +20,11 @@ from flexstage.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
-    from flexstage.report import Display
+    from flexstage.report import Display, ModelRun
     from flexstage.system import Analysis
 
 __all__ = ["analyse"]
@@ -52,6 +54,14 @@ def analyse(
             help="Whether the frame gives way under drives that react on it (finite elements).",
         ),
     ] = "rigid",
+    stroke: Annotated[
+        bool,
+        typer.Option(
+            "--stroke",
+            help="Follow each axis over its stroke with finite displacements (plane model): "
+            "straightness, stiffening, buckling.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -63,7 +73,13 @@ def analyse(
     json: JsonOption = False,
 ) -> None:
     """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
-    from flexstage.report import Wanted, analysis_results, results_json, run_model, write_files
+    from flexstage.report import (
+        Wanted,
+        require_writable,
+        results_json,
+        run_model,
+        write_files,
+    )
 
     described = load_stage(stage)
     wanted = Wanted(
@@ -71,26 +87,36 @@ def analyse(
         accuracy=accuracy,
         quantity=quantity,
         supports=supports,  # type: ignore[arg-type]
+        stroke=stroke,
     )
+    if out is not None:
+        require_writable(out)
     with progress_bar():
         run = run_model(described, model, wanted)
     analysis = run.analysis
     files = []
     if out is not None:
-        results = results_json(analysis_results(analysis, responses=True))
+        results = results_json(_results(run))
         files = write_files(out, {"analysis.json": results} | _diagrams(analysis))
     if json:
-        print_json(analysis_results(analysis, responses=True))
+        print_json(_results(run))
         return
     screen = console()
     _characteristics(screen, analysis)
     _modes(screen, analysis)
     _stress(screen, analysis)
     _responses(screen, analysis)
+    _bars(screen, run.bars)
     for note in analysis.validity:
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in files:
         screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _results(run: "ModelRun") -> dict[str, Any]:
+    from flexstage.report import analysis_results, run_results
+
+    return analysis_results(run.analysis, responses=True) | run_results(run)
 
 
 def _diagrams(analysis: "Analysis") -> dict[str, bytes]:
@@ -152,6 +178,17 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
     )
     for hinge in analysis.stage.hinges:
         table.add_row(hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress))
+    screen.print(table)
+
+
+def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
+    from flexstage.report import number
+
+    if not bars:
+        return
+    table = make_table("axial load at which bars between two notches buckle", "body", "load in N")
+    for body, load in bars.items():
+        table.add_row(body, number(load))
     screen.print(table)
 
 

@@ -55,6 +55,7 @@ def study(
     from flexstage.report import (
         characteristic_row,
         report_html,
+        require_writable,
         results_json,
         run_study,
         study_results,
@@ -63,9 +64,10 @@ def study(
 
     described = load_stage(stage)
     names = list(dict.fromkeys(name.strip() for name in models.split(",") if name.strip()))
+    directory = out if out is not None else Path("out") / name_for_files(described.name)
+    require_writable(directory)
     with progress_bar():
         result = run_study(described, names, plane=plane)  # type: ignore[arg-type]
-    directory = out if out is not None else Path("out") / name_for_files(described.name)
     files = write_files(
         directory,
         {

@@ -471,10 +471,16 @@ class Continuum:
         d = self.dimension
         where = self.mesh.Materials(region)
         x = [c / METRE for c in (ng.x, ng.y, ng.z)[:d]]
-        volume = float(ng.Integrate(ng.CoefficientFunction(1.0), self.mesh, definedon=where))
+        # two coordinates and the determinant of a curved element are polynomials of this order
+        exact = (d + 2) * self.order
+
+        def over(field: ng.CoefficientFunction) -> float:
+            return float(ng.Integrate(field, self.mesh, definedon=where, order=exact))
+
+        volume = over(ng.CoefficientFunction(1.0))
         if volume <= 0.0:
             raise ModelError(f"the mesh has no region called '{region}'")
-        middle = [float(ng.Integrate(c, self.mesh, definedon=where)) / volume for c in x]
+        middle = [over(c) / volume for c in x]
         units = np.eye(d)
         fields = [ng.CoefficientFunction(tuple(units[i])) for i in range(d)]
         arm = [c - m for c, m in zip(x, middle, strict=True)]
@@ -483,15 +489,7 @@ class Continuum:
             parts: list[object] = [ng.CoefficientFunction(0.0)] * d
             parts[a], parts[b] = -arm[b], arm[a]
             fields.append(ng.CoefficientFunction(tuple(parts)))
-        gram = np.array(
-            [
-                [
-                    float(ng.Integrate(ng.InnerProduct(p, q), self.mesh, definedon=where))
-                    for q in fields
-                ]
-                for p in fields
-            ]
-        )
+        gram = np.array([[over(ng.InnerProduct(p, q)) for q in fields] for p in fields])
         v = self.space.TestFunction()
         rows = np.array(
             [self._linear(ng.InnerProduct(p, v) * ng.dx(region, bonus_intorder=1)) for p in fields]

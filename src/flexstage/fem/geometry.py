@@ -177,8 +177,10 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
     Raises
     ------
     StageError
-        Bodies or notches overlap, or a body falls to pieces.
+        Bodies or notches overlap, a body falls to pieces, or, of a whole stage, nothing holds one.
     """
+    if bodies is None:
+        _require_held(stage)
     kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
     names = {b.name for b in kept}
     touched = tuple(p for d in stage.drives for p in patches(d, kept))
@@ -239,6 +241,27 @@ def _name_edges(
         if body.fixed:
             held.append(_hold(stage, body, own))
     return "; ".join(dict.fromkeys(held))
+
+
+def _require_held(stage: Stage) -> None:
+    """Refuse a stage of which a part can float away: its stiffness could not be factorised."""
+    reached = {b.name for b in stage.bodies if b.fixed}
+    if not reached:
+        raise StageError(
+            f"no body of stage '{stage.name}' is fixed, so nothing holds it against a load: set "
+            "'fixed: true' on the body that is bolted down"
+        )
+    while True:
+        more = {n for h in stage.hinges if reached & set(h.bodies) for n in h.bodies} - reached
+        if not more:
+            break
+        reached |= more
+    loose = [b.name for b in stage.bodies if b.name not in reached]
+    if loose:
+        raise StageError(
+            f"body '{loose[0]}' hangs on no hinge that leads to a fixed body, so nothing holds it: "
+            "join it by a hinge, or fix it"
+        )
 
 
 def _local(hinge: Hinge, p: Point) -> Point:

@@ -1,5 +1,6 @@
 """Meshes of a stage: triangles in its plane, or prisms through its thickness."""
 
+import math
 from dataclasses import dataclass
 
 import ngsolve as ng
@@ -7,6 +8,7 @@ from netgen.meshing import IdentificationType
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 
 from flexstage.elasticity import METRE
+from flexstage.elasticity.memory import require_memory
 from flexstage.errors import ModelError
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.names import surface_edge
@@ -82,6 +84,19 @@ def _generate(shape: TopoDS_Shape, dimension: int, largest: float, grading: floa
     return mesh
 
 
+def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
+    """Refuse elements so small that already their number does not fit in memory."""
+    largest = settings.size * stage.thickness * METRE
+    area = sum(f.mass for f in faces.shape.faces)
+    # no triangle is larger than an equilateral one, and the necks only add to them
+    elements = area / (math.sqrt(3.0) / 4.0 * largest**2)
+    p = settings.order
+    each = p**2 if dimension == 2 else 1.5 * p**3 * settings.layers
+    require_memory(
+        int(elements * each), dimension, p, layered=dimension == 3 and settings.layers == 1
+    )
+
+
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the plane of a stage with curved triangles.
 
@@ -102,8 +117,9 @@ def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     Raises
     ------
     ModelError
-        The mesher failed.
+        The mesher failed, or the memory does not suffice.
     """
+    _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
     mesh = _generate(faces.shape, 2, settings.size * stage.thickness, settings.grading)
     mesh.Curve(settings.order)
@@ -134,8 +150,9 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     Raises
     ------
     ModelError
-        The mesher failed, or did not make prisms.
+        The mesher failed, did not make prisms, or the memory does not suffice.
     """
+    _afford(stage, faces, settings, 3)
     _refine(stage, faces, settings)
     height = 0.5 * stage.thickness * METRE / settings.layers
     slabs = [

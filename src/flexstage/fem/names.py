@@ -13,6 +13,8 @@ __all__ = [
     "surface_edge",
 ]
 
+_SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
+
 #: Boundary by which the fixed bodies are held.
 MOUNTING = "mounting"
 
@@ -102,7 +104,7 @@ def patch_edge(drive: str, which: int) -> str:
 
 
 def exactly(name: str) -> str:
-    """Return the regular expression that matches one name and no other.
+    r"""Return the regular expression that matches one name and no other.
 
     Parameters
     ----------
@@ -116,15 +118,11 @@ def exactly(name: str) -> str:
 
     Examples
     --------
-    >>> exactly("body x+")
-    'body x[+]'
+    >>> print(exactly("body x+"))
+    body x\+
     """
     # names come from stage files, and the mesher takes every name for an expression
-    special = {"\\": r"\\", "^": r"\^"}
-    plain = "".join(
-        c if c.isalnum() or c in " _-:" or ord(c) > 127 else special.get(c, f"[{c}]") for c in name
-    )
-    return plain
+    return "".join(f"\\{c}" if c in _SYNTAX else c for c in name)
 
 
 def either(names: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 from typing import Literal
 
 from flexstage.elasticity import Continuum
+from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.mesh import MeshSettings, plane_mesh
 from flexstage.fem.model import StageModel, assemble
@@ -76,9 +77,9 @@ def plane_model(
     Raises
     ------
     StageError
-        Bodies overlap, or a fixed body has nothing to be held by.
+        Bodies overlap, nothing holds a body, or a fixed one has nothing to be held by.
     ModelError
-        The mesher failed, or nothing holds the stage.
+        The mesher failed, or the memory does not suffice.
 
     Notes
     -----
@@ -98,6 +99,7 @@ def plane_model(
         strain=strain,
         held=MOUNTING,
     )
+    require_memory(continuum.size, 2, settings.order)
     return assemble(
         stage,
         faces,

@@ -1,6 +1,7 @@
 """A stage in three dimensions: layers of curved prisms through half of its thickness."""
 
 from flexstage.elasticity import Continuum
+from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh
 from flexstage.fem.model import StageModel, assemble
@@ -50,9 +51,9 @@ def solid_model(
     Raises
     ------
     StageError
-        Bodies overlap, or a fixed body has nothing to be held by.
+        Bodies overlap, nothing holds a body, or a fixed one has nothing to be held by.
     ModelError
-        The mesher failed, nothing holds the stage, or the memory does not suffice.
+        The mesher failed, or the memory does not suffice.
 
     Notes
     -----
@@ -73,6 +74,14 @@ def solid_model(
             copies=2,
         )
         for components in ("z", "xy")
+    )
+    low, high = mesh.ngmesh.bounding_box
+    require_memory(
+        inside.size,
+        3,
+        settings.order,
+        box=[high[c] - low[c] for c in range(3)],
+        layered=settings.layers == 1,
     )
     return assemble(
         stage,

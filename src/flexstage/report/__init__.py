@@ -1,13 +1,14 @@
 """Tables, figures and the report of a study."""
 
 from flexstage.report.comparison import Comparison, ComparisonRow, compare, difference_percent
-from flexstage.report.files import write_files
+from flexstage.report.files import require_writable, write_files
 from flexstage.report.html import SECTIONS, report_html
 from flexstage.report.quantities import Display, display, number
 from flexstage.report.results import (
     analysis_results,
     characteristic_row,
     results_json,
+    run_results,
     study_results,
 )
 from flexstage.report.study import (
@@ -37,8 +38,10 @@ __all__ = [
     "display",
     "number",
     "report_html",
+    "require_writable",
     "results_json",
     "run_model",
+    "run_results",
     "run_study",
     "study_results",
     "write_files",

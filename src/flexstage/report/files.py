@@ -1,12 +1,35 @@
 """Writing files whole or not at all."""
 
 import contextlib
+import errno
 import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["write_files"]
+__all__ = ["require_writable", "write_files"]
+
+
+def require_writable(directory: Path) -> None:
+    """Refuse a directory that cannot be written to, before the work whose result goes there.
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+        The directory; it need not exist, and is not made.
+
+    Raises
+    ------
+    OSError
+        What is there is no directory, or it, or the nearest directory above, cannot be written to.
+    """
+    nearest = directory
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(nearest))
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(nearest))
 
 
 def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:

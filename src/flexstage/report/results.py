@@ -5,10 +5,10 @@ import math
 from typing import Any
 
 from flexstage.characteristic import Characteristic
-from flexstage.report.study import Study
+from flexstage.report.study import ModelRun, Study
 from flexstage.system import Analysis
 
-__all__ = ["analysis_results", "characteristic_row", "results_json", "study_results"]
+__all__ = ["analysis_results", "characteristic_row", "results_json", "run_results", "study_results"]
 
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
@@ -93,6 +93,58 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     return out
 
 
+def run_results(run: ModelRun) -> dict[str, Any]:
+    """Return what a run has beyond its analysis, as plain data.
+
+    Parameters
+    ----------
+    run : ModelRun
+        The run.
+
+    Returns
+    -------
+    dict
+        refinement (the meshes and their values), strokes (the path of each axis), and
+        bar_buckling_load [N]; only what there is. SI units, frequencies in Hz.
+    """
+    out: dict[str, Any] = {}
+    if run.refinement is not None:
+        out["refinement"] = {
+            "quantity": run.refinement.quantity,
+            "accuracy": run.refinement.accuracy,
+            "estimate": _finite(run.refinement.estimate),
+            "steps": [
+                {
+                    "order": step.settings.order,
+                    "neck_size": step.settings.neck_size,
+                    "unknowns": step.unknowns,
+                    "seconds": round(step.seconds, 3),
+                    "values": [
+                        {"quantity": quantity, "axis": axis, "value": _finite(value)}
+                        for (quantity, axis), value in step.values.items()
+                    ],
+                }
+                for step in run.refinement.steps
+            ],
+        }
+    if run.strokes:
+        out["strokes"] = {
+            path.axis: {
+                "displacement": path.displacement.tolist(),
+                "force": path.force.tolist(),
+                "along": path.along.tolist(),
+                "across": path.across.tolist(),
+                "rotation": path.rotation.tolist(),
+                "natural_frequency_hz_at_full_stroke": _finite(path.frequency_hz),
+                "ratio_change": _finite(path.ratio_change),
+            }
+            for path in run.strokes
+        }
+    if run.bars:
+        out["bar_buckling_load"] = {body: _finite(load) for body, load in run.bars.items()}
+    return out
+
+
 def study_results(study: Study) -> dict[str, Any]:
     """Return a study as plain data.
 
@@ -110,7 +162,11 @@ def study_results(study: Study) -> dict[str, Any]:
     return {
         "stage": {"name": stage.name, "title": stage.title, "notes": list(stage.notes)},
         "characteristics": [characteristic_row(row) for row in study.characteristics],
-        "models": {name: _without_table(a) for name, a in study.analyses.items()},
+        "models": {
+            name: _without_table(a) | run_results(study.runs.get(name, ModelRun(analysis=a)))
+            for name, a in study.analyses.items()
+        },
+        "left_out": dict(study.left_out),
         "variants": {name: analysis_results(a) for name, a in study.variants.items()},
     }
 

@@ -15,7 +15,7 @@ from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
-    from flexstage.fem import MeshSettings, Refinement, StageModel
+    from flexstage.fem import FiniteStroke, MeshSettings, Refinement, StageModel
 
 __all__ = [
     "MODELS",
@@ -43,11 +43,17 @@ class ModelRun:
         The finite-element model behind it, for pictures; None where there is none.
     refinement : Refinement or None
         How its mesh was refined, where an accuracy was asked for.
+    strokes : tuple of FiniteStroke
+        Motion over the whole stroke with finite displacements, where it was asked for.
+    bars : Mapping
+        Axial load at which each bar between two notches buckles [N], where that was asked for.
     """
 
     analysis: Analysis
     mesh: "StageModel | None" = None
     refinement: "Refinement | None" = None
+    strokes: "tuple[FiniteStroke, ...]" = ()
+    bars: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,33 +70,57 @@ class Wanted:
         The quantity that shall be accurate.
     supports : str
         ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
+    stroke : bool
+        Whether to follow the stage over its stroke with finite displacements (plane model).
     """
 
     plane: Plane = "auto"
     accuracy: float | None = None
     quantity: str = "natural_frequency_hz"
     supports: Literal["rigid", "elastic"] = "rigid"
+    stroke: bool = False
 
 
 def _lumped(stage: Stage, wanted: Wanted) -> ModelRun:
     _no_accuracy("lumped", wanted)
+    _no_stroke("lumped", wanted)
+    if wanted.supports != "rigid":
+        raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
     return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=wanted.plane)))
 
 
-def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
-    from flexstage.fem import plane_model
+def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
+    from flexstage.fem import superelement_model
 
-    return _meshed(
-        stage,
-        wanted,
-        "plane",
-        lambda mesh: plane_model(stage, mesh, plane=wanted.plane, supports=wanted.supports),
-    )
+    _no_accuracy("superelement", wanted)
+    _no_stroke("superelement", wanted)
+    model = superelement_model(stage, plane=wanted.plane, supports=wanted.supports)
+    return ModelRun(analysis=analyse(stage, model.system))
+
+
+def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
+    from flexstage.fem import bar_buckling_load, plane_model, two_notch_bars, with_stroke
+
+    with share(0.0, 0.4 if wanted.stroke else 1.0):
+        run = _meshed(
+            stage,
+            wanted,
+            "plane",
+            lambda mesh: plane_model(stage, mesh, plane=wanted.plane, supports=wanted.supports),
+        )
+    if not wanted.stroke or run.mesh is None:
+        return run
+    with share(0.4, 0.9):
+        analysis, strokes = with_stroke(run.analysis, run.mesh)
+    with share(0.9, 1.0):
+        bars = {body: bar_buckling_load(stage, body) for body in two_notch_bars(stage)}
+    return replace(run, analysis=analysis, strokes=strokes, bars=bars)
 
 
 def _solid(stage: Stage, wanted: Wanted) -> ModelRun:
     from flexstage.fem import solid_model
 
+    _no_stroke("solid", wanted)
     if wanted.plane != "auto":
         raise ModelError(
             f"the solid model has no plane state, got '{wanted.plane}': leave the option out"
@@ -123,12 +153,24 @@ def _no_accuracy(model: str, wanted: Wanted) -> None:
         )
 
 
+def _no_stroke(model: str, wanted: Wanted) -> None:
+    if wanted.stroke:
+        raise ModelError(
+            f"only the plane model is followed over the stroke, not the {model} one: choose plane, "
+            "or leave the stroke out"
+        )
+
+
 #: Models by name: each makes an analysis from a stage and what is asked for.
 MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
     "lumped": _lumped,
+    "superelement": _superelement,
     "plane": _plane,
     "solid": _solid,
 }
+
+#: What a study asks of a model beyond its usual mesh.
+_ASKED: Mapping[str, Wanted] = {"plane": Wanted(accuracy=1e-3, stroke=True)}
 
 #: Models of which the other choice of plane state is shown as well: it costs little.
 _BOUNDED = ("lumped", "plane")
@@ -215,13 +257,17 @@ def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRu
         There is no such model, or no such plane state, or the model cannot give what is asked for.
     """
     wanted = wanted or Wanted()
+    _known(model, wanted)
+    return MODELS[model](stage, wanted)
+
+
+def _known(model: str, wanted: Wanted) -> None:
     if wanted.plane not in ("auto", "stress", "strain"):
         raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")
     if wanted.supports not in ("rigid", "elastic"):
         raise ModelError(f"unknown supports '{wanted.supports}': expected rigid or elastic")
     if model not in MODELS:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
-    return MODELS[model](stage, wanted)
 
 
 def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
@@ -284,8 +330,7 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     for model in models:  # before the first of them has taken its minutes
-        if model not in MODELS:
-            raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
+        _known(model, Wanted(plane=plane))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
@@ -296,7 +341,9 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
             own: Plane = "auto" if model == "solid" else plane
             try:
                 with share(0.0, 0.5 if model in _BOUNDED else 1.0):
-                    runs[model] = run_model(stage, model, Wanted(plane=own))
+                    runs[model] = run_model(
+                        stage, model, replace(_ASKED.get(model, Wanted()), plane=own)
+                    )
             except (ModelError, StageError) as error:
                 if len(models) == 1:
                     raise

@@ -1,0 +1,15 @@
+"""Settings of the process that the tests run in."""
+
+import atexit
+import os
+import shutil
+import tempfile
+
+# Threads of the finite elements wait by turning in circles, so that two test processes with two
+# threads each are five times slower than one after the other. Read when the library is loaded.
+os.environ.setdefault("NGS_NUM_THREADS", "1")
+
+# What tests condense stays out of the user's own store.
+_CACHE = tempfile.mkdtemp(prefix="flexstage-tests-")
+os.environ["FLEXSTAGE_CACHE"] = _CACHE
+atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)

@@ -1,0 +1,59 @@
+"""A hinge and a whole stage in CalculiX: another code, other elements, other loads and readings."""
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from tests.peers import calculix
+from tests.peers import reference_piece as piece
+from tests.peers.stage_grid import calculix_figures, plane_grid
+
+# On these meshes both codes are within 0.1 % of the converged values of the hinge; of the stage,
+# quadratic wedges come within 0.25 % from above.
+TOLERANCE = 3e-3
+# levels crowd towards the face of the plate, below which the stress is largest
+LEVELS = 1.0 - (1.0 - np.linspace(0.0, 1.0, 7)) ** 2
+
+
+@pytest.fixture(autouse=True)
+def _ccx() -> None:
+    calculix.needed()
+
+
+@pytest.mark.parametrize(("kind", "strain"), [("CPS8", ""), ("CPE8", ".*")])
+def test_circular_hinge_in_the_plane(kind: str, strain: str) -> None:
+    theirs = piece.by_calculix(piece.quadrilaterals(16, 4, 16), kind, modes=2)
+    ours = piece.by_flexstage(5, neck_size=0.8, size=4e-3, grading=0.5, strain=strain, modes=2)
+    assert theirs.compliance == pytest.approx(ours.compliance, rel=TOLERANCE)
+    assert theirs.frequencies == pytest.approx(ours.frequencies, rel=TOLERANCE)
+    assert theirs.stress == pytest.approx(ours.stress, rel=TOLERANCE)
+
+
+def test_circular_hinge_in_three_dimensions() -> None:
+    theirs = piece.by_calculix(piece.quadrilaterals(8, 3, 4), "C3D20R", levels=LEVELS)
+    ours = piece.by_flexstage(4, neck_size=0.8, size=10e-3, grading=0.9, levels=(0.0, 0.8, 1.0))
+    assert theirs.compliance == pytest.approx(ours.compliance, rel=TOLERANCE)
+    # CalculiX also finds motion in the plane alone: the middle of the plate stays in its plane
+    assert theirs.frequencies[0] == pytest.approx(ours.frequencies[0], rel=TOLERANCE)
+    # its stress is extrapolated to the nodes, ours is taken where it is largest: 1 % either way
+    assert theirs.stress == pytest.approx(ours.stress, rel=0.02)
+
+
+@pytest.mark.slow
+def test_whole_stage() -> None:
+    """The piezo stage as 27 000 wedges, against the prisms of order 4 that are the default."""
+    from flexstage.fem.solid import solid_model
+    from flexstage.system import analyse_axis, modes
+
+    stage = design("vgtu-piezo")
+    # quadratic wedges need a fifth of a neck: with a half the first frequency is 1.9 % too high
+    plane = plane_grid(stage, neck_size=0.2, size=10e-3, grading=0.5)
+    theirs = calculix_figures(stage, plane)
+    system = solid_model(stage, modes=(6, 1)).system
+    ours = {a.axis: a for a in (analyse_axis(system, axis) for axis in system.axes)}
+    assert theirs.frequencies == pytest.approx(
+        modes(system, drives="removed").frequency_hz[:2], rel=TOLERANCE
+    )
+    for name, ratio in theirs.ratios.items():
+        own = ours[name].output_displacement / ours[name].input_displacement
+        assert ratio == pytest.approx(own, rel=TOLERANCE)

@@ -1,0 +1,1 @@
+"""Independent finite-element codes that answer the same questions from plain arrays."""

@@ -1,0 +1,192 @@
+"""CalculiX (G. Dhondt, The Finite Element Method for Three-Dimensional Thermomechanical
+Applications, 2004) as a peer: a deck from plain arrays, a run of `ccx`, its answers as arrays.
+
+Everything here is SI; the deck is in millimetres, newtons, megapascals and tonnes.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flexstage.material import Material
+from tests.peers.grids import Grid
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: What `ccx` may take at most [s].
+LIMIT = 1800.0
+# Plane elements are three-dimensional inside, and those of plane stress lock where they are thick
+# against their size: a thin part under a load as much smaller has the same displacements.
+_THIN = 0.01e-3
+
+KINDS = {6: ("CPS6", "CPE6"), 8: ("CPS8", "CPE8"), 15: ("C3D15",), 20: ("C3D20", "C3D20R")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What CalculiX is asked: statics of each load, then natural frequencies."""
+
+    grid: Grid
+    kind: str
+    material: Material
+    thickness: float | None = None  # of a plane part [m]
+    held: Mapping[str, Index] = field(default_factory=dict)  # nodes by directions, as "xy" or "z"
+    loads: Sequence[Array] = ()  # nodal forces [N], each (n, 2 or 3)
+    stress: bool = False
+    modes: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Answer:
+    """What CalculiX found, one displacement (and stress) for each load."""
+
+    displacements: list[Array]  # [m], (n, 2 or 3)
+    stresses: list[Array]  # xx, yy, zz, yz, xz, xy at nodes, mean of their elements [Pa], (n, 6)
+    frequencies: Array  # [Hz]
+    seconds: float  # of the run of ccx alone
+
+
+def needed() -> str:
+    """Return the path of ccx, or skip the test that wants it."""
+    path = shutil.which("ccx")
+    if path is None:
+        pytest.skip("CalculiX is not installed: no 'ccx' on the path (Debian: calculix-ccx)")
+    return path
+
+
+def solve(job: Job, *, threads: int | None = None) -> Answer:
+    """Run CalculiX in a folder of its own."""
+    ccx = needed()
+    many = str(threads or os.cpu_count() or 1)
+    with tempfile.TemporaryDirectory(prefix="ccx-") as name:
+        folder = Path(name)
+        (folder / "job.inp").write_text(deck(job), encoding="ascii")
+        start = time.perf_counter()
+        done = subprocess.run(
+            [ccx, "-i", "job"],
+            cwd=folder,
+            env={**os.environ, "OMP_NUM_THREADS": many, "CCX_NPROC_RESULTS": many},
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            check=False,
+        )
+        seconds = time.perf_counter() - start
+        if done.returncode or "*ERROR" in done.stdout:
+            raise RuntimeError(f"ccx failed ({done.returncode}): {done.stdout[-2000:]}")
+        return _answer(job, folder, seconds)
+
+
+def deck(job: Job) -> str:
+    """Write the input deck."""
+    plane = job.grid.nodes.shape[1] == 2
+    if plane != (job.thickness is not None):
+        raise ValueError("a plane part has a thickness, and a solid none")
+    if job.kind not in KINDS[job.grid.elements.shape[1]]:
+        raise ValueError(f"{job.kind} has not {job.grid.elements.shape[1]} nodes")
+    thin = 1e3 * (_THIN if plane else 0.0)
+    scale = _THIN / job.thickness if job.thickness is not None else 1.0
+    lines = ["*NODE, NSET=NALL"]
+    flat = [",0." if plane else ""] * job.grid.nodes.shape[0]
+    for k, (row, rest) in enumerate(zip((1e3 * job.grid.nodes).tolist(), flat, strict=True), 1):
+        lines.append(f"{k}," + ",".join(f"{c:.12g}" for c in row) + rest)
+    lines.append(f"*ELEMENT, TYPE={job.kind}, ELSET=EALL")
+    for k, row in enumerate((job.grid.elements + 1).tolist(), 1):
+        # a line holds sixteen numbers
+        numbers = [str(k), *map(str, row)]
+        lines.append(",".join(numbers[:11]) + ("," if len(numbers) > 11 else ""))
+        if len(numbers) > 11:
+            lines.append(",".join(numbers[11:]))
+    material = job.material
+    lines += [
+        "*MATERIAL, NAME=M",
+        "*ELASTIC",
+        f"{material.youngs_modulus * 1e-6!r},{material.poissons_ratio!r}",
+        "*DENSITY",
+        f"{material.density * 1e-12!r}",
+        "*SOLID SECTION, ELSET=EALL, MATERIAL=M",
+    ]
+    if plane:
+        lines.append(f"{thin!r}")
+    for number, (directions, nodes) in enumerate(job.held.items()):
+        lines.append(f"*NSET, NSET=H{number}")
+        lines += [f"{n + 1}," for n in nodes.tolist()]
+        lines.append("*BOUNDARY")
+        lines += [f"H{number},{'xyz'.index(c) + 1},{'xyz'.index(c) + 1}" for c in directions]
+    for load in job.loads:
+        lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW"]
+        for n, c in zip(*np.nonzero(load), strict=True):
+            lines.append(f"{n + 1},{c + 1},{scale * load[n, c]:.14g}")
+        output = ", OUTPUT=2D" if plane else ""
+        lines += [f"*NODE FILE{output}", "U"]
+        if job.stress:
+            lines += [f"*EL FILE{output}", "S"]
+        lines.append("*END STEP")
+    if job.modes:
+        lines += ["*STEP", "*FREQUENCY", str(job.modes)]
+        if job.loads:
+            lines += ["*CLOAD, OP=NEW"]
+        lines.append("*END STEP")
+    return "\n".join(lines) + "\n"
+
+
+def _answer(job: Job, folder: Path, seconds: float) -> Answer:
+    count, dimension = job.grid.nodes.shape
+    blocks = _blocks(folder / "job.frd", count)
+    displacements = [b[:, :dimension] * 1e-3 for name, b in blocks if name == "DISP"]
+    # the file has xx, yy, zz, xy, yz, zx
+    stresses = [b[:, [0, 1, 2, 4, 5, 3]] * 1e6 for name, b in blocks if name == "STRESS"]
+    return Answer(
+        displacements=displacements[: len(job.loads)],
+        stresses=stresses[: len(job.loads)] if job.stress else [],
+        frequencies=_frequencies(folder / "job.dat", job.modes),
+        seconds=seconds,
+    )
+
+
+def _blocks(path: Path, count: int) -> list[tuple[str, Array]]:
+    """Read the results at nodes of a .frd file: its name and an array for each block."""
+    found: list[tuple[str, Array]] = []
+    values: Array | None = None
+    with path.open(encoding="ascii") as file:
+        for text in file:
+            mark = text[:3]
+            if mark == " -1" and values is not None:
+                row = int(text[3:13]) - 1
+                body = text[13:].rstrip()
+                numbers = [float(body[k : k + 12]) for k in range(0, len(body), 12)]
+                if row < count:
+                    values[row, : len(numbers)] = numbers
+            elif mark == " -4":
+                values = np.zeros((count, 6))
+                found.append((text.split()[1], values))
+            elif mark == " -3":
+                values = None
+    return found
+
+
+def _frequencies(path: Path, count: int) -> Array:
+    """Read the natural frequencies of a .dat file [Hz]."""
+    if not count:
+        return np.empty(0)
+    found: list[float] = []
+    inside = False
+    for text in path.read_text(encoding="ascii").splitlines():
+        words = text.split()
+        if "E I G E N V A L U E" in text:
+            inside = True
+        elif inside and len(words) == 5 and words[0].isdigit():
+            found.append(float(words[3]))
+        elif inside and found:
+            break
+    return np.array(found)
