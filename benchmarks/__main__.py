@@ -6,7 +6,7 @@ import platform
 import sys
 from itertools import groupby
 
-from benchmarks import cases, finite_elements
+from benchmarks import cases, finite_elements, superelements
 
 CASES = {
     "analysis": cases.analysis,
@@ -14,6 +14,7 @@ CASES = {
     "growth": cases.growth,
     "elements": finite_elements.hinge,
     "elements-growth": finite_elements.growth,
+    "superelements": superelements.superelements,
 }
 
 

@@ -3,7 +3,7 @@
 # where they cannot be installed this says so, and those tests skip.
 set -uo pipefail
 
-declare -A program=([chromium]=chromium) # package -> the program it brings
+declare -A program=([chromium]=chromium [calculix-ccx]=ccx) # package -> the program it brings
 missing=()
 for package in "${!program[@]}"; do
     command -v "${program[$package]}" >/dev/null || missing+=("$package")

@@ -18,6 +18,7 @@ from flexstage.cli.common import (
     progress_bar,
     relative,
 )
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,6 +71,14 @@ def analyse(
             help="Write analysis.json, with the Bode data, and a Bode diagram of each axis there.",
         ),
     ] = None,
+    vtu: Annotated[
+        bool,
+        typer.Option(
+            "--vtu",
+            help="Write the states at full stroke and the modes for ParaView as well, into vtu/ of "
+            "--out (plane and solid).",
+        ),
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
@@ -89,6 +98,8 @@ def analyse(
         supports=supports,  # type: ignore[arg-type]
         stroke=stroke,
     )
+    if vtu and (out is None or model not in ("plane", "solid")):
+        raise ModelError("--vtu needs --out DIR and a model with a mesh: plane or solid")
     if out is not None:
         require_writable(out)
     with progress_bar():
@@ -98,6 +109,10 @@ def analyse(
     if out is not None:
         results = results_json(_results(run))
         files = write_files(out, {"analysis.json": results} | _diagrams(analysis))
+        if vtu and run.mesh is not None:
+            from flexstage.fem.vtu import write_vtu
+
+            files += write_vtu(run.mesh, analysis, out / "vtu")
     if json:
         print_json(_results(run))
         return
@@ -106,6 +121,7 @@ def analyse(
     _modes(screen, analysis)
     _stress(screen, analysis)
     _responses(screen, analysis)
+    _loads(screen, analysis)
     _bars(screen, run.bars)
     for note in analysis.validity:
         screen.print(f"note: {note}", style="dim", markup=False)
@@ -178,6 +194,29 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
     )
     for hinge in analysis.stage.hinges:
         table.add_row(hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress))
+    screen.print(table)
+
+
+def _loads(screen: "Console", analysis: "Analysis") -> None:
+    from flexstage.report import analysis_results, number
+
+    found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
+    if not found or not any(found.values()):
+        return
+    probes = list(next(iter(found.values())))
+    table = make_table(
+        "motion of the probes under loads on the whole stage, drives removed, in µm",
+        "one unit of",
+        "<unit",
+        *probes,
+    )
+    for load in analysis.system.loads:
+        if load.name not in found:
+            continue
+        cells = (
+            number(1e6 * found[load.name][p], 3) if found[load.name][p] else "0" for p in probes
+        )
+        table.add_row(load.name, load.unit, *cells)
     screen.print(table)
 
 

@@ -236,8 +236,14 @@ def _name_edges(
         for patch in (p for p in touched if p.body == body.name and p.ends is not None):
             a, b = patch.ends  # type: ignore[misc]
             for edge in own.edges:
-                if _between(_middle(edge), a, b):
-                    edge.name = patch_edge(patch.drive, patch.which)
+                if not _between(_middle(edge), a, b):
+                    continue
+                if edge.name:
+                    raise StageError(
+                        f"drive '{patch.drive}' and another act on the same stretch of edge of "
+                        f"body '{body.name}': move them apart, or make their patches narrower"
+                    )
+                edge.name = patch_edge(patch.drive, patch.which)
         if body.fixed:
             held.append(_hold(stage, body, own))
     return "; ".join(dict.fromkeys(held))

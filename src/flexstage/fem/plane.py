@@ -5,10 +5,11 @@ from typing import Literal
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.mesh import MeshSettings, plane_mesh
+from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
+from flexstage.fem.quality import sound_mesh
 from flexstage.hinges import PlaneState, plane_state
 from flexstage.progress import tell
 from flexstage.stage import Stage
@@ -89,7 +90,7 @@ def plane_model(
     settings = settings or MeshSettings()
     tell("mesh")
     faces = stage_faces(stage)
-    mesh = plane_mesh(stage, faces, settings)
+    mesh = sound_mesh(stage, faces, settings)
     strain, words = strained_notches(stage, plane)
     continuum = Continuum(
         mesh,

@@ -8,6 +8,9 @@ from string import Template
 from flexstage.report.figures import (
     body_symbols,
     draw_bode,
+    draw_convergence,
+    draw_fe_modes,
+    draw_neck_stress,
     draw_stage,
     draw_static_shape,
     draw_stress,
@@ -15,11 +18,13 @@ from flexstage.report.figures import (
     inline_svg,
     mode_cards,
 )
+from flexstage.report.figures.neck_stress import neck_sampler
 from flexstage.report.figures.style import css_variables
-from flexstage.report.study import Study
+from flexstage.report.quantities import display
+from flexstage.report.study import ModelRun, Study
 from flexstage.report.tables import characteristics_table, hinge_table, published_table
 
-__all__ = ["SECTIONS", "report_html"]
+__all__ = ["MESH_SECTIONS", "SECTIONS", "report_html"]
 
 
 def report_html(study: Study) -> str:
@@ -37,7 +42,7 @@ def report_html(study: Study) -> str:
     """
     stage = study.stage
     sections, links = [], []
-    for key, (title, write) in SECTIONS.items():
+    for key, (title, write) in _in_order().items():
         content = write(study)
         if content:
             sections.append(f'<section id="{key}"><h2>{title}</h2>{content}</section>')
@@ -163,6 +168,108 @@ def _stress(study: Study) -> str:
     )
 
 
+def _meshed(study: Study, draw: Callable[[str, ModelRun], str]) -> str:
+    """What each model with a mesh has to show, under its name where there are several."""
+    runs = {name: run for name, run in study.runs.items() if run.mesh is not None}
+    parts = {name: draw(name, run) for name, run in runs.items()}
+    parts = {name: part for name, part in parts.items() if part}
+    if len(parts) < 2:
+        return "".join(parts.values())
+    return "".join(f"<h3>Model {escape(name)}</h3>{part}" for name, part in parts.items())
+
+
+def _mesh_words(name: str, run: ModelRun) -> str:
+    """The model of a picture in a few words."""
+    mesh = run.mesh
+    assert mesh is not None
+    held = mesh.system.settings.get("held", "")
+    unknowns = f"{mesh.unknowns:,}".replace(",", "\u00a0")
+    return (
+        f"Model {escape(name)}, elements of order {mesh.mesh_settings.order}, {unknowns} unknowns; "
+        f"{escape(held or 'nothing is fixed')}."
+    )
+
+
+def _neck_stress(study: Study) -> str:
+    def draw(name: str, run: ModelRun) -> str:
+        assert run.mesh is not None
+        shown = [a.axis for a in run.analysis.axes if any(a.static.hinge_stress.values())]
+        sampler = neck_sampler(run.mesh)
+        plots = [
+            inline_svg(
+                draw_neck_stress(run.mesh, run.analysis, axis, sampler=sampler),
+                f"necks-{name}-{i}",
+                f"stress at the necks, {axis}, model {name}",
+            )
+            for i, axis in enumerate(shown)
+        ]
+        if not plots:
+            return ""
+        solid = run.mesh.system.model == "solid"
+        where = " on the middle plane; the largest may lie at another height" if solid else ""
+        return (
+            f"<p>Equivalent stress of von Mises{where}. Imposed: the elongation of one drive at "
+            "full stroke, the others removed. "
+            f"{_mesh_words(name, run)}</p>{_plots(plots)}"
+        )
+
+    drawn = _meshed(study, draw)
+    if not drawn:
+        return ""
+    return (
+        "<p>The stage as it is deformed, motion exaggerated as told, and its most stressed necks, "
+        "one for all of the same profile and stress, each held still in its picture; dashed: at "
+        "rest. The ring marks the largest stress on the surface of the notch, and the title its "
+        "value, its place at rest, and the number of the hinge in the drawing. Stress elsewhere, "
+        "as at held edges, is in none of the figures above; where it exceeds the scale it has the "
+        f"colour of the scale's end.</p>{drawn}"
+    )
+
+
+def _fe_modes(study: Study) -> str:
+    def draw(name: str, run: ModelRun) -> str:
+        assert run.mesh is not None
+        if not run.analysis.modes["removed"].frequency_hz.size:
+            return ""
+        svg = inline_svg(
+            draw_fe_modes(run.mesh, run.analysis), f"fem-modes-{name}", f"modes, model {name}"
+        )
+        return f"<p>Imposed: nothing, drives removed. {_mesh_words(name, run)}</p>{svg}"
+
+    drawn = _meshed(study, draw)
+    if not drawn:
+        return ""
+    return (
+        "<p>The lowest modes; amplitudes are not to scale, and bodies may lie over one another for "
+        f"it. Thin: at rest.</p>{drawn}"
+    )
+
+
+def _convergence(study: Study) -> str:
+    def draw(name: str, run: ModelRun) -> str:
+        found = run.refinement
+        if found is None or len(found.steps) < 2:
+            return ""
+        asked = display(found.quantity).label.lower()
+        svg = inline_svg(
+            draw_convergence(found), f"convergence-{name}", f"convergence of model {name}"
+        )
+        return (
+            f"<p>Asked for: {escape(asked)} to {100.0 * found.accuracy:.3g} %; estimate of the "
+            f"last mesh: {100.0 * found.estimate:.2g} %. {_mesh_words(name, run)}</p>{svg}"
+        )
+
+    drawn = _meshed(study, draw)
+    if not drawn:
+        return ""
+    return (
+        "<p>Finer meshes of rising order, until the change from one to the next says that the "
+        "quantity is accurate enough. Stress is read at points on the notches and settles last. "
+        "What all meshes share, the geometry, the material and how the stage is held, no "
+        f"refinement shows.</p>{drawn}"
+    )
+
+
 def _hinges(study: Study) -> str:
     settings = study.main.provenance.settings
     if not study.stage.hinges:
@@ -232,6 +339,22 @@ SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     "validity": ("Validity", _validity),
     "provenance": ("Provenance", _provenance),
 }
+
+#: Sections of models with a mesh, which stand after that on stress.
+MESH_SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
+    "fem-stress": ("Finite elements: stress at the necks", _neck_stress),
+    "fem-modes": ("Finite elements: modes", _fe_modes),
+    "convergence": ("Convergence of the mesh", _convergence),
+}
+
+
+def _in_order() -> dict[str, tuple[str, Callable[[Study], str]]]:
+    ordered = {}
+    for key, section in SECTIONS.items():
+        ordered[key] = section
+        if key == "stress":
+            ordered |= MESH_SECTIONS
+    return ordered
 
 
 def _list(notes: tuple[str, ...]) -> str:

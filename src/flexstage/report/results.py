@@ -6,7 +6,7 @@ from typing import Any
 
 from flexstage.characteristic import Characteristic
 from flexstage.report.study import ModelRun, Study
-from flexstage.system import Analysis
+from flexstage.system import Analysis, load_readings
 
 __all__ = ["analysis_results", "characteristic_row", "results_json", "run_results", "study_results"]
 
@@ -48,10 +48,12 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     Returns
     -------
     dict
-        model, characteristics, modes by condition of the drives, stress by axis and hinge,
-        validity, provenance; SI units, frequencies in Hz.
+        model, characteristics, modes by condition of the drives, stress by axis and hinge, motion
+        of the probes under one unit of each load on the whole stage [m], validity, provenance; SI
+        units, frequencies in Hz.
     """
     origin = analysis.provenance
+    readings = load_readings(analysis.system) if _is_held(analysis) else {}
     out: dict[str, Any] = {
         "model": analysis.system.model,
         "characteristics": [characteristic_row(row) for row in analysis.characteristics],
@@ -65,6 +67,11 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
         "hinge_stress": {
             axis: {hinge: _finite(value) for hinge, value in stress.items()}
             for axis, stress in analysis.hinge_stress.items()
+        },
+        "loads": {
+            load.name: {"unit": load.unit, "readings": readings[load.name]}
+            for load in analysis.system.loads
+            if load.name in readings
         },
         "validity": list(analysis.validity),
         "provenance": {
@@ -186,6 +193,12 @@ def results_json(results: dict[str, Any]) -> bytes:
     """
     text = json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False)
     return f"{text}\n".encode()
+
+
+def _is_held(analysis: Analysis) -> bool:
+    """Tell whether every body resists motion, so that loads have a static answer."""
+    f = analysis.modes["removed"].frequency_hz
+    return bool(f.size) and float(f[0]) > 1e-6 * float(f.max())
 
 
 def _without_table(analysis: Analysis) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from flexstage.system.state_space import StateSpace, state_space
 from flexstage.system.statics import (
     StaticSolution,
     drive_stiffness,
+    load_readings,
     probe_stiffness,
     static_displacements,
     static_forces,
@@ -63,6 +64,7 @@ __all__ = [
     "drive_stiffness",
     "frequency_response",
     "guyan_reduction",
+    "load_readings",
     "modal_reduction",
     "modes",
     "probe_stiffness",

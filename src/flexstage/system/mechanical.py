@@ -161,7 +161,12 @@ class StressMap:
             Largest magnitude of the equivalent stress by hinge [Pa].
         """
         worst = np.zeros(len(self.hinges))
-        np.maximum.at(worst, self.owner, self._equivalent(q))
+        if self.owner.size:
+            # places of one hinge side by side: far faster than one maximum at a time
+            order = np.argsort(self.owner, kind="stable")
+            owner = self.owner[order]
+            first = np.flatnonzero(np.diff(owner, prepend=-1))
+            worst[owner[first]] = np.maximum.reduceat(self._equivalent(q)[order], first)
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
     def scatter(self, q: Array) -> dict[str, float]:
@@ -197,11 +202,10 @@ class StressMap:
         """Magnitude of the equivalent stress at each place, averaged at shared points."""
         stress = self.matrix @ q
         if self.point is not None and self.point.size:
-            count = self.point.max() + 1
-            total = np.zeros((count, *stress.shape[1:]))
-            np.add.at(total, self.point, stress)
-            share = np.bincount(self.point, minlength=count)
-            stress = (total / share.reshape(-1, *(1,) * (stress.ndim - 1)))[self.point]
+            share = np.bincount(self.point)
+            columns = stress.reshape(self.point.size, -1).T
+            total = [np.bincount(self.point, weights=column) / share for column in columns]
+            stress = np.stack(total, axis=-1)[self.point].reshape(stress.shape)
         return np.abs(_equivalent(stress))
 
 

@@ -14,6 +14,7 @@ from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 __all__ = [
     "StaticSolution",
     "drive_stiffness",
+    "load_readings",
     "probe_stiffness",
     "static_displacements",
     "static_forces",
@@ -180,6 +181,34 @@ def static_loads(
     if any(name.startswith("temperature") for name in loads):
         return replace(found, hinge_stress={})
     return found
+
+
+def load_readings(
+    system: MechanicalSystem, *, drives: DriveCondition = "removed"
+) -> dict[str, dict[str, float]]:
+    """Return what every load on the whole stage does to every probe.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    drives : str
+        ``removed``, ``in place`` or ``locked``.
+
+    Returns
+    -------
+    dict
+        Reading of each probe for one unit of each load [m], by load, then by probe.
+
+    Raises
+    ------
+    ModelError
+        The stage is a mechanism.
+    """
+    return {
+        load.name: static_loads(system, {load.name: 1.0}, drives=drives).readings
+        for load in system.loads
+    }
 
 
 def drive_stiffness(

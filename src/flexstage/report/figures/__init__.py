@@ -1,8 +1,11 @@
 """Figures of a stage and of what its models give, one file for each."""
 
 from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.fe_modes import draw_fe_modes
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
+from flexstage.report.figures.neck_stress import draw_neck_stress
 from flexstage.report.figures.static_shape import draw_static_shape, exaggeration
 from flexstage.report.figures.stress_bars import draw_stress
 from flexstage.report.figures.stroke import draw_stroke
@@ -12,6 +15,9 @@ __all__ = [
     "FORMATS",
     "body_symbols",
     "draw_bode",
+    "draw_convergence",
+    "draw_fe_modes",
+    "draw_neck_stress",
     "draw_stage",
     "draw_static_shape",
     "draw_stress",

@@ -1,0 +1,252 @@
+"""Arrays on disk by the content that they were computed from; damaged files count as absent."""
+
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import struct
+import sys
+import tempfile
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Cache", "default_directory", "open_cache"]
+
+Entry = Mapping[str, NDArray]
+_LOG = logging.getLogger(__name__)
+
+# A file: mark, SHA-256 of all that follows, key, length of the header, header, numbers.
+_MARK = b"flexstage cache 1\n"
+_DIGEST = 32
+_LENGTH = struct.Struct("<Q")
+_START = len(_MARK) + _DIGEST
+_TYPES = ("<f8", "<i8", "|u1")
+_SUFFIX = ".arrays"
+_UNFINISHED = ".part"
+
+#: Largest size of a cache on disk [bytes], and what remains when it is cut back.
+LIMIT, REMAINS = 500_000_000, 0.8
+_MEMORY = 128_000_000
+_ABANDONED = 3600.0  # a file that was being written so long ago belongs to a dead process [s]
+
+
+def default_directory() -> Path:
+    """Return where caches are kept.
+
+    Returns
+    -------
+    pathlib.Path
+        ``$FLEXSTAGE_CACHE`` if it is set, else the platform's place for caches, where
+        ``$XDG_CACHE_HOME`` is respected.
+    """
+    if named := os.environ.get("FLEXSTAGE_CACHE"):
+        return Path(named)
+    if base := os.environ.get("XDG_CACHE_HOME"):
+        return Path(base) / "flexstage"
+    if sys.platform == "win32" and (base := os.environ.get("LOCALAPPDATA")):
+        return Path(base) / "flexstage" / "cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "flexstage"
+    return Path.home() / ".cache" / "flexstage"
+
+
+class Cache:
+    """Arrays in a directory, one file for each key.
+
+    A file is trusted only if it is whole: a checksum covers every byte of it. It appears under its
+    name at once, complete and on disk, so that processes that share a directory, or die at any
+    moment, leave it sound. Where a directory cannot be written the cache does without, and says so
+    once in the log.
+
+    Parameters
+    ----------
+    directory : pathlib.Path
+        Where the files are; made at the first write.
+    limit : int
+        Largest size of the directory [bytes]; the entries that were not used for longest give way.
+    memory : int
+        Largest size of what is kept in memory as well [bytes].
+    """
+
+    def __init__(self, directory: Path, *, limit: int = LIMIT, memory: int = _MEMORY) -> None:
+        self.directory = directory
+        self.limit = limit
+        self._memory = memory
+        self._kept: OrderedDict[str, Entry] = OrderedDict()
+        self._size = 0
+        self._lock = threading.Lock()
+        self._written = False
+        self._silent = False
+
+    def load(self, key: str) -> Entry | None:
+        """Return the arrays of a key.
+
+        Parameters
+        ----------
+        key : str
+            Its key, 64 hexadecimal digits.
+
+        Returns
+        -------
+        Mapping or None
+            The arrays by name, not to be written to; None where there are none, or the file is
+            damaged.
+        """
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        path = self._path(key)
+        try:
+            data = path.read_bytes()
+        except OSError:
+            return None
+        entry = _decode(data, key)
+        if entry is not None:
+            with contextlib.suppress(OSError):  # in a directory that is only read
+                os.utime(path)
+            self._remember(key, entry)
+        return entry
+
+    def store(self, key: str, entry: Entry) -> None:
+        """Keep the arrays of a key.
+
+        Parameters
+        ----------
+        key : str
+            Its key, 64 hexadecimal digits.
+        entry : Mapping
+            The arrays by name: floats, integers or bytes.
+        """
+        data = _encode(entry, key)
+        self._remember(key, entry)
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(suffix=_UNFINISHED, dir=self.directory)
+            unfinished = Path(name)
+            try:
+                with os.fdopen(handle, "wb") as file:
+                    self._write(file.write, data)
+                    file.flush()
+                    os.fsync(file.fileno())
+                unfinished.replace(self._path(key))
+            except BaseException:
+                unfinished.unlink(missing_ok=True)
+                raise
+        except OSError as error:
+            if not self._silent:
+                _LOG.warning("the cache in %s cannot be written: %s", self.directory, error)
+                self._silent = True
+            return
+        self._written = True
+
+    @staticmethod
+    def _write(write: Callable[[bytes], object], data: bytes) -> None:
+        write(data)
+
+    def trim(self) -> None:
+        """Cut the directory back to its limit, if something was written since the last time.
+
+        The entries that were read or written longest ago go first, and what dead processes left.
+        """
+        if not self._written:
+            return
+        self._written = False
+        files: list[tuple[float, int, Path]] = []
+        now = time.time()
+        with contextlib.suppress(OSError):
+            for item in os.scandir(self.directory):
+                # another process may take a file away at any moment
+                with contextlib.suppress(OSError):
+                    state = item.stat()
+                    if item.name.endswith(_SUFFIX):
+                        files.append((state.st_mtime, state.st_size, Path(item.path)))
+                    elif item.name.endswith(_UNFINISHED) and now - state.st_mtime > _ABANDONED:
+                        Path(item.path).unlink()
+        total = sum(size for _, size, _ in files)
+        if total <= self.limit:
+            return
+        for _, size, path in sorted(files):
+            if total <= REMAINS * self.limit:
+                break
+            with contextlib.suppress(OSError):
+                path.unlink()
+            total -= size
+
+    def _path(self, key: str) -> Path:
+        return self.directory / f"{key}{_SUFFIX}"
+
+    def _remember(self, key: str, entry: Entry) -> None:
+        size = sum(a.nbytes for a in entry.values())
+        if size > self._memory:
+            return
+        with self._lock:
+            if (old := self._kept.pop(key, None)) is not None:
+                self._size -= sum(a.nbytes for a in old.values())
+            self._kept[key] = entry
+            self._size += size
+            while self._size > self._memory:
+                _, old = self._kept.popitem(last=False)
+                self._size -= sum(a.nbytes for a in old.values())
+
+
+def _encode(entry: Entry, key: str) -> bytes:
+    parts, table = [], []
+    for name, array in entry.items():
+        kind = next(t for t in _TYPES if np.dtype(t).kind == array.dtype.kind)
+        data = np.asarray(array, dtype=kind)
+        table.append([name, kind, list(data.shape)])
+        parts.append(data.tobytes())
+    header = json.dumps(table).encode()
+    body = b"".join((bytes.fromhex(key), _LENGTH.pack(len(header)), header, *parts))
+    return _MARK + hashlib.sha256(body).digest() + body
+
+
+def _decode(data: bytes, key: str) -> Entry | None:
+    """Return the arrays of a whole file of a key, and None of any other."""
+    view = memoryview(data)[_START:]
+    whole = data.startswith(_MARK) and hashlib.sha256(view).digest() == data[len(_MARK) : _START]
+    if not whole or view[:_DIGEST] != bytes.fromhex(key):
+        return None
+    at = _DIGEST + _LENGTH.size
+    (length,) = _LENGTH.unpack(view[_DIGEST:at])
+    table = json.loads(bytes(view[at : at + length]))
+    at += length
+    entry: dict[str, NDArray] = {}
+    for name, kind, shape in table:
+        count = int(np.prod(shape, dtype=np.int64))
+        # a view of bytes, so that it cannot be written to
+        entry[name] = np.frombuffer(view, dtype=kind, count=count, offset=at).reshape(shape)
+        at += count * np.dtype(kind).itemsize
+    return entry
+
+
+_OPEN: dict[Path, Cache] = {}
+
+
+def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
+    """Return a cache.
+
+    Parameters
+    ----------
+    cache : Cache or pathlib.Path or str or bool or None
+        A cache; a directory; True for the `default_directory`; False or None for no cache.
+
+    Returns
+    -------
+    Cache or None
+        The cache; a directory has one in a process.
+    """
+    if cache is None or cache is False:
+        return None
+    if isinstance(cache, Cache):
+        return cache
+    directory = default_directory() / "superelements" if cache is True else Path(cache)
+    return _OPEN.setdefault(directory, Cache(directory))

@@ -1,0 +1,298 @@
+"""A floating or held body condensed to its interfaces: flexibility, modes, stress."""
+
+import math
+from dataclasses import dataclass
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.elasticity import METRE, Continuum
+from flexstage.fem.constrained import Constrained
+from flexstage.fem.geometry import stage_faces
+from flexstage.fem.names import MOUNTING, either, notch_region
+from flexstage.fem.necks import NeckPoints, neck_points
+from flexstage.fem.ports import drive_vector
+from flexstage.fem.quality import sound_mesh
+from flexstage.fem.substructure import BODY, Reading, Substructure
+from flexstage.fem.traction import edge_means, neck_rows
+from flexstage.stage import mass_properties
+
+__all__ = ["LOADS", "Condensed", "Recovery", "condense", "recover"]
+
+Array = NDArray[np.float64]
+
+#: Loads inside a body: forces and moment on its mean motion, one kelvin, one kelvin by metre.
+LOADS = ("x", "y", "rotation", "temperature", "temperature gradient x", "temperature gradient y")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Condensed:
+    r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
+
+    The coordinates are the motions of its interfaces (3 for each neck, then 1 for each patch), its
+    modes with held interfaces, and its responses to loads inside it with held interfaces.
+
+    Parameters
+    ----------
+    stiffness, mass : numpy.ndarray
+        Of the coordinates, shape (r, r).
+    loads : numpy.ndarray
+        Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
+        reading. So the first three rows are the mean displacement x, y of the body at its centre
+        of mass and its rotation too, and the last ones the readings.
+    stress : numpy.ndarray
+        Components xx, yy, zz, xy of the stress on the surface of the notches, shape (m, 4, r).
+    neck : numpy.ndarray
+        Number of the neck of each of these places, shape (m,).
+    point : numpy.ndarray
+        Number of the point of each place, shape (m,).
+    seam : numpy.ndarray
+        1 or -1 of places at the left or right end of the neck itself, which the other half of the
+        notch has too; 0 elsewhere; shape (m,).
+    interfaces : int
+        Number of coordinates that are motions of interfaces.
+    inertia : tuple of float
+        Mass [kg], centre x, y [m] and moment of inertia about it [kg m^2].
+    elements, unknowns : int
+        Of the mesh.
+    held : str
+        What holds the body, in words.
+    """
+
+    stiffness: Array
+    mass: Array
+    loads: Array
+    stress: Array
+    neck: NDArray[np.int64]
+    point: NDArray[np.int64]
+    seam: NDArray[np.int64]
+    interfaces: int
+    inertia: tuple[float, float, float, float]
+    elements: int
+    unknowns: int
+    held: str
+
+    @property
+    def motion(self) -> Array:
+        """Mean displacement x, y [m] at the centre of mass, and rotation [rad], shape (3, r)."""
+        return self.loads[:3]
+
+    @property
+    def readings(self) -> Array:
+        """Displacement at each reading [m], shape (k, r)."""
+        return self.loads[len(LOADS) :]
+
+    @property
+    def modes(self) -> slice:
+        """Which coordinates are modes."""
+        return slice(self.interfaces, self.stiffness.shape[0] - len(self.loads))
+
+    @property
+    def inner(self) -> slice:
+        """Which coordinates are responses to loads inside the body."""
+        return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recovery:
+    """The way back from the coordinates of a body to the displacement on its mesh.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The body on its mesh, relative to its own point of reference.
+    basis : numpy.ndarray
+        Displacement for each coordinate, shape (n, r).
+    """
+
+    continuum: Continuum
+    basis: Array
+
+
+def condense(part: Substructure) -> Condensed:
+    r"""Condense a body to the mean motions of its interfaces.
+
+    Each neck has three: displacement along and across its hinge and rotation, each the mean that
+    does work with its traction. These are the tractions of a beam, uniform and linear along the
+    hinge and parabolic across, with what `flexstage.fem.traction.shaped` adds to them so that the
+    neck stays plane where it must. With the rows P of these means, the body under interface forces
+    obeys
+
+    .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
+
+    and `flexstage.fem.constrained.Constrained` solves it, floating bodies as well as held ones.
+
+    Parameters
+    ----------
+    part : Substructure
+        The body.
+
+    Returns
+    -------
+    Condensed
+        Its matrices, for the `REFERENCE` material.
+
+    Raises
+    ------
+    StageError
+        The body falls to pieces, or a fixed one has nothing to be held by.
+    ModelError
+        The mesher failed, or the body hangs on nothing.
+
+    Notes
+    -----
+    R. J. Guyan, AIAA J. 3 (1965) 380, and R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313,
+    with means in place of single displacements. Validity: exact but for the shape of the traction
+    in the necks, which is that of notches whose two halves are alike for about a neck's thickness.
+    """
+    return _condense(part)[0]
+
+
+def recover(part: Substructure, condensed: Condensed) -> Recovery:
+    """Return to the displacements of a body that was condensed before.
+
+    Parameters
+    ----------
+    part : Substructure
+        The body.
+    condensed : Condensed
+        The same, condensed, perhaps by another process.
+
+    Returns
+    -------
+    Recovery
+        The way back to displacements.
+    """
+    again, recovery = _condense(part)
+    # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
+    # the loads move them.
+    m, modes = again.interfaces, again.modes
+    was, now = (
+        np.concatenate(
+            (c.mass[:m, modes] / np.abs(c.mass[:m, modes]).max(initial=1e-300), c.motion[:, modes])
+        )
+        for c in (condensed, again)
+    )
+    left, _, right = np.linalg.svd(now.T @ was)
+    basis = recovery.basis.copy()
+    basis[:, modes] = basis[:, modes] @ (left @ right)
+    return Recovery(continuum=recovery.continuum, basis=basis)
+
+
+def _condense(part: Substructure) -> tuple[Condensed, Recovery]:
+    stage = part.stage()
+    faces = stage_faces(stage, [BODY])
+    mesh = sound_mesh(stage, faces, part.mesh)
+    strained = (
+        notch_region(str(i), n.which) for i, n in enumerate(part.necks) if n.plane == "strain"
+    )
+    properties = mass_properties(stage)[BODY]
+    continuum = Continuum(
+        mesh,
+        part.material(),
+        order=part.mesh.order,
+        thickness=part.thickness,
+        strain=either(strained),
+        held=MOUNTING if part.held else "",
+    )
+    rows, blocks = [np.zeros((0, continuum.size))], []
+    for neck, means in zip(part.necks, edge_means(continuum, part.necks), strict=True):
+        beam, normal, shear = neck_rows(neck, means)
+        rows += [beam, normal, shear]
+        blocks.append((len(normal), len(shear)))
+    for drive in stage.drives:
+        rows.append(drive_vector(continuum, stage, drive, faces.patches, "elastic")[None])
+    body = Constrained(continuum, np.concatenate(rows), blocks, floating=not part.held)
+    centre = properties.centre
+    motion = body.mean_motion(centre)
+    thermal = (continuum.thermal(c) for c in (1.0, ng.x / METRE, ng.y / METRE))
+    readings = (_reading(continuum, r, centre, motion) for r in part.readings)
+    inner = np.array([*motion, *thermal, *readings])
+    T, stiff = body.interface_shapes()
+    squares, modes = body.modes(part.modes)
+    U, inner_stiff = body.responses(inner, squares, modes)
+    basis = np.column_stack((T, modes, U))
+    m, k = T.shape[1], squares.size
+    K = np.zeros((basis.shape[1],) * 2)
+    K[:m, :m] = stiff
+    K[m : m + k, m : m + k] = np.diag(squares)
+    K[m + k :, m + k :] = inner_stiff
+    mass = basis.T @ continuum.mass_times(basis)
+    points = neck_points(continuum, stage)
+    condensed = Condensed(
+        stiffness=K,
+        mass=0.5 * (mass + mass.T),
+        loads=inner @ basis,
+        stress=surface_stress(continuum, points, basis),
+        neck=points.owner.astype(np.int64),
+        point=points.point.astype(np.int64),
+        seam=_seam(part, points),
+        interfaces=m,
+        inertia=(properties.mass, *properties.centre, properties.inertia),
+        elements=int(mesh.ne),
+        unknowns=continuum.size,
+        held=faces.held,
+    )
+    return condensed, Recovery(continuum=continuum, basis=basis)
+
+
+def _reading(
+    continuum: Continuum, reading: Reading, centre: tuple[float, float], motion: Array
+) -> Array:
+    """Displacement of a point; where there is no material, of what rides on the mean motion."""
+    along = (math.cos(reading.direction), math.sin(reading.direction))
+    x, y = reading.at
+    if continuum.mesh.Contains(METRE * x, METRE * y):
+        return continuum.point((x, y), along)
+    arm = along[1] * (x - centre[0]) - along[0] * (y - centre[1])
+    return along[0] * motion[0] + along[1] * motion[1] + arm * motion[2]
+
+
+def _seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
+    """Find the ends of the necks, where the other half of a notch begins."""
+    seam = np.zeros(points.owner.size, dtype=np.int64)
+    for i, neck in enumerate(part.necks):
+        c, s = math.cos(neck.direction), math.sin(neck.direction)
+        x, y = points.position[:, 0] - neck.at[0], points.position[:, 1] - neck.at[1]
+        own = (points.owner == i) & (np.abs(c * x + s * y) < 1e-6 * neck.profile.neck_thickness)
+        seam[own] = np.sign(c * y - s * x)[own].astype(np.int64)
+    return seam
+
+
+def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
+    """Return the stress of many displacements of a plane part at the points of its notches.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part.
+    points : NeckPoints
+        The points.
+    u : numpy.ndarray
+        Displacements, shape (n, r).
+
+    Returns
+    -------
+    numpy.ndarray
+        Components xx, yy, zz, xy [Pa], shape (m, 4, r).
+    """
+    r = u.shape[1]
+    if not len(points.places):
+        return np.zeros((0, 4, r))
+    # all displacements as the components of one function: they are evaluated at once
+    many = ng.H1(continuum.mesh, order=continuum.order, dim=2 * r)
+    function = ng.GridFunction(many)
+    function.vec.FV().NumPy()[:] = (
+        u.reshape(2, -1, r).transpose(1, 2, 0).reshape(-1)  # component by column by unknown
+    )
+    gradient = np.asarray(ng.BoundaryFromVolumeCF(ng.Grad(function))(points.places))
+    gradient = METRE * gradient.reshape(-1, r, 2, 2)
+    constants = ng.CoefficientFunction((continuum.lame, continuum.in_strain))
+    lame, strained = np.asarray(ng.BoundaryFromVolumeCF(constants)(points.places)).T[..., None]
+    xx, yy = gradient[..., 0, 0], gradient[..., 1, 1]
+    volume = lame * (xx + yy)
+    twice = 2.0 * continuum.shear_modulus
+    shear = continuum.shear_modulus * (gradient[..., 0, 1] + gradient[..., 1, 0])
+    parts = (volume + twice * xx, volume + twice * yy, strained * volume, shear)
+    return np.stack(parts, axis=1)

@@ -1,0 +1,278 @@
+"""A part whose interfaces move as they are told, held or floating."""
+
+from collections.abc import Sequence
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from flexstage.elasticity import METRE, Continuum
+from flexstage.errors import ConvergenceError, ModelError
+from flexstage.fem.traction import shaped
+
+__all__ = ["Constrained"]
+
+Array = NDArray[np.float64]
+
+_STEPS = 60
+_ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+_DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
+_SETTLED = 1e-5  # of the squares of frequencies, from one step to the next
+
+
+class Constrained:
+    r"""A body whose interface motions q = P u are given.
+
+    A floating body is solved for balanced loads alone, up to its rigid motions R, whatever holds
+    it: the flexibility with inertia relief. Interface forces and rigid motion are then found
+    together, with :math:`X = K^+ P^T`, :math:`G = P X`, :math:`A = P R`:
+
+    .. math:: \begin{bmatrix} G & A\\ A^T & 0\end{bmatrix}
+              \begin{bmatrix}\lambda\\ a\end{bmatrix}
+              = \begin{bmatrix} q - P K^+ f\\ -R^T f\end{bmatrix},
+              \quad u = K^+ f + X\lambda + R a
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The body, in its plane.
+    P : numpy.ndarray
+        Rows for its necks and patches, see `flexstage.fem.traction.shaped`, shape (m, n).
+    blocks : sequence of tuple of int
+        For each neck the numbers of its rows without resultant.
+    floating : bool
+        Whether nothing holds it.
+
+    Raises
+    ------
+    ModelError
+        Its interfaces do not hold it, or two of them are the same.
+    """
+
+    def __init__(
+        self, continuum: Continuum, P: Array, blocks: Sequence[tuple[int, int]], *, floating: bool
+    ) -> None:
+        self.continuum = continuum
+        self.rigid = _rigid_motions(continuum)
+        self.weighted = continuum.mass_times(self.rigid)
+        self._balance = np.zeros((continuum.size, 0)), np.zeros((continuum.size, 0))
+        free = continuum.free.copy()
+        if floating:
+            # Balanced loads leave nothing to the three unknowns that are held, whichever they are.
+            free[_pins(continuum, self.rigid)] = False
+            factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
+            self._balance = (
+                np.linalg.solve(factor, self.rigid.T).T,
+                np.linalg.solve(factor, self.weighted.T).T,
+            )
+        self._free = np.flatnonzero(free)
+        self._factor = splu(
+            _stiffness(continuum)[self._free][:, self._free],
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        self.P, self.X = P, X = shaped(P, self.loose(P.T), blocks)
+        G = P @ X
+        G = 0.5 * (G + G.T)
+        A = P @ self._balance[0]
+        # rows scaled alike, and rigid motions like them: metres and radians become comparable
+        self._row = 1.0 / np.sqrt(np.diag(G))
+        A = A * self._row[:, None]
+        if floating and (len(A) < 3 or np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max()) < 3):
+            raise ModelError(
+                "a body hangs on no hinge and is not fixed, so it cannot be condensed: join it by "
+                "a hinge, or hold it"
+            )
+        self._column = 1.0 / np.abs(A).max(axis=0, initial=0.0) if len(A) else np.zeros(0)
+        A = A * self._column
+        none = np.zeros((A.shape[1], A.shape[1]))
+        saddle = np.block([[G * np.outer(self._row, self._row), A], [A.T, none]])
+        self._saddle = np.linalg.inv(saddle) if len(P) else np.zeros((0, 0))
+        if np.abs(self._saddle).max(initial=0.0) > _ALIKE:
+            raise ModelError(
+                "two drives touch a body at the same place in the same direction, so that their "
+                "patches move alike: move one of them"
+            )
+
+    def mean_motion(self, at: tuple[float, float]) -> Array:
+        """Return the mean motion of the body: the rigid one nearest to its own in mean square.
+
+        Parameters
+        ----------
+        at : tuple of float
+            The point whose displacement is given [m].
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacement x, y and rotation for each unknown, shape (3, n).
+        """
+        motion: Array = np.zeros((3, self.continuum.size))
+        motion += np.linalg.solve(self.rigid.T @ self.weighted, self.weighted.T)
+        motion[0] -= at[1] * motion[2]
+        motion[1] += at[0] * motion[2]
+        return motion
+
+    def loose(self, load: Array) -> Array:
+        """Return the response to the balanced part of loads, free of rigid motions.
+
+        Parameters
+        ----------
+        load : numpy.ndarray
+            Loads, one a column, shape (n, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacements, shape (n, k); of a body that is held, the response to all of the load.
+        """
+        rigid, weighted = self._balance
+        u = np.zeros_like(load)
+        u[self._free] = self._factor.solve((load - weighted @ (rigid.T @ load))[self._free])
+        return u - rigid @ (weighted.T @ u)
+
+    def _multipliers(self, gap: Array, moment: Array) -> tuple[Array, Array]:
+        """Interface forces and rigid motion that close a gap and balance the loads."""
+        m = len(self.P)
+        right = np.concatenate((self._row[:, None] * gap, self._column[:, None] * moment))
+        found = self._saddle @ right if m else np.zeros_like(right)
+        return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
+
+    def interface_shapes(self) -> tuple[Array, Array]:
+        """Return displacements for unit motions of the interfaces, and the stiffness.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Shapes (n, m) and (m, m).
+        """
+        m = len(self.P)
+        force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
+        return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
+
+    def held(self, load: Array) -> Array:
+        """Return the response to loads with the interfaces held.
+
+        Parameters
+        ----------
+        load : numpy.ndarray
+            Loads, one a column, shape (n, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacements, shape (n, k).
+        """
+        u = self.loose(load)
+        force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
+        return u + self.X @ force + self._balance[0] @ rigid
+
+    def modes(self, count: int) -> tuple[Array, Array]:
+        """Return the lowest modes with the interfaces held, by simultaneous iteration.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit
+            modal mass, shape (n, count).
+
+        Raises
+        ------
+        ConvergenceError
+            The iteration did not end.
+        """
+        mass_times = self.continuum.mass_times
+        size = self.continuum.size
+        if not count or not len(self.P):
+            return np.zeros(0), np.zeros((size, 0))
+        start = np.random.default_rng(0).standard_normal((size, count + 3))
+        shapes = self.held(np.column_stack((self.weighted, mass_times(start))))
+        shapes = shapes @ _independent(shapes.T @ mass_times(shapes))
+        last = np.zeros(count)
+        for _ in range(_STEPS):
+            weighted = mass_times(shapes)
+            shapes = self.held(weighted)
+            # K shapes = weighted + P^T lambda, and P shapes = 0
+            values, turn = _pencil(shapes.T @ weighted, shapes.T @ mass_times(shapes))
+            shapes = shapes @ turn
+            if np.all(np.abs(values[:count] - last) <= _SETTLED * values[:count]):
+                return values[:count], shapes[:, :count]
+            last = values[:count]
+        raise ConvergenceError("the modes of a body with held interfaces were not found")
+
+    def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
+        """Return responses to loads with held interfaces, less the part that modes have in them.
+
+        Parameters
+        ----------
+        loads : numpy.ndarray
+            Loads, one a row, shape (k, n).
+        squares, modes : numpy.ndarray
+            Modes with held interfaces.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Displacements, shape (n, k), and their stiffness, shape (k, k).
+        """
+        whole = self.held(loads.T)
+        share = modes.T @ loads.T
+        rest = share / squares[:, None]
+        stiff = whole.T @ loads.T - share.T @ rest
+        return whole - modes @ rest, 0.5 * (stiff + stiff.T)
+
+
+def _rigid_motions(continuum: Continuum) -> Array:
+    """Displacements x, y of all of a part and its rotation about the origin, shape (n, 3)."""
+    place = ng.GridFunction(ng.H1(continuum.mesh, order=continuum.order, dim=2))
+    place.Set(ng.CoefficientFunction((ng.x / METRE, ng.y / METRE)))
+    x, y = place.vec.FV().NumPy().reshape(-1, 2).T
+    # of the shape functions those of the vertices, which come first, make up a constant
+    one, none = np.zeros_like(x), np.zeros_like(x)
+    one[: continuum.mesh.nv] = 1.0
+    return np.column_stack([np.concatenate(f) for f in ((one, none), (none, one), (-y, x))])
+
+
+def _pins(continuum: Continuum, rigid: Array) -> NDArray[np.intp]:
+    """Choose three unknowns that hold a part: a vertex, and another one from turning about it."""
+    nv, half = continuum.mesh.nv, continuum.size // 2
+    x, y = rigid[half : half + nv, 2], -rigid[:nv, 2]
+    far = int(np.argmax(np.hypot(x - x[0], y - y[0])))
+    sideways = far if abs(y[far] - y[0]) > abs(x[far] - x[0]) else half + far
+    return np.array([0, half, sideways])
+
+
+def _stiffness(continuum: Continuum) -> sp.csc_matrix:
+    """Assemble the stiffness of a plane part [N/m]."""
+    u, v = continuum.space.TnT()
+    inner = ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v)))
+    density = continuum.lame * ng.div(u) * ng.div(v) + 2.0 * continuum.shear_modulus * inner
+    form = ng.BilinearForm(continuum.space)
+    form += continuum.thickness * density * ng.dx
+    form.Assemble()
+    rows, columns, values = (np.asarray(part) for part in form.mat.COO())
+    return sp.csc_matrix((values, (rows, columns)), shape=(continuum.size, continuum.size))
+
+
+def _independent(mass: Array) -> Array:
+    """Return combinations of displacements with unit mass; dependent ones are left out."""
+    size = 1.0 / np.sqrt(np.diag(mass))
+    values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
+    kept = values > _DEPENDENT * values[-1]
+    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+
+
+def _pencil(stiff: Array, mass: Array) -> tuple[Array, Array]:
+    """Solve a small eigenproblem; shapes with unit modal mass."""
+    basis = _independent(mass)
+    inner = basis.T @ stiff @ basis
+    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    return values, basis @ vectors

@@ -1,0 +1,364 @@
+"""Condensed bodies joined at their necks: matrices, drives, readings, loads, stress of a stage."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from flexstage.errors import ModelError
+from flexstage.fem.condensation import LOADS, Condensed
+from flexstage.fem.cutting import Placed
+from flexstage.fem.model import STANDARD_GRAVITY
+from flexstage.fem.substructure import REFERENCE
+from flexstage.stage import Stage
+
+__all__ = ["Joint", "join", "lowest"]
+
+Array = NDArray[np.float64]
+
+# what a load does inside the bodies, of all that it does, below which it is rounding
+_NOTHING = 1e-10
+_SAME = 1e-8  # what is left of a response that others make up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Joint:
+    """The bodies of a stage, joined.
+
+    Parameters
+    ----------
+    K, M : numpy.ndarray
+        Stiffness and mass, shape (n, n).
+    coordinates : tuple of str
+        Name and unit of each coordinate.
+    drives : dict
+        Elongation of each drive, shape (n,).
+    probes : dict
+        Reading of each probe, shape (n,).
+    bodies : dict
+        Centre [m] of each body and its motion there, shape (3, n).
+    loads : dict
+        Force on the coordinates, shape (n,), and unit of each load.
+    shares : tuple
+        For each body which coordinates move it, shape (c,), and its own coordinates for them,
+        shape (r, c).
+    """
+
+    K: Array
+    M: Array
+    coordinates: tuple[str, ...]
+    drives: dict[str, Array]
+    probes: dict[str, Array]
+    bodies: dict[str, tuple[tuple[float, float], Array]]
+    loads: dict[str, tuple[Array, str]]
+    shares: tuple[tuple[NDArray[np.intp], Array], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Load:
+    """A load on the stage: for each body the sizes of its own loads, for the reference material.
+
+    Without a unit it is not of the stage, but what a drive or a probe adds inside a body.
+    """
+
+    unit: str
+    parts: list[Array]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Whole:
+    """Mass of a body with what rides on it."""
+
+    mass: float
+    centre: tuple[float, float]
+
+
+def _scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
+    """How much more than the reference stiffness, mass and expansion are."""
+    thickness = stage.thickness / placed.part.thickness
+    material = stage.material
+    return (
+        thickness * material.youngs_modulus / REFERENCE.youngs_modulus,
+        thickness * material.density / REFERENCE.density,
+        (material.thermal_expansion or 0.0) / (REFERENCE.thermal_expansion or 1.0),
+    )
+
+
+def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]) -> Joint:
+    """Join condensed bodies.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    placed : sequence of Placed
+        Its bodies as substructures.
+    condensed : sequence of Condensed
+        The same, condensed.
+
+    Returns
+    -------
+    Joint
+        The stage, drives removed.
+
+    Notes
+    -----
+    The halves of a notch share the three coordinates of its neck. What a load does inside the
+    bodies while their interfaces are held is one more coordinate of the whole stage for each load,
+    so that statics under loads are exact inside the bodies too.
+    """
+    stiff, heavy, expand = _scales(stage, placed[0])
+    names, index = _coordinates(stage, placed, condensed)
+    wholes = [_whole(p, c, heavy) for p, c in zip(placed, condensed, strict=True)]
+    loads = _loads(stage, placed, condensed, wholes, (stiff, heavy, expand))
+    inside = _inside(loads, condensed)
+    inner = np.arange(len(names), len(names) + inside[0].shape[1])
+    names += [f"inside {k + 1} [m]" for k in range(inner.size)]
+    n = len(names)
+    K, M = np.zeros((n, n)), np.zeros((n, n))
+    whole = [key for key, load in loads.items() if load.unit]
+    forces = np.zeros((len(whole), n))
+    probes = {p.name: np.zeros(n) for p in stage.probes}
+    shares, bodies = [], {}
+    for b, (p, c) in enumerate(zip(placed, condensed, strict=True)):
+        at = np.concatenate((index[b], inner))
+        own = np.zeros((c.stiffness.shape[0], at.size))
+        own[: index[b].size, : index[b].size] = np.eye(index[b].size)
+        own[c.inner, index[b].size :] = inside[b]
+        shares.append((at, own))
+        where = np.ix_(at, at)
+        K[where] += stiff * (own.T @ c.stiffness @ own)
+        M[where] += heavy * (own.T @ c.mass @ own)
+        acting = c.loads @ own
+        for extra in () if p.body.fixed else p.body.extra_masses:
+            riding = _about(acting[:3], _centre(p, c), extra.at)
+            inertia = np.array([[extra.mass], [extra.mass], [extra.inertia]])
+            M[where] += riding.T @ (inertia * riding)
+        forces[:, at] += stiff * np.array([loads[key].parts[b] for key in whole]) @ acting
+        for reading, uses in zip(acting[len(LOADS) :], p.readings, strict=True):
+            for name, sign in uses:
+                probes[name][at] += sign * reading
+        motion = np.zeros((3, n))
+        motion[:, at] = _about(acting[:3], _centre(p, c), wholes[b].centre)
+        bodies[p.body.name] = wholes[b].centre, motion
+    return Joint(
+        K=0.5 * (K + K.T),
+        M=0.5 * (M + M.T),
+        coordinates=tuple(names),
+        drives=_drives(stage, placed, index, bodies, n),
+        probes=probes,
+        bodies=bodies,
+        loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
+        shares=tuple(shares),
+    )
+
+
+def _coordinates(
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]
+) -> tuple[list[str], list[NDArray[np.intp]]]:
+    """Name the coordinates; for each body say which are its own."""
+    names = [
+        f"hinge {h.name} {motion}"
+        for h in stage.hinges
+        for motion in ("along [m]", "across [m]", "rotation [rad]")
+    ]
+    index = []
+    for p, c in zip(placed, condensed, strict=True):
+        own = [3 * i + k for i in p.hinges for k in range(3)]
+        new = []
+        for patch in p.patches:
+            uses = " and ".join(f"{drive} {('push', 'react')[which]}" for drive, which in patch)
+            new.append(f"patch {uses} [m]")
+        count = c.modes.stop - c.modes.start
+        new += [f"body {p.body.name} mode {i + 1} [kg^0.5 m]" for i in range(count)]
+        index.append(np.array([*own, *range(len(names), len(names) + len(new))], dtype=np.intp))
+        names += new
+    return names, index
+
+
+def _centre(placed: Placed, condensed: Condensed) -> tuple[float, float]:
+    """Centre of a body without what rides on it, in the plane of the stage."""
+    _, x, y, _ = condensed.inertia
+    return placed.origin[0] + x, placed.origin[1] + y
+
+
+def _whole(placed: Placed, condensed: Condensed, heavy: float) -> _Whole:
+    x, y = _centre(placed, condensed)
+    own = heavy * condensed.inertia[0]
+    parts = [(own, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
+    mass = sum(m for m, _, _ in parts)
+    centre = sum(m * px for m, px, _ in parts) / mass, sum(m * py for m, _, py in parts) / mass
+    return _Whole(mass=mass, centre=centre)
+
+
+def _about(motion: Array, centre: tuple[float, float], at: tuple[float, float]) -> Array:
+    """Carry the motion of a body from its centre to another point."""
+    moved = motion.copy()
+    moved[0] -= (at[1] - centre[1]) * motion[2]
+    moved[1] += (at[0] - centre[0]) * motion[2]
+    return moved
+
+
+def _loads(
+    stage: Stage,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    wholes: Sequence[_Whole],
+    scales: tuple[float, float, float],
+) -> dict[str, _Load]:
+    """What loads the stage, on each body in the sizes of its own loads."""
+    stiff, heavy, expand = scales
+    found = {}
+
+    def load(key: str, unit: str = "") -> list[Array]:
+        parts = [np.zeros(len(c.loads)) for c in condensed]
+        found[key] = _Load(unit=unit, parts=parts)
+        return parts
+
+    for i, axis in enumerate("xy"):
+        parts = load(f"gravity {axis}", "g")
+        for sizes, p, c in zip(parts, placed, condensed, strict=True):
+            weight = STANDARD_GRAVITY / stiff
+            sizes[i] = weight * heavy * c.inertia[0]
+            x, y = _centre(p, c)
+            for e in () if p.body.fixed else p.body.extra_masses:
+                sizes[i] += weight * e.mass
+                sizes[2] += weight * e.mass * (y - e.at[1], e.at[0] - x)[i]
+    if stage.material.thermal_expansion is not None:
+        total = sum(w.mass for w in wholes)
+        middle = [sum(w.mass * w.centre[i] for w in wholes) / total for i in (0, 1)]
+        for sizes in load("temperature", "K"):
+            sizes[3] = expand
+        for i, axis in enumerate("xy"):
+            for sizes, p in zip(load(f"temperature gradient {axis}", "K/m"), placed, strict=True):
+                sizes[4 + i] = expand
+                sizes[3] = expand * (p.origin[i] - middle[i])
+    for drive in stage.drives:
+        offset = _offset(drive.at, drive.direction)
+        for b, p in enumerate(placed):
+            if offset and p.body.name == drive.reacts and _stands(p, drive.name):
+                load(f"drive {drive.name}")[b][2] = offset / stiff
+    for probe in stage.probes:
+        parts = load(f"probe {probe.name}")
+        for sizes, p in zip(parts, placed, strict=True):
+            for k, uses in enumerate(p.readings):
+                sizes[len(LOADS) + k] += sum(s for name, s in uses if name == probe.name) / stiff
+    return found
+
+
+def _offset(at: tuple[tuple[float, float], tuple[float, float]], direction: float) -> float:
+    """How far the reacting point of a drive lies beside its line, to the left [m]."""
+    aside = (-math.sin(direction), math.cos(direction))
+    offset = sum(c * (q - p) for c, p, q in zip(aside, *at, strict=True))
+    return offset if abs(offset) > 1e-9 else 0.0
+
+
+def _stands(placed: Placed, drive: str) -> bool:
+    return any((drive, 1) in patch for patch in placed.patches)
+
+
+def _inside(loads: Mapping[str, _Load], condensed: Sequence[Condensed]) -> list[Array]:
+    """Find what the loads do inside the bodies: coordinates of the whole stage.
+
+    Returns for each body how much of each of its own responses is in them, shape (l, s).
+    """
+    shapes, gram, energy, work = [], 0.0, 0.0, 0.0
+    for b, c in enumerate(condensed):
+        parts = np.array([load.parts[b] for load in loads.values()]).reshape(-1, len(c.loads))
+        own = np.einsum("ij,ij->i", parts @ c.stiffness[c.inner, c.inner], parts)
+        force = parts @ c.loads[:, c.modes]
+        energy = energy + own
+        work = work + own + np.sum(force**2 / np.diag(c.stiffness)[c.modes], axis=1)
+        gram = gram + parts @ c.mass[c.inner, c.inner] @ parts.T
+        shapes.append(parts.T)
+    acts = np.flatnonzero(np.asarray(energy) > _NOTHING * np.asarray(work))
+    gram = np.asarray(gram)[np.ix_(acts, acts)]
+    shapes = [w[:, acts] for w in shapes]
+    # loads that do the same count once
+    size = 1.0 / np.sqrt(np.diag(gram))
+    values, vectors = np.linalg.eigh(gram * np.outer(size, size))
+    mean = math.sqrt(sum(c.inertia[0] for c in condensed))
+    kept = size[:, None] * vectors[:, values > _SAME] * mean
+    return [w @ kept for w in shapes]
+
+
+def _drives(
+    stage: Stage,
+    placed: Sequence[Placed],
+    index: Sequence[NDArray[np.intp]],
+    bodies: Mapping[str, tuple[tuple[float, float], Array]],
+    n: int,
+) -> dict[str, Array]:
+    found = {d.name: np.zeros(n) for d in stage.drives}
+    for p, own in zip(placed, index, strict=True):
+        first = 3 * len(p.hinges)
+        for k, uses in enumerate(p.patches):
+            for name, which in uses:
+                found[name][own[first + k]] += 1.0 if which == 0 else -1.0
+                drive = stage.drive(name)
+                if which == 1 and (offset := _offset(drive.at, drive.direction)):
+                    # the point on the line, to the right of the patch, is moved on by a turn
+                    found[name] -= offset * bodies[p.body.name][1][2]
+    return found
+
+
+def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the lowest modes of a stage and its static responses to drives, probes and loads.
+
+    Parameters
+    ----------
+    joint : Joint
+        The stage.
+    count : int
+        Number of modes.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Frequencies of the new coordinates [rad/s], shape (r,), of which the first `count` are
+        natural frequencies; what they move, with unit modal mass, shape (n, r); and which of them
+        are modes, shape (r,).
+
+    Raises
+    ------
+    ModelError
+        The mass matrix is not positive definite.
+    """
+    # columns of unit mass: metres, radians and modes become comparable
+    size = 1.0 / np.sqrt(np.diag(joint.M))
+    try:
+        squares, shapes = eigh(
+            joint.K * np.outer(size, size),
+            joint.M * np.outer(size, size),
+            driver="gvd",
+            check_finite=False,
+        )
+    except np.linalg.LinAlgError as error:
+        raise ModelError("a body has no mass, so the stage has no natural frequencies") from error
+    shapes *= size[:, None]
+    count = min(count, squares.size)
+    vectors = [
+        *joint.drives.values(),
+        *joint.probes.values(),
+        *(v for v, _ in joint.loads.values()),
+    ]
+    omega = np.sqrt(np.clip(squares[:count], 0.0, None))
+    high, above = shapes[:, count:], squares[count:]
+    if not vectors or not above.size:
+        return omega, shapes[:, :count], np.ones(count, dtype=bool)
+    response = (high.T @ np.array(vectors).T) / above[:, None]
+    length = np.linalg.norm(response, axis=0)
+    response = response[:, length > 0.0] / length[length > 0.0]
+    left, values, _ = np.linalg.svd(response, full_matrices=False)
+    basis = left[:, values > 1e-9 * values.max(initial=0.0)]
+    rest, turn = np.linalg.eigh(basis.T @ (above[:, None] * basis))
+    residual = high @ (basis @ turn)
+    all_omega = np.concatenate((omega, np.sqrt(rest)))
+    return (
+        all_omega,
+        np.column_stack((shapes[:, :count], residual)),
+        np.arange(all_omega.size) < count,
+    )

@@ -1,0 +1,216 @@
+"""A stage cut at its necks into bodies that are condensed by themselves."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.ports import Supports
+from flexstage.fem.substructure import Neck, Patch, Reading, Substructure
+from flexstage.hinges import PlaneState, Profile, Vertex, plane_state
+from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
+from flexstage.stage.outline import Point
+
+__all__ = ["Placed", "cut_free", "notch_states"]
+
+_DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A substructure at its place in a stage.
+
+    Parameters
+    ----------
+    body : Body
+        The body that it is.
+    part : Substructure
+        The substructure.
+    origin : tuple of float
+        Where its reference point lies [m].
+    hinges : tuple of int
+        Number of the hinge of each of its necks.
+    patches : tuple
+        The drives' names and sides (0 pushed, 1 reacting) of each of its patches.
+    readings : tuple
+        Each probe's name and sign of each of its readings.
+    """
+
+    body: Body
+    part: Substructure
+    origin: Point
+    hinges: tuple[int, ...]
+    patches: tuple[tuple[tuple[str, int], ...], ...]
+    readings: tuple[tuple[tuple[str, float], ...], ...]
+
+
+def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[PlaneState, ...]:
+    """Choose plane stress or plane strain for every notch.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    plane : str
+        ``stress`` or ``strain`` for all notches, or ``auto`` by width against neck.
+
+    Returns
+    -------
+    tuple of str
+        One for each hinge.
+    """
+    return tuple(
+        plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
+        for h in stage.hinges
+    )
+
+
+def cut_free(
+    stage: Stage,
+    settings: MeshSettings,
+    *,
+    plane: PlaneState | Literal["auto"] = "auto",
+    modes: int,
+    supports: Supports = "rigid",
+) -> tuple[Placed, ...]:
+    """Cut a stage at its necks.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    settings : MeshSettings
+        How fine its bodies are meshed.
+    plane : str
+        ``stress`` or ``strain`` for all notches, or ``auto`` by width against neck.
+    modes : int
+        Number of modes with held interfaces of each body.
+    supports : str
+        ``rigid`` where a drive that reacts on a fixed body stands on the ground.
+
+    Returns
+    -------
+    tuple of Placed
+        Its bodies, in order.
+
+    Examples
+    --------
+    The eight guide legs of this stage are of four kinds, its four links of two:
+
+    >>> from flexstage.designs import design
+    >>> bodies = cut_free(design("vgtu-piezo"), MeshSettings(), modes=3)
+    >>> len(bodies), len({b.part.key() for b in bodies})
+    (21, 15)
+    """
+    states = notch_states(stage, plane)
+    thickness = _preferred(stage.thickness)
+    cut = []
+    for body in stage.bodies:
+        x0, y0 = origin = body.outline.points[0]
+
+        def near(p: Point, x0: float = x0, y0: float = y0) -> Point:
+            # adding nothing turns a negative zero, which would be another hash, into zero
+            return round(p[0] - x0, _DIGITS) + 0.0, round(p[1] - y0, _DIGITS) + 0.0
+
+        hinges = [i for i, h in enumerate(stage.hinges) if body.name in h.bodies]
+        touched = _touched(stage, body, near, supports)
+        read = _read(stage, body, near)
+        part = Substructure(
+            outline=_moved_loop(body.outline, near),
+            holes=tuple(
+                _moved_circle(h, near) if isinstance(h, Circle) else _moved_loop(h, near)
+                for h in body.holes
+            ),
+            mounting_holes=tuple(_moved_circle(h, near) for h in body.mounting_holes),
+            held=body.fixed,
+            necks=tuple(_neck(stage.hinges[i], body, near, states[i]) for i in hinges),
+            patches=tuple(touched),
+            readings=tuple(read),
+            poissons_ratio=stage.material.poissons_ratio,
+            thickness=thickness,
+            mesh=settings,
+            modes=modes,
+        )
+        cut.append(
+            Placed(
+                body=body,
+                part=part,
+                origin=origin,
+                hinges=tuple(hinges),
+                patches=tuple(map(tuple, touched.values())),
+                readings=tuple(map(tuple, read.values())),
+            )
+        )
+    return tuple(cut)
+
+
+_Move = Callable[[Point], Point]
+
+
+def _touched(
+    stage: Stage, body: Body, near: _Move, supports: Supports
+) -> dict[Patch, list[tuple[str, int]]]:
+    """Find the patches of a body; drives that touch it alike share one."""
+    found: dict[Patch, list[tuple[str, int]]] = {}
+    if body.fixed and supports == "rigid":
+        return found
+    for drive in stage.drives:
+        for which in (0, 1):
+            if _side(drive, which) == body.name:
+                patch = Patch(
+                    at=near(drive.at[which]),
+                    direction=drive.direction,
+                    half_width=drive.patch_half_width,
+                )
+                found.setdefault(patch, []).append((drive.name, which))
+    return found
+
+
+def _side(drive: Drive, which: int) -> str:
+    return (drive.pushes, drive.reacts)[which]
+
+
+def _read(stage: Stage, body: Body, near: _Move) -> dict[Reading, list[tuple[str, float]]]:
+    """Find the readings of a body, each with the probes that use it and their sign."""
+    found: dict[Reading, list[tuple[str, float]]] = {}
+    for probe in stage.probes:
+        reading = Reading(at=near(probe.at), direction=probe.direction)
+        for name, sign in ((probe.body, 1.0), (probe.relative_to, -1.0)):
+            if name == body.name:
+                found.setdefault(reading, []).append((probe.name, sign))
+    return found
+
+
+def _moved_loop(loop: Loop, near: _Move) -> Loop:
+    return replace(loop, points=tuple(map(near, loop.points)))
+
+
+def _moved_circle(circle: Circle, near: _Move) -> Circle:
+    return replace(circle, centre=near(circle.centre))
+
+
+def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> Neck:
+    return Neck(
+        at=near(hinge.at),
+        direction=hinge.direction,
+        which=hinge.bodies.index(body.name),
+        profile=hinge.profile,
+        contour=_contour(hinge.profile),
+        plane=plane,
+    )
+
+
+@lru_cache(maxsize=1024)
+def _contour(profile: Profile) -> tuple[Vertex, ...]:
+    return profile.contour()
+
+
+def _preferred(thickness: float) -> float:
+    """Return the preferred number nearest to a thickness (ISO 3, series R10).
+
+    The thickness of a plate sets the largest element. Taken from a series it leaves the mesh alone
+    where the thickness changes a little, and the same mesh serves.
+    """
+    return float(f"{10.0 ** (round(10.0 * math.log10(thickness)) / 10.0):.3g}")

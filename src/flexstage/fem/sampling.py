@@ -1,0 +1,350 @@
+"""Fields on a mesh as points and flat cells, for pictures and for files.
+
+Elements of high order are curved, and what varies in them is no straight line; each is divided into
+small cells whose corners are mapped into it, never looked for.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.elasticity import METRE, von_mises_of
+from flexstage.elasticity.stress import COMPONENTS
+from flexstage.errors import ModelError
+from flexstage.fem.cells import (
+    lattice,
+    lattice_size,
+    loops,
+    merged,
+    sizes,
+    triangles,
+    turned,
+    wedges,
+)
+from flexstage.fem.mesh import MIDDLE
+from flexstage.fem.model import Half, StageModel
+from flexstage.fem.names import body_region, exactly, notch_region
+
+__all__ = ["Sample", "Sampler"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Where the stress has the opposite sign below the middle plane: yz and xz.
+_ODD = np.array([0, 0, 0, 1, 1, 0], dtype=bool)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sample:
+    """A field at the corners of small cells.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        The corners at rest [m], shape (n, 3).
+    cells : numpy.ndarray
+        Corners of each cell: of triangles, counter-clockwise, shape (m, 3), or of wedges, whose
+        first three have their normal outwards, shape (m, 6).
+    region : numpy.ndarray
+        Index of the region of each cell into `Sampler.regions`, shape (m,).
+    displacement : numpy.ndarray
+        Displacement [m], shape (n, 3).
+    stress : numpy.ndarray or None
+        Components xx, yy, zz, yz, xz, xy, averaged over the elements about a corner [Pa],
+        shape (n, 6); None where it was not asked for.
+    """
+
+    points: Array
+    cells: Indices
+    region: Indices
+    displacement: Array
+    stress: Array | None
+
+    @property
+    def magnitude(self) -> Array:
+        """Magnitude of the displacement [m], shape (n,)."""
+        return np.linalg.norm(self.displacement, axis=1)
+
+    @property
+    def von_mises(self) -> Array:
+        """Equivalent stress of von Mises [Pa], shape (n,).
+
+        Raises
+        ------
+        ModelError
+            The stress was not asked for.
+        """
+        if self.stress is None:
+            raise ModelError("the field was sampled without its stress: ask for it")
+        return von_mises_of(self.stress)
+
+    def moved(self, factor: float = 1.0) -> Array:
+        """Return where the corners go to.
+
+        Parameters
+        ----------
+        factor : float
+            By how much the motion is exaggerated [1].
+
+        Returns
+        -------
+        numpy.ndarray
+            The displaced corners [m], shape (n, 3).
+        """
+        return self.points + factor * self.displacement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Corners of the cells, each once, and which place of the mesh each corner is."""
+
+    points: Array
+    cells: Indices
+    region: Indices
+    corner: Indices  # the corner that each mapped place is, mirrored places after the others
+    below: NDArray[np.bool_]  # whether a place is mirrored
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sampler:
+    """Divides the elements of a stage's mesh into small cells, and reads fields at their corners.
+
+    Parameters
+    ----------
+    model : StageModel
+        The model.
+    divisions : int
+        Parts of each edge of an element, 1 to 32.
+    extent : str
+        ``plane`` for triangles: of a plane model all of it, of one in three dimensions its middle
+        plane; ``whole`` for all that there is: wedges over the whole thickness in three dimensions,
+        the half below the middle plane mirrored from the one that is meshed.
+    seams : bool
+        Whether corners stay apart where two regions meet, so that stress is averaged in each alone.
+
+    Raises
+    ------
+    ModelError
+        The number of divisions is out of its range.
+
+    Notes
+    -----
+    Validity: the cells are straight, and a value within one is linear between corners: with four
+    parts the area of the study's piezo stage is kept to 1e-4. Stress at a corner of several
+    elements is the mean of what they give there.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.fem import MeshSettings, plane_model
+    >>> model = plane_model(design("parallelogram"), MeshSettings(order=2, neck_size=2.0))
+    >>> sampler = Sampler(model=model)
+    >>> round(sampler.area * 1e4, 2)  # cm^2
+    24.18
+    """
+
+    model: StageModel
+    divisions: int = 4
+    extent: Literal["plane", "whole"] = "plane"
+    seams: bool = False
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.divisions <= 32:
+            raise ModelError(f"an edge is divided into 1 to 32 parts, got {self.divisions!r}")
+
+    @property
+    def mesh(self) -> ng.Mesh:
+        """The mesh [mm]."""
+        return self.model.halves[0].continuum.mesh
+
+    @property
+    def solid(self) -> bool:
+        """Whether the cells are wedges."""
+        return self.extent == "whole" and self.mesh.dim == 3
+
+    @cached_property
+    def regions(self) -> tuple[str, ...]:
+        """Names of the regions: bodies without their half notches, and half notches."""
+        return tuple(dict.fromkeys(self.mesh.GetMaterials()))
+
+    @cached_property
+    def bodies(self) -> Mapping[str, int]:
+        """Index of the body that each region is a part of, in the order of the stage."""
+        stage = self.model.stage
+        index = {b.name: i for i, b in enumerate(stage.bodies)}
+        found = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
+        for hinge in stage.hinges:
+            for which, name in enumerate(hinge.bodies):
+                found[notch_region(hinge.name, which)] = index[name]
+        return found
+
+    @cached_property
+    def places(self) -> NDArray[np.void]:
+        """Points of the mesh at the corners of the cells, element after element."""
+        n = self.divisions
+        corners = lattice(n)
+        flat = ng.IntegrationRule(points=[(a, b, 0.0) for a, b in corners], weights=_ones(corners))
+        if self.mesh.dim == 2:
+            return self.mesh.MapToAllElements({ng.ET.TRIG: flat}, self.mesh.Materials(".*"))
+        if not self.solid:
+            middle = self.mesh.Boundaries(exactly(MIDDLE))
+            return self.mesh.MapToAllElements({ng.ET.TRIG: flat}, middle)
+        points = [(a, b, k / n) for k in range(n + 1) for a, b in corners]
+        rule = ng.IntegrationRule(points=points, weights=_ones(points))
+        return self.mesh.MapToAllElements({ng.ET.PRISM: rule}, self.mesh.Materials(".*"))
+
+    @cached_property
+    def _cells(self) -> _Cells:
+        position = self._evaluate(ng.CoefficientFunction((ng.x, ng.y, ng.z))) / METRE
+        names = {name: i for i, name in enumerate(self.regions)}
+        number = [float(names[m]) for m in self.mesh.GetMaterials()]
+        region = np.rint(self._evaluate(ng.CoefficientFunction(number), inside=True).ravel())
+        region = region.astype(np.intp)
+        pattern, count = triangles(self.divisions), lattice_size(self.divisions)
+        if self.solid:
+            pattern = wedges(pattern, count, self.divisions)
+            count *= self.divisions + 1
+        elements = position.shape[0] // count
+        cells = pattern[None] + count * np.arange(elements)[:, None, None]
+        cells = turned(position, cells.reshape(-1, pattern.shape[1]))
+        of_cell = np.repeat(region[::count], pattern.shape[0])
+        below = np.zeros(position.shape[0], dtype=bool)
+        if self.solid:
+            # mirrored wedges are turned over, so that their first three corners look outwards
+            other = cells[:, [0, 2, 1, 3, 5, 4]] + position.shape[0]
+            cells, of_cell = np.concatenate((cells, other)), np.tile(of_cell, 2)
+            position = np.concatenate((position, position * (1.0, 1.0, -1.0)))
+            region, below = np.tile(region, 2), np.concatenate((below, ~below))
+        apart = region if self.seams else np.zeros_like(region)
+        points, corner = merged(position, apart)
+        return _Cells(points, corner[cells], of_cell, corner, below)
+
+    @property
+    def area(self) -> float:
+        """Area of all triangles [m^2], or volume of all wedges [m^3]."""
+        return float(sizes(self._cells.points, self._cells.cells).sum())
+
+    @cached_property
+    def outline(self) -> tuple[Indices, ...]:
+        """Closed lines of corners about the triangles, material to the left.
+
+        Raises
+        ------
+        ModelError
+            The cells are wedges.
+        """
+        if self.solid:
+            raise ModelError("wedges have no outline: sample the middle plane")
+        return loops(self._cells.cells)
+
+    def read(self, q: Array, *, stress: bool = True) -> Sample:
+        """Return displacement and stress at the corners.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates of the system, shape (r,).
+        stress : bool
+            Whether the stress is wanted.
+
+        Returns
+        -------
+        Sample
+            The field.
+        """
+        cells = self._cells
+        total = np.zeros((cells.below.size, 3))
+        parts = np.zeros((cells.below.size, 6)) if stress else None
+        for half, u in self.model.displacement(q):
+            if not (half.basis @ q).any():
+                continue
+            total += self._displacement(half, u)
+            if parts is not None:
+                parts += self._stress(half, q)
+        return Sample(
+            points=cells.points,
+            cells=cells.cells,
+            region=cells.region,
+            displacement=self._mean(total),
+            stress=None if parts is None else self._mean(parts),
+        )
+
+    def neck_peak(self, q: Array, hinge: str) -> tuple[Array, float]:
+        """Return where the surface of a notch bears most, and how much.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates of the system, shape (r,).
+        hinge : str
+            Name of its hinge.
+
+        Returns
+        -------
+        tuple
+            The point [m], shape (3,), and its equivalent stress [Pa]: the one that the system gives
+            as the largest of this hinge.
+
+        Raises
+        ------
+        ModelError
+            There is no such hinge.
+        """
+        stress, points = self.model.system.stress, self.model.halves[0].points
+        if stress is None or stress.point is None or hinge not in stress.hinges:
+            raise ModelError(f"the model has no hinge '{hinge}'")
+        own = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
+        # the elements that share a point are averaged there
+        _, first, shared = np.unique(stress.point[own], return_index=True, return_inverse=True)
+        parts = stress.matrix[own] @ q
+        count = np.bincount(shared.ravel())
+        mean = [np.bincount(shared.ravel(), weights=part) / count for part in parts.T]
+        equivalent = von_mises_of(np.column_stack(mean))
+        worst = int(np.argmax(equivalent))
+        return points.position[own[first[worst]]], float(equivalent[worst])
+
+    def _displacement(self, half: Half, u: ng.GridFunction) -> Array:
+        found = self._evaluate(u)
+        if found.shape[1] == 2:
+            found = np.column_stack((found, np.zeros(found.shape[0])))
+        if not self.solid:
+            return found
+        # symmetric about the middle plane, or the opposite
+        mirror = (1.0, 1.0, -1.0) if not half.out_of_plane else (-1.0, -1.0, 1.0)
+        return np.concatenate((found, found * mirror))
+
+    def _stress(self, half: Half, q: Array) -> Array:
+        tensor = half.continuum.stress(half.basis @ q)
+        six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
+        found = self._evaluate(six, inside=True)
+        if not self.solid:
+            return found
+        mirror = np.where(half.out_of_plane == _ODD, 1.0, -1.0)
+        return np.concatenate((found, found * mirror))
+
+    def _evaluate(self, function: ng.CoefficientFunction, *, inside: bool = False) -> Array:
+        """Values at the places; `inside` for what only the elements have, not their boundary."""
+        on_boundary = self.mesh.dim == 3 and not self.solid
+        if inside and on_boundary:
+            function = ng.BoundaryFromVolumeCF(function)
+        with ng.TaskManager():
+            found = np.asarray(function(self.places))
+        return found.reshape(self.places.shape[0], -1)
+
+    def _mean(self, values: Array) -> Array:
+        """Mean over the places that are one corner."""
+        count = self._cells.points.shape[0]
+        share = np.bincount(self._cells.corner, minlength=count)
+        columns = [
+            np.bincount(self._cells.corner, weights=v, minlength=count) / share for v in values.T
+        ]
+        return np.column_stack(columns)
+
+
+def _ones(points: Sequence[object]) -> list[float]:
+    return [1.0] * len(points)

@@ -1,0 +1,400 @@
+"""A stage of condensed bodies: as exact as its mesh in the plane, in small matrices."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+import ngsolve as ng
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.elasticity import Continuum
+from flexstage.errors import ModelError
+from flexstage.fem.cache import Cache, open_cache
+from flexstage.fem.condensation import Condensed, condense, recover
+from flexstage.fem.coupling import Joint, join, lowest
+from flexstage.fem.cutting import Placed, cut_free
+from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.plane import common_validity
+from flexstage.fem.ports import Supports
+from flexstage.fem.substructure import REFERENCE
+from flexstage.hinges import PlaneState
+from flexstage.stage import Force, Stage
+from flexstage.system import (
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    LoadPort,
+    MechanicalSystem,
+    ProbePort,
+    StressMap,
+)
+
+__all__ = ["BodyField", "SuperelementModel", "superelement_model"]
+
+Array = NDArray[np.float64]
+
+#: Modes of each body with held interfaces, and modes of the stage that its system keeps.
+MODES, KEPT = 3, 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyField:
+    """Displacement of one body on its mesh.
+
+    Parameters
+    ----------
+    body : str
+        Name of the body.
+    origin : tuple of float
+        Where the origin of its mesh lies in the plane of the stage [m].
+    continuum : Continuum
+        The body with its half notches as a continuum, of the `REFERENCE` material.
+    displacement : ngsolve.GridFunction
+        Its displacement [m].
+    """
+
+    body: str
+    origin: tuple[float, float]
+    continuum: Continuum
+    displacement: ng.GridFunction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SuperelementModel:
+    """A stage of condensed bodies.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        The stage in its lowest modes and its static responses to drives, probes and loads.
+    placed : tuple of Placed
+        Its bodies as substructures.
+    condensed : tuple of Condensed
+        The same, condensed.
+    joint : Joint
+        The bodies, joined, in the motions of their interfaces.
+    basis : numpy.ndarray
+        Coordinates of `joint` for each coordinate of `system`, shape (n, r).
+    mesh_settings : MeshSettings
+        How fine the bodies are meshed.
+    built : tuple of str
+        Bodies that were meshed and condensed for it; the others were found in the cache.
+    """
+
+    stage: Stage
+    system: MechanicalSystem
+    placed: tuple[Placed, ...]
+    condensed: tuple[Condensed, ...]
+    joint: Joint
+    basis: Array
+    mesh_settings: MeshSettings
+    built: tuple[str, ...]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns of all meshes together."""
+        return sum(c.unknowns for c in self.condensed)
+
+    @property
+    def elements(self) -> int:
+        """Number of elements of all meshes together."""
+        return sum(c.elements for c in self.condensed)
+
+    def interface_system(self) -> MechanicalSystem:
+        """Return the system whose coordinates are the motions of the interfaces.
+
+        Returns
+        -------
+        MechanicalSystem
+            The same stage, with three coordinates for each neck, one for each patch of a drive,
+            the modes of the bodies and the inner responses to loads; larger than `system`.
+        """
+        identity = np.eye(len(self.joint.coordinates))
+        return _system(
+            self.stage,
+            self.joint,
+            self.placed,
+            self.condensed,
+            (identity, self.joint.M, self.joint.K, self.joint.coordinates),
+            (self.system.validity, self.system.settings),
+        )
+
+    def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
+        """Return the displacement on the meshes of bodies, which are made anew for it.
+
+        Parameters
+        ----------
+        q : numpy.ndarray
+            Coordinates of `system`, shape (r,).
+        bodies : iterable of str, optional
+            Names of the bodies; all where not given.
+
+        Returns
+        -------
+        list of BodyField
+            One for each body, in the order of the stage.
+        """
+        wanted = None if bodies is None else set(bodies)
+        found = []
+        joined = self.basis @ q
+        for p, c, (at, own) in zip(self.placed, self.condensed, self.joint.shares, strict=True):
+            if wanted is None or p.body.name in wanted:
+                back = recover(p.part, c)
+                found.append(
+                    BodyField(
+                        body=p.body.name,
+                        origin=p.origin,
+                        continuum=back.continuum,
+                        displacement=back.continuum.field(back.basis @ (own @ joined[at])),
+                    )
+                )
+        return found
+
+
+def superelement_model(
+    stage: Stage,
+    settings: MeshSettings | None = None,
+    *,
+    plane: PlaneState | Literal["auto"] = "auto",
+    modes: int = MODES,
+    kept: int = KEPT,
+    supports: Supports = "rigid",
+    cache: Cache | Path | str | bool | None = True,
+) -> SuperelementModel:
+    """Return the model of a stage whose bodies are condensed to their necks.
+
+    Each body with its half notches is meshed and condensed by itself (see
+    `flexstage.fem.condensation.condense`), and kept: after a change only the bodies that it touches
+    are condensed again. Copies at other places, and other thicknesses or materials that leave the
+    mesh and Poisson's ratio alone, need nothing new.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    settings : MeshSettings, optional
+        How fine the bodies are meshed; order 4 with elements of 1.5 necks where not given.
+    plane : str
+        ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
+        bodies are in plane stress.
+    modes : int
+        Number of modes with held interfaces of each body.
+    kept : int
+        Number of modes of the stage that its system keeps besides the static responses.
+    supports : str
+        ``rigid`` where a drive that reacts on a fixed body stands on the ground; ``elastic`` where
+        the frame gives way under it.
+    cache : Cache or path or bool
+        Where condensed bodies are kept: True for the user's cache (``$FLEXSTAGE_CACHE``), a
+        directory, or False for nowhere.
+
+    Returns
+    -------
+    SuperelementModel
+        The model; its `system` is exact in statics for drives, probes and loads, as far as the
+        condensed bodies are.
+
+    Raises
+    ------
+    StageError
+        A body falls to pieces, or a fixed one has nothing to be held by.
+    ModelError
+        The mesher failed, or a body hangs on nothing.
+
+    Notes
+    -----
+    Validity: as the plane model. The traction in a neck is that of a notch which is the same on
+    both sides; with meshes fine enough, a chain of two bars is within 1e-5 of the plane model in
+    displacement and in its first frequencies. At the usual mesh the study's stages are within
+    0.003 % of it in ratio, 0.01 % in the first two frequencies and 0.4 % in stress, which is how
+    the two meshes differ; with three modes a body, their first twelve are up to 2.8 % high.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.system import modes
+    >>> model = superelement_model(design("parallelogram"), cache=False)
+    >>> round(float(modes(model.system).frequency_hz[0]))
+    193
+    """
+    settings = settings or MeshSettings()
+    for body in stage.bodies:
+        if not body.fixed and not any(body.name in h.bodies for h in stage.hinges):
+            raise ModelError(
+                f"body '{body.name}' hangs on no hinge and is not fixed, so it cannot be "
+                "condensed: join it by a hinge, or fix it"
+            )
+    placed = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)
+    condensed, built = _condensed(placed, open_cache(cache))
+    joint = join(stage, placed, condensed)
+    omega, basis, is_mode = lowest(joint, kept)
+    names = tuple(
+        f"{'mode' if m else 'static response'} {i + 1} ({w / (2.0 * math.pi):.5g} Hz) [kg^0.5 m]"
+        for i, (w, m) in enumerate(zip(omega, is_mode, strict=True))
+    )
+    held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
+    planes = " and ".join(sorted({n.plane for p in placed for n in p.part.necks})) or "stress"
+    validity = (
+        f"Plane finite elements of each body, condensed to its necks: notches in plane {planes} "
+        "(plane strain from five necks of width on), bodies in plane stress; motion out of the "
+        "plane is left out. Modes that bend single bodies are up to 3 % high.",
+        *common_validity(stage, held),
+    )
+    choices = {
+        "model": "superelement",
+        "plane": planes,
+        "order": str(settings.order),
+        "neck size": f"{settings.neck_size:g}",
+        "modes of a body": str(modes),
+        "interface coordinates": str(len(joint.coordinates)),
+        "elements": str(sum(c.elements for c in condensed)),
+        "unknowns": str(sum(c.unknowns for c in condensed)),
+        "held": held,
+        "supports": supports,
+    }
+    system = _system(
+        stage,
+        joint,
+        placed,
+        condensed,
+        (basis, np.eye(omega.size), np.diag(omega**2), names),
+        (validity, choices),
+    )
+    return SuperelementModel(
+        stage=stage,
+        system=system,
+        placed=placed,
+        condensed=condensed,
+        joint=joint,
+        basis=basis,
+        mesh_settings=settings,
+        built=built,
+    )
+
+
+def _condensed(
+    placed: Sequence[Placed], cache: Cache | None
+) -> tuple[tuple[Condensed, ...], tuple[str, ...]]:
+    """Condense bodies, each only once, or find them in the cache."""
+    ready: dict[str, Condensed] = {}
+    found, built = [], []
+    for p in placed:
+        key = p.part.key()
+        if key not in ready:
+            entry = None if cache is None else cache.load(key)
+            if entry is not None:
+                ready[key] = _from_arrays(entry)
+            else:
+                ready[key] = condense(p.part)
+                built.append(p.body.name)
+                if cache is not None:
+                    cache.store(key, _to_arrays(ready[key]))
+        found.append(ready[key])
+    if cache is not None:
+        cache.trim()
+    return tuple(found), tuple(built)
+
+
+def _to_arrays(condensed: Condensed) -> dict[str, NDArray]:
+    arrays = {}
+    for f in fields(Condensed):
+        value = getattr(condensed, f.name)
+        if isinstance(value, str):
+            value = np.frombuffer(value.encode(), dtype=np.uint8)
+        arrays[f.name] = np.asarray(value)
+    return arrays
+
+
+def _from_arrays(arrays: Mapping[str, NDArray]) -> Condensed:
+    plain = {
+        "interfaces": int(arrays["interfaces"]),
+        "elements": int(arrays["elements"]),
+        "unknowns": int(arrays["unknowns"]),
+        "inertia": tuple(arrays["inertia"].tolist()),
+        "held": arrays["held"].tobytes().decode(),
+    }
+    rest = {f.name: arrays[f.name] for f in fields(Condensed) if f.name not in plain}
+    return Condensed(**rest, **plain)
+
+
+def _system(
+    stage: Stage,
+    joint: Joint,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    coordinates: tuple[Array, Array, Array, tuple[str, ...]],
+    said: tuple[tuple[str, ...], Mapping[str, str]],
+) -> MechanicalSystem:
+    """Return a joined stage in other coordinates: their basis, mass, stiffness and names."""
+    basis, mass, stiffness, names = coordinates
+    return MechanicalSystem(
+        name=stage.name,
+        model="superelement",
+        M=mass,
+        K=stiffness,
+        coordinates=names,
+        drives=tuple(
+            DrivePort(
+                name=d.name,
+                vector=joint.drives[d.name] @ basis,
+                stiffness=d.spring,
+                stroke=d.stroke,
+                smallest_displacement=d.smallest_displacement,
+                largest_force=d.largest_force if isinstance(d, Force) else None,
+            )
+            for d in stage.drives
+        ),
+        probes=tuple(
+            ProbePort(name=p.name, vector=joint.probes[p.name] @ basis, unit="m", body=p.body)
+            for p in stage.probes
+        ),
+        bodies=tuple(
+            BodyPort(name=name, centre=centre, matrix=motion @ basis)
+            for name, (centre, motion) in joint.bodies.items()
+        ),
+        stress=_stress(stage, joint, placed, condensed, basis),
+        loads=tuple(
+            LoadPort(name=name, vector=vector @ basis, unit=unit)
+            for name, (vector, unit) in joint.loads.items()
+        ),
+        axes=tuple(AxisPort(name=a.name, drive=a.drive, probe=a.probe) for a in stage.axes),
+        validity=said[0],
+        settings=said[1],
+    )
+
+
+def _stress(
+    stage: Stage,
+    joint: Joint,
+    placed: Sequence[Placed],
+    condensed: Sequence[Condensed],
+    basis: Array,
+) -> StressMap:
+    """Stress of all notches; at the ends of a neck its two halves meet in one point."""
+    scale = stage.material.youngs_modulus / REFERENCE.youngs_modulus
+    count = sum(c.neck.size for c in condensed)
+    matrix = np.zeros((count, 6, basis.shape[1]))
+    owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
+    at, used = 0, 2 * len(stage.hinges)
+    for p, c, (index, own) in zip(placed, condensed, joint.shares, strict=True):
+        here = slice(at, at + c.neck.size)
+        if not c.neck.size:
+            continue
+        local = (own @ basis[index]) * scale
+        parts = c.stress.reshape(-1, local.shape[0]) @ local
+        matrix[here][:, [0, 1, 2, 5]] = parts.reshape(c.neck.size, 4, -1)
+        owner[here] = np.array(p.hinges, dtype=np.intp)[c.neck]
+        shared = 2 * owner[here] + (c.seam > 0)
+        point[here] = np.where(c.seam != 0, shared, used + c.point)
+        used += int(c.point.max()) + 1
+        at += c.neck.size
+    # numbers without gaps
+    point = np.unique(point, return_inverse=True)[1].ravel()
+    return StressMap(
+        hinges=tuple(h.name for h in stage.hinges), matrix=matrix, owner=owner, point=point
+    )

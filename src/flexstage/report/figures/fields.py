@@ -1,0 +1,249 @@
+"""Filled contours of a field on a finite-element mesh, and the outline that bounds them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.report.figures.style import BODY, INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.path import Path
+
+__all__ = ["Bands", "add_bar", "fill", "frame", "place", "trace", "window"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Loops = Sequence[Indices]
+
+_MM = 1e3
+# detail smaller than this part of a picture is left out of its lines
+_RESOLUTION = 2000.0
+
+
+class Bands:
+    """Colours of a field, in bands of equal, round width.
+
+    Parameters
+    ----------
+    low, high : float
+        What the scale holds at least; what lies beyond has the colour of its end.
+    colours : str
+        Name of the colour map.
+    count : int
+        Largest number of bands.
+    clear : float
+        Part of the scale at its low end over which colour sets in, from clear [1].
+    """
+
+    def __init__(
+        self, low: float, high: float, colours: str, *, count: int = 14, clear: float = 0.0
+    ) -> None:
+        from matplotlib import colormaps
+        from matplotlib.colors import BoundaryNorm, ListedColormap
+        from matplotlib.ticker import MaxNLocator
+
+        end = high if high > low else low + 1.0
+        self.levels = np.asarray(
+            MaxNLocator(count, steps=(1, 2, 2.5, 5, 10)).tick_values(low, end), dtype=float
+        )
+        middle = np.linspace(0.0, 1.0, self.levels.size - 1)
+        colour = colormaps[colours](middle)
+        if clear > 0.0:
+            colour[:, 3] = np.clip(middle / clear, 0.0, 1.0)
+        self.clear = clear > 0.0
+        self.map = ListedColormap(colour)
+        self.norm = BoundaryNorm(self.levels, self.map.N)
+
+
+def fill(
+    axes: "Axes", points: Array, triangles: Indices, values: Array, loops: Loops, bands: Bands
+) -> None:
+    """Fill triangles with the bands of a field, as a picture of pixels.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes, whose limits are set: what lies outside of them is left out.
+    points : numpy.ndarray
+        Corners [m], shape (n, 2).
+    triangles : numpy.ndarray
+        Corners of each triangle, shape (m, 3).
+    values : numpy.ndarray
+        The field at the corners, shape (n,).
+    loops : sequence of numpy.ndarray
+        Closed lines of corners that bound the triangles.
+    bands : Bands
+        The colours.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.tri import Triangulation
+
+    mm = points * _MM
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    x, y = mm[triangles, 0], mm[triangles, 1]
+    seen = (x.max(axis=1) > x0) & (x.min(axis=1) < x1) & (y.max(axis=1) > y0) & (y.min(axis=1) < y1)
+    kept, index = np.unique(triangles[seen], return_inverse=True)
+    mesh = Triangulation(mm[kept, 0], mm[kept, 1], index.reshape(-1, 3))
+    area = _area(axes, mm, loops)
+    if area is None:
+        return
+    if bands.clear:
+        axes.add_patch(PathPatch(area, facecolor=BODY, edgecolor="none", zorder=0.5))
+    levels = bands.levels
+    # a value on the lowest level would count as below it
+    inside = np.clip(values[kept], levels[0] + 1e-9 * np.ptp(levels), levels[-1])
+    drawn = axes.tricontourf(
+        mesh, inside, levels=levels, cmap=bands.map, norm=bands.norm, antialiased=False, zorder=1
+    )
+    drawn.set_rasterized(True)
+    drawn.set_clip_path(area, axes.transData)
+
+
+def trace(axes: "Axes", points: Array, loops: Loops, **look: Any) -> None:
+    """Draw the outline.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes, whose limits are set: what lies outside of them is left out.
+    points : numpy.ndarray
+        Corners [m], shape (n, 2).
+    loops : sequence of numpy.ndarray
+        Closed lines of corners.
+    **look
+        Properties of the line.
+    """
+    from matplotlib.collections import LineCollection
+
+    lines = _lines(axes, points * _MM, loops)
+    axes.add_collection(LineCollection(lines, **({"linewidths": 0.4, "colors": INK} | look)))
+
+
+def _lines(axes: "Axes", mm: Array, loops: Loops) -> list[Array]:
+    """Lines with no more corners than a picture can show, cut to what is seen of them."""
+    from shapely import LineString, box, get_parts
+
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    sight = box(x0, y0, x1, y1)
+    found = []
+    for loop in loops:
+        line = LineString(_thinned(axes, mm[np.append(loop, loop[0])]))
+        found += [np.asarray(part.coords) for part in get_parts(line.intersection(sight))]
+    return [line for line in found if len(line) > 1]
+
+
+def _area(axes: "Axes", mm: Array, loops: Loops) -> "Path | None":
+    """Path about what is seen of the material.
+
+    Exaggerated motion can lay material over material; the path winds twice about it, so that it is
+    filled, and cutting it to a rectangle changes no winding inside.
+    """
+    from matplotlib.path import Path
+    from matplotlib.transforms import Bbox
+
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    rings = [Path(_thinned(axes, mm[np.append(loop, loop[0])]), closed=True) for loop in loops]
+    path = Path.make_compound_path(*rings).clip_to_bbox(Bbox([[x0, y0], [x1, y1]]))
+    return path if np.size(path.vertices) else None
+
+
+def _thinned(axes: "Axes", line: Array) -> Array:
+    """Leave out what a picture cannot show of a line."""
+    from shapely import LineString
+
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    finest = max(x1 - x0, y1 - y0) / _RESOLUTION
+    return np.asarray(LineString(line).simplify(finest).coords)
+
+
+def window(points: Array, margin: float) -> tuple[float, float, float, float]:
+    """Return the rectangle about points.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        The points [m], shape (n, 2).
+    margin : float
+        Room about them, as a part of the larger side [1].
+
+    Returns
+    -------
+    tuple of float
+        Smallest x and y, largest x and y [m].
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = margin * float((high - low).max())
+    return (*map(float, low - room), *map(float, high + room))  # type: ignore[return-value]
+
+
+def frame(axes: "Axes", sight: tuple[float, float, float, float], *, ticks: bool) -> None:
+    """Set what axes show.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes.
+    sight : tuple of float
+        Smallest x and y, largest x and y [m].
+    ticks : bool
+        Whether coordinates stand at their sides.
+    """
+    x0, y0, x1, y1 = (_MM * v for v in sight)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1))
+    axes.set_aspect("equal")
+    if not ticks:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+
+
+def place(figure: "Figure", left: float, top: float, width: float, height: float) -> "Axes":
+    """Add axes at a place that is measured from the upper left corner.
+
+    Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, without a layout of its own.
+    left, top : float
+        Where the axes begin [inch].
+    width, height : float
+        Their size [inch].
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes.
+    """
+    wide, high = figure.get_size_inches()
+    return figure.add_axes((left / wide, 1.0 - (top + height) / high, width / wide, height / high))
+
+
+def add_bar(axes: "Axes", bands: Bands, label: str) -> None:
+    """Draw a colour bar.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes of its own.
+    bands : Bands
+        The colours.
+    label : str
+        What is shown, with its unit.
+    """
+    from matplotlib.cm import ScalarMappable
+
+    scale = ScalarMappable(norm=bands.norm, cmap=bands.map)
+    bar = axes.figure.colorbar(scale, cax=axes, spacing="proportional")
+    bar.set_label(label, color=INK, fontsize=8)
+    bar.set_ticks(bands.levels[:: 1 if bands.levels.size < 9 else 2].tolist())
+    bar.minorticks_off()
+    axes.tick_params(color=MUTED, labelcolor=INK, labelsize=8)
+    axes.set_facecolor(BODY)  # where the colours set in
+    bar.outline.set_visible(False)  # type: ignore[operator]
