@@ -299,6 +299,8 @@ def test_a_stage_is_analysed_without_a_cache(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     directory = tmp_path / "cache"
+    # a tool of the tests, run in this process before, turns off all loggers that it finds
+    monkeypatch.setattr(logging.getLogger("flexstage.fem.cache"), "disabled", False)
     if trouble == "full":
         monkeypatch.setattr(Cache, "_write", staticmethod(_full))
     else:

@@ -14,6 +14,7 @@ from flexstage.cli.analyse import analyse
 from flexstage.cli.check import check
 from flexstage.cli.equations import equations
 from flexstage.cli.hinges import hinges
+from flexstage.cli.part import part
 from flexstage.cli.show import show
 from flexstage.cli.study import study
 from flexstage.errors import FlexstageError
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (study, show, check, analyse, equations, hinges):
+for _command in (study, show, check, analyse, equations, hinges, part):
     app.command()(_command)
 
 

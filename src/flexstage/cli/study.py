@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["comparison_tables", "study"]
 
 
-_WIDE = 116  # characters that values and differences take side by side
+_LABELS = 38  # characters of a row's quantity and axis
+_COLUMN = 12  # and of a value, with the space beside it
 
 
 def study(
@@ -113,23 +114,30 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
     Returns
     -------
     list of rich.table.Table
-        A row for each quantity and axis: the values, and the difference of the first column of
-        ours to each published one.
+        A row for each quantity and axis: the values, and the difference of our best column to each
+        published one.
     """
     from rich.text import Text
 
     from flexstage.report import display
     from flexstage.report.tables import column_title, percent
 
-    published, first = comparison.published, (*comparison.ours, "")[0]
+    published, first = comparison.published, comparison.best
+    ours = comparison.ours
+    room = width - _LABELS
+    if _COLUMN * (len(published) + len(ours)) > room:
+        ours = comparison.models  # another choice in the same model stands in the report
     values = [*(f"published\n{column_title(c)}" for c in published)]
-    values += [column.replace(", ", ",\n") for column in comparison.ours]
+    values += [column.replace(", ", ",\n") for column in ours]
     differences = [f"{first} to\n{column_title(c)}" for c in published]
-    split = width < _WIDE and bool(published)
+    split = _COLUMN * (2 * len(published) + len(ours)) > room and bool(published)
     head = ["quantity", "<axis"]
     tables = [make_table(title, *head, *values, *(() if split else differences))]
     if split:
-        tables.append(make_table(f"difference of {first}", *head, *differences))
+        differences = [f"{m} to\n{column_title(c)}" for c in published for m in comparison.models]
+        if _COLUMN * len(differences) > room:
+            differences = [f"{first} to\n{column_title(c)}" for c in published]
+        tables.append(make_table("differences", *head, *differences))
     remarks: list[str] = []
     for row in comparison.rows:
         shown = display(row.quantity)
@@ -137,8 +145,9 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
         if row.remark:
             remarks.append(row.remark)
             label += f" [{len(remarks)}]"
-        texts = [shown.text(row.value(column)) for column in comparison.columns]
-        signed = [percent(row.difference_percent(first, column)) for column in published]
+        texts = [shown.text(row.value(column)) for column in (*published, *ours)]
+        models = comparison.models if len(differences) > len(published) else (first,)
+        signed = [percent(row.difference_percent(m, c)) for c in published for m in models]
         label = Text(label)
         tables[0].add_row(label, row.axis, *texts, *(() if split else signed))
         if split and any(signed):

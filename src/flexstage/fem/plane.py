@@ -140,11 +140,11 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
     tuple of str
         Sentences.
     """
-    ratio = ModalDamping(ratio=0.01).ratio
+    ratio = 100.0 * ModalDamping(ratio=0.01).ratio
     return (
         f"Linear elasticity, small displacements; {held or 'nothing is fixed'}.",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
-        f"Damping of {ratio:.0%} in every mode is an assumption: it sets the height of the "
+        f"Damping of {ratio:g} % in every mode is an assumption: it sets the height of the "
         "resonances.",
         *stage.notes,
     )

@@ -232,6 +232,11 @@ def _said(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
     stiffer = (path.force[-1] / path.displacement[-1]) / axis.input_stiffness - 1.0
     return (
         f"Over the full stroke of {axis.axis}, with finite displacements: the ratio is "
-        f"{path.ratio_change:+.2%} of itself from that at rest, the force {stiffer:+.2%} from the "
-        f"linear one, and the natural frequency of the axis {rise:+.2%} at the end."
+        f"{_percent(path.ratio_change)} of itself from that at rest, the force "
+        f"{_percent(stiffer)} from the linear one, and the natural frequency of the axis "
+        f"{_percent(rise)} at the end."
     )
+
+
+def _percent(share_of: float) -> str:
+    return f"{100.0 * share_of:+.2f} %".replace("-", "−")

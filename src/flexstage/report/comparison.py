@@ -94,6 +94,19 @@ class Comparison:
         """All columns, the published ones first."""
         return (*self.published, *self.ours)
 
+    @property
+    def best(self) -> str:
+        """Column of ours that leaves the least out; empty where there is none."""
+        for column in ("measured", "solid", "plane", "superelement", "lumped"):
+            if column in self.ours:
+                return column
+        return (*self.ours, "")[0]
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Columns of ours without those of another choice in the same model."""
+        return tuple(column for column in self.ours if column in ORIGINS)
+
 
 def difference_percent(value: float | None, reference: float | None) -> float | None:
     """Return by how much a value is above a reference, in percent of it.

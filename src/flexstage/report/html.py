@@ -22,7 +22,12 @@ from flexstage.report.figures.neck_stress import neck_sampler
 from flexstage.report.figures.style import css_variables
 from flexstage.report.quantities import display
 from flexstage.report.study import ModelRun, Study
-from flexstage.report.tables import characteristics_table, hinge_table, published_table
+from flexstage.report.tables import (
+    characteristics_table,
+    differences_table,
+    hinge_table,
+    published_table,
+)
 
 __all__ = ["MESH_SECTIONS", "SECTIONS", "report_html"]
 
@@ -77,6 +82,18 @@ def _characteristics(study: Study) -> str:
         "<p>Each quantity by where it comes from; hold the pointer on a value for its "
         "condition. Natural frequencies belong to the bare stage, drives removed.</p>"
         + characteristics_table(study.comparison)
+        + _against(study)
+    )
+
+
+def _against(study: Study) -> str:
+    table = differences_table(study.comparison)
+    left_out = "".join(
+        f"<p>The {escape(model)} model was left out: {escape(why)}.</p>"
+        for model, why in study.left_out.items()
+    )
+    return left_out + (
+        f"<p>The same as differences, in percent of what was published:</p>{table}" if table else ""
     )
 
 

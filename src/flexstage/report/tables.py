@@ -11,13 +11,20 @@ from flexstage.report.quantities import display, number
 from flexstage.stage import Stage
 from flexstage.units import DIMENSIONS
 
-__all__ = ["characteristics_table", "column_title", "hinge_table", "published_table"]
+__all__ = [
+    "characteristics_table",
+    "column_title",
+    "differences_table",
+    "hinge_table",
+    "published_table",
+]
 
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",
     "published-measured": "measured",
 }
+_FEW = 2  # columns of ours beside which there is room for differences
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
@@ -60,7 +67,9 @@ def percent(value: float | None) -> str:
 
 
 def characteristics_table(comparison: Comparison) -> str:
-    """Write all origins side by side, the first of ours with its difference to each published one.
+    """Write all origins side by side, the best of ours set off.
+
+    Where there is room for it, with its difference to each published one.
 
     Parameters
     ----------
@@ -72,16 +81,18 @@ def characteristics_table(comparison: Comparison) -> str:
     str
         A ``<table>``; each value also stands unrounded in ``data-value``.
     """
-    ours, *others = comparison.ours or ("",)
+    ours = comparison.best
+    others = [column for column in comparison.ours if column != ours]
+    signed = comparison.published if len(comparison.ours) <= _FEW else ()
     groups = "<th></th><th></th>"
     if comparison.published:
         groups += f'<th colspan="{len(comparison.published)}">published</th>'
     groups += f'<th colspan="{1 + len(others)}">computed here</th>'
-    if comparison.published:
-        groups += f'<th colspan="{len(comparison.published)}">{escape(ours)} against published</th>'
+    if signed:
+        groups += f'<th colspan="{len(signed)}">{escape(ours)} against published</th>'
     heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
     heads += "".join(f"<th>{escape(column_title(c))}</th>" for c in comparison.columns)
-    heads += "".join(f"<th>{escape(column_title(c))}</th>" for c in comparison.published)
+    heads += "".join(f"<th>{escape(column_title(c))}</th>" for c in signed)
     lines = []
     before = ""
     for row in comparison.rows:
@@ -89,13 +100,44 @@ def characteristics_table(comparison: Comparison) -> str:
         for column in comparison.columns:
             kind = "ours" if column == ours else "variant" if column in others else ""
             cells.append(_value_cell(row, column, kind))
-        cells += [
-            f"<td>{percent(row.difference_percent(ours, c))}</td>" for c in comparison.published
-        ]
+        cells += [f"<td>{percent(row.difference_percent(ours, c))}</td>" for c in signed]
         opening = '<tr class="next">' if row.quantity != before else "<tr>"
         lines.append(f"{opening}{''.join(cells)}</tr>")
         before = row.quantity
     return _table(f'<tr class="groups">{groups}</tr><tr>{heads}</tr>', lines)
+
+
+def differences_table(comparison: Comparison) -> str:
+    """Write by how much each of our models differs from each published origin.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The table.
+
+    Returns
+    -------
+    str
+        A ``<table>``; empty where nothing was published, or where `characteristics_table` has room
+        for it.
+    """
+    if not comparison.published or len(comparison.ours) <= _FEW:
+        return ""
+    models = comparison.models
+    groups = "<th></th><th></th>" + "".join(
+        f'<th colspan="{len(models)}">against {column_title(c)}</th>' for c in comparison.published
+    )
+    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
+    heads += "".join(f"<th>{escape(m)}</th>" for m in models) * len(comparison.published)
+    lines = []
+    for row in comparison.rows:
+        signed = [
+            percent(row.difference_percent(m, c)) for c in comparison.published for m in models
+        ]
+        if any(signed):
+            cells = [*_label_cells(row), *(f"<td>{text}</td>" for text in signed)]
+            lines.append(f"<tr>{''.join(cells)}</tr>")
+    return _table(f'<tr class="groups">{groups}</tr><tr>{heads}</tr>', lines) if lines else ""
 
 
 def published_table(comparison: Comparison) -> str:

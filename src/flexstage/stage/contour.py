@@ -137,7 +137,7 @@ def body_contour(
     >>> stage = design("parallelogram")
     >>> outline, _ = body_contour(stage, stage.body("left-leg"))
     >>> round(outline.integrals().area * 1e6, 3)
-    133.717
+    122.434
     """
     loops: list[Loop | Circle] = [body.outline, *body.holes]
     for hinge in stage.hinges:

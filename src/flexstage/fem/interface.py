@@ -1,0 +1,380 @@
+"""How stiff a part is between two of its faces, and parts of more than one material."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+from numpy.typing import NDArray
+
+from flexstage.elasticity import METRE, Continuum
+from flexstage.elasticity.memory import require_memory
+from flexstage.errors import ConvergenceError, ModelError
+from flexstage.material import Material
+
+__all__ = ["Bodies", "interface_modes", "interface_motion", "interface_stiffness"]
+
+Array = NDArray[np.float64]
+_PAIRS = ((1, 2), (2, 0), (0, 1))
+_STEPS = 60
+
+
+class Bodies(Continuum):
+    """A part in three dimensions whose regions are of different materials.
+
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        The mesh, curved to `order`, in three dimensions.
+    materials : Mapping
+        The material of each region, by its name.
+    order : int
+        Polynomial order of the displacement.
+    held : str
+        Regular expression of the boundaries that are held.
+    held_components : Mapping
+        Regular expression of the boundaries that are held in one direction, by ``x``, ``y``, ``z``.
+    shift : float
+        As of `Continuum` [rad^2/s^2].
+
+    Raises
+    ------
+    ModelError
+        A region has no material, or what `Continuum` raises.
+
+    Notes
+    -----
+    Loads by volume (gravity, temperature) are those of one material and are not given here.
+    """
+
+    def __init__(
+        self,
+        mesh: ng.Mesh,
+        materials: Mapping[str, Material],
+        *,
+        order: int,
+        held: str = "",
+        held_components: Mapping[str, str] | None = None,
+        shift: float = 0.0,
+    ) -> None:
+        regions = list(mesh.GetMaterials())
+        lacking = [name for name in regions if name not in materials]
+        if lacking:
+            raise ModelError(
+                f"region '{lacking[0]}' has no material: materials are given for "
+                f"{', '.join(materials) or 'none'}"
+            )
+        of = [materials[name] for name in regions]
+        super().__init__(
+            mesh, of[0], order=order, held=held, held_components=held_components, shift=shift
+        )
+        shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
+        first = [
+            2.0 * g * m.poissons_ratio / (1.0 - 2.0 * m.poissons_ratio)
+            for g, m in zip(shear, of, strict=True)
+        ]
+        # Both only ever multiply fields on the mesh, so that they may differ from region to region.
+        self.lame = ng.CoefficientFunction(first)
+        self.shear_modulus = ng.CoefficientFunction(shear)  # type: ignore[assignment]
+        self.material = replace(of[0], name=" + ".join(dict.fromkeys(m.name for m in of)))
+        self._density = ng.CoefficientFunction([m.density for m in of])
+
+    def _form(self) -> ng.BilinearForm:
+        u, v = self.space.TnT()
+        form = ng.BilinearForm(self.space, symmetric=True, condense=True)
+        stress = 2.0 * self.shear_modulus * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v)))
+        form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
+        if self.shift:
+            weight = self.shift * self._volume * self._density
+            form += weight * ng.InnerProduct(u, v) * ng.dx
+        return form
+
+    @cached_property
+    def _mass(self) -> sp.csr_matrix:  # type: ignore[override]
+        scalar = ng.H1(self.mesh, order=self.order)
+        p, q = scalar.TnT()
+        with ng.TaskManager():
+            form = ng.BilinearForm(scalar)
+            form += self._density * self._volume * p * q * ng.dx
+            form.Assemble()
+        rows, columns, values = form.mat.COO()
+        shape = (scalar.ndof, scalar.ndof)
+        return sp.csr_matrix((np.asarray(values), (np.asarray(rows), np.asarray(columns))), shape)
+
+
+def _rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:
+    """Return the six rigid motions about a point [m, or m/rad]."""
+    arm = [c / METRE - float(a) for c, a in zip((ng.x, ng.y, ng.z), at, strict=True)]
+    fields = [ng.CoefficientFunction(tuple(row)) for row in np.eye(3).tolist()]
+    for a, b in _PAIRS:
+        parts: list[object] = [ng.CoefficientFunction(0.0)] * 3
+        parts[a], parts[b] = -arm[b], arm[a]
+        fields.append(ng.CoefficientFunction(tuple(parts)))
+    return fields
+
+
+def _check(continuum: Continuum, boundary: str) -> None:
+    if continuum.dimension != 3:
+        raise ModelError("interfaces with six motions are those of parts in three dimensions")
+    continuum.measure(boundary=boundary)
+
+
+def _afford(continuum: Continuum) -> None:
+    """Refuse a mesh that is too large, while its stiffness is not factorised yet."""
+    if continuum._solver is None:
+        low, high = continuum.mesh.ngmesh.bounding_box
+        sides = [high[c] - low[c] for c in range(3)]
+        require_memory(continuum.size, 3, continuum.order, box=sides)
+
+
+def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -> Array:
+    r"""Return the mean motion of an interface: the rigid one nearest to its own in mean square.
+
+    .. math:: q = G^{-1} \int R^T u, \quad G = \int R^T R
+
+    with the six rigid motions R about a point. The same rows are the loads of unit forces and
+    moments at that point that leave the interface free to deform.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part.
+    boundary : str
+        Regular expression of the boundaries that make up the interface.
+    at : sequence of float
+        The point [m], shape (3,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Displacements [m] and rotations [rad] for each degree of freedom, shape (6, n).
+
+    Raises
+    ------
+    ModelError
+        Nothing has such a name, or the part is plane.
+    """
+    _check(continuum, boundary)
+    fields = _rigid_fields(at)
+    where = continuum.mesh.Boundaries(boundary)
+    area = float(ng.Integrate(ng.CoefficientFunction(1.0), continuum.mesh, definedon=where))
+    gram = np.array(
+        [
+            [
+                float(ng.Integrate(ng.InnerProduct(p, q), continuum.mesh, definedon=where))
+                for q in fields
+            ]
+            for p in fields
+        ]
+    )
+    rows = np.array([area * continuum.mean(boundary, p) for p in fields])
+    return np.asarray(np.linalg.solve(gram, rows), dtype=float)
+
+
+def interface_stiffness(
+    continuum: Continuum,
+    moving: str,
+    held: str,
+    *,
+    at: Sequence[float] = (0.0, 0.0, 0.0),
+    rigid: bool = True,
+) -> Array:
+    r"""Return the stiffness of one interface of a part while another one is held.
+
+    A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
+    free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
+    as a rigid motion is. The part between rigid interfaces is always the stiffer.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part. For rigid interfaces both must be among its held boundaries; for mean ones nothing
+        may be held, and a `shift` must be given, of any size below its lowest natural frequency.
+    moving, held : str
+        Regular expressions of the boundaries that make up the two interfaces.
+    at : sequence of float
+        The point whose displacement and rotation are meant [m], shape (3,).
+    rigid : bool
+        Whether the interfaces are rigid.
+
+    Returns
+    -------
+    numpy.ndarray
+        Forces [N] and moments about the point [N m] over displacements [m] and rotations [rad],
+        shape (6, 6).
+
+    Raises
+    ------
+    ModelError
+        Nothing has such a name, the part is plane, it is not held as it must be, or the memory is
+        not enough.
+    ConvergenceError
+        The shift is too large.
+
+    Examples
+    --------
+    A bar of 20 x 3 x 2 mm bends as a beam does that shear softens by 3 %:
+
+    >>> from netgen.occ import Box
+    >>> from flexstage.fem.part import Part
+    >>> from flexstage.fem.part_mesh import PartMesh
+    >>> from flexstage.material import material
+    >>> bar = Part.from_shape(Box((0, 0, 0), (20.0, 3.0, 2.0)))
+    >>> ends = [bar.boundary(bar.select("x", end)) for end in ("max", "min")]
+    >>> mesh = bar.mesh(PartMesh(order=1, size=4e-3))
+    >>> part = Continuum(mesh, material("Al 6061-T6"), order=3, shift=1e8)
+    >>> k = interface_stiffness(part, *ends, at=(20e-3, 1.5e-3, 1e-3), rigid=False)
+    >>> round(float(k[2, 2] * (20e-3) ** 3 / (12 * 68.9e9 * 2e-12)), 2)
+    0.97
+    """
+    _check(continuum, moving)
+    _check(continuum, held)
+    _afford(continuum)
+    return (_between_rigid if rigid else _between_mean)(continuum, moving, held, at)
+
+
+def _between_rigid(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+    free = np.array(continuum.space.FreeDofs(), dtype=bool)
+    for name in (moving, held):
+        on = np.array(continuum.space.GetDofs(continuum.mesh.Boundaries(name)), dtype=bool)
+        if (free & on).any():
+            raise ModelError(
+                "a rigid interface must be among the held boundaries of the part: make the "
+                f"continuum with held='{moving}|{held}'"
+            )
+    columns, forces = [], []
+    where = continuum.mesh.Boundaries(moving)
+    for motion in _rigid_fields(at):
+        prescribed = ng.GridFunction(continuum.space)
+        prescribed.Set(motion, definedon=where)
+        given = prescribed.vec.FV().NumPy().copy()
+        total = given - continuum.solve(_stiffness_times(continuum, given))
+        columns.append(given)
+        forces.append(_stiffness_times(continuum, total))
+    stiffness = np.array(columns) @ np.array(forces).T
+    return 0.5 * (stiffness + stiffness.T)
+
+
+def _stiffness_times(continuum: Continuum, u: Array) -> Array:
+    """Return K u element by element, because the assembled matrix is condensed."""
+    form = continuum._form()
+    given = ng.GridFunction(continuum.space)
+    given.vec.FV().NumPy()[:] = u
+    result = given.vec.CreateVector()
+    with ng.TaskManager():
+        form.Apply(given.vec, result)
+    return result.FV().NumPy().copy()
+
+
+def _between_mean(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+    if not continuum.shift or not all(continuum.space.FreeDofs()):
+        raise ModelError(
+            "between mean interfaces a part hangs free: make the continuum with a shift and "
+            "nothing held"
+        )
+    # Unit loads on the one interface and their reactions on the other are in balance, so that they
+    # have a static answer, up to a rigid motion, without any support.
+    apart = interface_motion(continuum, moving, at) - interface_motion(continuum, held, at)
+    compliance = apart @ np.column_stack([_floating(continuum, row) for row in apart])
+    compliance = 0.5 * (compliance + compliance.T)
+    return np.asarray(np.linalg.inv(compliance), dtype=float)
+
+
+def interface_modes(
+    continuum: Continuum, held: Sequence[str], count: int, *, tolerance: float = 1e-8
+) -> tuple[Array, Array]:
+    r"""Return the natural modes of a part whose interfaces are held in the mean.
+
+    The mean motion of each interface is kept at nothing by forces that are spread over it; the
+    interface itself may deform. With P the mean motions and :math:`A = (K + sM)^{-1}`,
+    the operator that is iterated is :math:`A - A P^T (P A P^T)^{-1} P A`.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part, with a shift.
+    held : sequence of str
+        Regular expressions of the boundaries of each interface.
+    count : int
+        How many.
+    tolerance : float
+        Relative tolerance of the eigenvalues.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count).
+
+    Raises
+    ------
+    ModelError
+        Nothing has such a name, nothing is held and there is no shift, or the memory is not enough.
+    ConvergenceError
+        The iteration did not end.
+    """
+    for name in held:
+        _check(continuum, name)
+    _afford(continuum)
+    motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in held])
+    moved = continuum.solve(motion.T)
+    inner = np.linalg.inv(motion @ moved)
+    n = continuum.size
+
+    def answer(x: Array) -> Array:
+        u = continuum.solve(x.ravel())
+        return u - moved @ (inner @ (motion @ u))
+
+    # scipy's types know neither these operators nor a tolerance
+    operator: Any = spl.LinearOperator
+    eigsh: Any = spl.eigsh
+    mass = operator((n, n), matvec=continuum.mass_times, dtype=float)
+    solve = operator((n, n), matvec=answer, dtype=float)
+    start = answer(np.random.default_rng(0).standard_normal(n))
+    try:
+        values, shapes = eigsh(
+            mass, k=count, M=mass, sigma=0.0, OPinv=solve, v0=start, tol=tolerance
+        )
+    except spl.ArpackError as error:
+        raise ConvergenceError(f"the modes of the mesh were not found: {error}") from error
+    order = np.argsort(values)
+    omega = np.sqrt(np.clip(values[order] - continuum.shift, 0.0, None))
+    return omega, shapes[:, order]
+
+
+def _floating(continuum: Continuum, load: Array) -> Array:
+    """Solve K u = f for a free part and loads in balance, undoing the mass of the shift."""
+    rigid = _rigid_basis(continuum)
+    weighted = continuum.mass_times(rigid)
+
+    def settled(u: Array) -> Array:
+        return u - rigid @ (weighted.T @ u)
+
+    first = u = settled(continuum.solve(load))
+    last = np.inf
+    for _ in range(_STEPS):
+        more = settled(continuum.solve(load + continuum.shift * continuum.mass_times(u)))
+        change = float(np.linalg.norm(more - u) / np.linalg.norm(first))
+        u = more
+        if change < 1e-10 or (change < 1e-7 and change > 0.5 * last):
+            return u  # at the tolerance, or at the level of rounding
+        last = change
+    raise ConvergenceError(
+        "the answer of the free part did not settle: give a shift well below the square of its "
+        "lowest natural angular frequency"
+    )
+
+
+def _rigid_basis(continuum: Continuum) -> Array:
+    """Return the rigid motions, made orthonormal with the mass, shape (n, 6)."""
+    columns = []
+    for motion in _rigid_fields((0.0, 0.0, 0.0)):
+        function = ng.GridFunction(continuum.space)
+        function.Set(motion)
+        columns.append(function.vec.FV().NumPy().copy())
+    basis = np.column_stack(columns)
+    factor = np.linalg.cholesky(basis.T @ continuum.mass_times(basis))
+    return np.asarray(np.linalg.solve(factor, basis.T).T, dtype=float)

@@ -1,0 +1,345 @@
+"""Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
+
+import math
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import ngsolve as ng
+from netgen.meshing import NgException
+from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
+
+from flexstage.elasticity import METRE
+from flexstage.errors import ModelError, StageError
+from flexstage.fem.part_face import PartFace, box_of, face_of
+from flexstage.fem.part_mesh import PartMesh, mesh_shape
+from flexstage.material import Material
+
+__all__ = ["Part", "PartFace", "read_step"]
+
+_NEAR = 1e-6  # faces at one level, and flat faces, to this part of the part's size
+_NO_NAME = {"", "NONE", "none"}  # what programs write where a face has none
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """One solid, or several that are joined where they touch.
+
+    Parameters
+    ----------
+    source : str
+        Where it comes from, for messages.
+    shape : netgen.occ.TopoDS_Shape
+        The solids, in millimetres; every face has a name.
+    bodies : tuple of str
+        Names of the solids, which are the regions of its mesh.
+    faces : tuple of PartFace
+        Its faces.
+    """
+
+    source: str
+    shape: TopoDS_Shape
+    bodies: tuple[str, ...]
+    faces: tuple[PartFace, ...]
+
+    @classmethod
+    def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
+        """Name the solids and faces of a shape and measure them.
+
+        Parameters
+        ----------
+        shape : netgen.occ.TopoDS_Shape
+            One solid, or solids that share faces (as `netgen.occ.Glue` makes them), in
+            millimetres.
+        source : str
+            Where it comes from, for messages.
+
+        Returns
+        -------
+        Part
+            The part.
+
+        Raises
+        ------
+        StageError
+            It has no solid, or one without volume.
+        """
+        solids = list(shape.solids)
+        if not solids:
+            raise StageError(
+                f"{source} holds no solid, only {len(list(shape.faces))} faces: export the body "
+                "as a solid, or sew its faces into one"
+            )
+        for k, solid in enumerate(solids):
+            if not solid.mass > 0.0:
+                raise StageError(
+                    f"solid {k} of {source} has the volume {solid.mass:.3g} mm^3, which must be "
+                    "positive: its faces point inwards or do not close; repair it in the CAD "
+                    "program and export it again"
+                )
+        bodies = _name_all(solids, "body")
+        _name_all(list(shape.faces), "face")
+        faces = tuple(face_of(f) for f in shape.faces)
+        return cls(source=source, shape=shape, bodies=tuple(bodies), faces=faces)
+
+    # ------------------------------------------------------------------ measures
+
+    @property
+    def volume(self) -> float:
+        """Its volume [m^3]."""
+        return sum(s.mass for s in self.shape.solids) / METRE**3
+
+    @property
+    def bounding_box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lowest and highest corner of the box about it [m]."""
+        return box_of(self.shape)
+
+    def mass(self, material: Material | Mapping[str, Material]) -> float:
+        """Return its mass [kg].
+
+        Parameters
+        ----------
+        material : Material or Mapping
+            What it is made of, or that of each body by name.
+
+        Returns
+        -------
+        float
+            The mass [kg].
+        """
+        of = [material] * len(self.bodies)
+        if not isinstance(material, Material):
+            of = [material[name] for name in self.bodies]
+        volumes = [s.mass / METRE**3 for s in self.shape.solids]
+        return sum(m.density * v for m, v in zip(of, volumes, strict=True))  # type: ignore[union-attr]
+
+    # ------------------------------------------------------------------ faces
+
+    def face_at(self, point: Sequence[float]) -> str:
+        """Return the name of the face that is nearest to a point.
+
+        Parameters
+        ----------
+        point : sequence of float
+            The point [m], shape (3,).
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        StageError
+            Two faces with different names are equally near: the point lies on their edge.
+        """
+        vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
+        found = sorted(
+            (f.Distance(vertex), face.name)
+            for f, face in zip(self.shape.faces, self.faces, strict=True)
+        )
+        low, high = self.bounding_box
+        margin = _NEAR * math.dist(low, high) * METRE
+        for distance, name in found[1:]:
+            if distance - found[0][0] < margin and name != found[0][1]:
+                raise StageError(
+                    f"the point {tuple(point)} m is as near to face '{found[0][1]}' as to "
+                    f"'{name}': give a point inside the face that is meant"
+                )
+        return found[0][1]
+
+    def select(self, axis: str, end: str) -> tuple[str, ...]:
+        """Return the names of the plane faces at one end of the part.
+
+        Parameters
+        ----------
+        axis : str
+            ``x``, ``y`` or ``z``: the direction that they are normal to.
+        end : str
+            ``min`` or ``max``: of all plane faces that look outwards along the axis, those that
+            lie lowest or highest.
+
+        Returns
+        -------
+        tuple of str
+            The names, in the order of the file.
+
+        Raises
+        ------
+        StageError
+            The axis or the end is another word, or the part has no plane face that looks there.
+        """
+        if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
+            raise StageError(
+                f"faces are selected by an axis x, y or z and an end min or max, got {axis!r} "
+                f"and {end!r}"
+            )
+        k, sign = _AXES.index(axis), 1.0 if end == "max" else -1.0
+        there = [f for f in self.faces if f.normal is not None and sign * f.normal[k] > 1.0 - _NEAR]
+        if not there:
+            raise StageError(
+                f"{self.source} has no plane face that looks along {'+' if sign > 0 else '-'}"
+                f"{axis}: name the face in the CAD program, or give a point on it"
+            )
+        outermost = max(sign * f.centre[k] for f in there)
+        low, high = self.bounding_box
+        margin = _NEAR * math.dist(low, high)
+        level = [f.name for f in there if sign * f.centre[k] > outermost - margin]
+        return tuple(dict.fromkeys(level))
+
+    def boundary(self, names: str | Sequence[str]) -> str:
+        """Return the regular expression that stands for faces in a mesh.
+
+        Parameters
+        ----------
+        names : str or sequence of str
+            Names of faces.
+
+        Returns
+        -------
+        str
+            The expression.
+
+        Raises
+        ------
+        StageError
+            The part has no face of a name.
+        """
+        given = (names,) if isinstance(names, str) else tuple(names)
+        known = {f.name for f in self.faces}
+        for name in given:
+            if name not in known:
+                raise StageError(
+                    f"{self.source} has no face '{name}': it has {', '.join(sorted(known)[:12])}"
+                    f"{', ...' if len(known) > 12 else ''}"
+                )
+        return "|".join(re.escape(name) for name in given)
+
+    # ------------------------------------------------------------------ mesh
+
+    def mesh(self, settings: PartMesh | None = None) -> ng.Mesh:
+        """Mesh the part with tetrahedra that are curved to its surface.
+
+        Parameters
+        ----------
+        settings : PartMesh, optional
+            How fine.
+
+        Returns
+        -------
+        ngsolve.Mesh
+            The mesh, in millimetres, with the part's faces as boundaries and its bodies as regions.
+
+        Raises
+        ------
+        ModelError
+            The mesher failed, or sizes are given for a face that the part has not.
+
+        Examples
+        --------
+        >>> from netgen.occ import Box
+        >>> part = Part.from_shape(Box((0, 0, 0), (7.0, 2.0, 1.0)))
+        >>> round(part.volume * 1e9, 6)
+        14.0
+        >>> sorted(part.mesh().GetBoundaries()) == sorted(f.name for f in part.faces)
+        True
+        """
+        chosen = settings if settings is not None else PartMesh()
+        for name in chosen.sizes:
+            if name not in {f.name for f in self.faces}:
+                raise ModelError(f"{self.source} has no face '{name}' to give a mesh size to")
+        return mesh_shape(self.shape, chosen, self.source)
+
+
+def read_step(path: str | Path, *, solid: int | str | None = None) -> Part:
+    """Read a part from a STEP file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; whatever its unit of length, the geometry kernel turns it into millimetres.
+    solid : int or str, optional
+        Of several solids the one to take, counted from 0, or ``all``: keep all of them, joined
+        where they touch.
+
+    Returns
+    -------
+    Part
+        The part; faces and solids that have no name in the file are called ``face1``, ...,
+        ``body1``, ... in its order.
+
+    Raises
+    ------
+    StageError
+        There is no such file, it is no STEP file or not whole, it holds no solid, one without
+        volume, or several and none is chosen.
+    """
+    path = Path(path)
+    shape = _load(path)
+    solids = list(shape.solids)
+    count = len(solids)
+    if isinstance(solid, int) and not 0 <= solid < max(count, 1):
+        raise StageError(f"'{path}' has the solids 0 to {count - 1}, got {solid}")
+    if isinstance(solid, str) and solid != "all":
+        raise StageError(f"solid must be a number or 'all', got {solid!r}")
+    if count > 1 and solid is None:
+        raise StageError(
+            f"'{path}' holds {count} solids: choose one with solid=0 to {count - 1}, or keep "
+            "them all, joined where they touch, with solid='all'"
+        )
+    if count > 1:
+        shape = Glue(solids) if solid == "all" else solids[int(solid or 0)]
+    elif count == 1:
+        shape = solids[0]
+    return Part.from_shape(shape, source=f"'{path}'")
+
+
+def _load(path: Path) -> TopoDS_Shape:
+    if not path.is_file():
+        raise StageError(f"there is no STEP file '{path}'")
+    data = path.read_bytes()
+    # asked here because the geometry kernel writes its own complaints to the terminal
+    if not data.lstrip().startswith(b"ISO-10303-21;"):
+        raise StageError(
+            f"'{path}' is not a STEP file: one starts with 'ISO-10303-21;', this with "
+            f"{data.lstrip()[:16]!r}"
+        )
+    if b"END-ISO-10303-21" not in data[-4096:]:
+        raise StageError(
+            f"'{path}' ends before its last line 'END-ISO-10303-21;': it was not copied or "
+            "exported whole"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        # the kernel goes by the suffix, in lower case, and takes the path as plain letters
+        copy = Path(folder) / "part.step"
+        shutil.copyfile(path, copy)
+        try:
+            return OCCGeometry(str(copy)).shape
+        except (NgException, RuntimeError) as error:
+            raise StageError(
+                f"the geometry kernel cannot read the STEP file '{path}' ({str(error).strip()}): "
+                "export it again as AP203 or AP214"
+            ) from error
+
+
+def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:
+    """Give a name to every shape that has none."""
+    taken = {s.name for s in shapes if s.name not in _NO_NAME}
+    names = []
+    for k, shape in enumerate(shapes, 1):
+        if shape.name is None or shape.name in _NO_NAME:
+            name = f"{kind}{k}"
+            while name in taken:
+                name += "_"
+            shape.name = name
+        names.append(str(shape.name))
+    if kind == "body" and len(set(names)) < len(names):
+        # copies of one part in an assembly: each is a region of its own
+        names = [f"{name}.{k}" for k, name in enumerate(names, 1)]
+        for shape, name in zip(shapes, names, strict=True):
+            shape.name = name
+    return names
