@@ -1,0 +1,189 @@
+"""A meshed stage as a system: exact statics, loads that add up, drives wherever they push."""
+
+import math
+from dataclasses import replace
+
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.elasticity import METRE
+from flexstage.errors import StageError
+from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model, stage_faces
+from flexstage.fem.geometry import patches
+from flexstage.fem.ports import body_motion, drive_vector, probe_vector
+from flexstage.lumped import lumped_system
+from flexstage.stage import Circle, ExtraMass, Probe, Stage
+from flexstage.system import analyse, load_readings, modes, static_displacements, static_forces
+
+STAGE = design("parallelogram")
+MESH = MeshSettings(order=3, neck_size=1.5)
+
+
+@pytest.fixture(scope="module")
+def model() -> StageModel:
+    return plane_model(STAGE, MESH)
+
+
+def _changed(stage: Stage, body: str, **changes: object) -> Stage:
+    bodies = tuple(replace(b, **changes) if b.name == body else b for b in stage.bodies)
+    return replace(stage, bodies=bodies)
+
+
+def test_statics_are_those_of_the_mesh(model: StageModel) -> None:
+    half = model.halves[0]
+    row = drive_vector(
+        half.continuum, STAGE, STAGE.drives[0], patches(STAGE.drives[0], STAGE.bodies)
+    )
+    whole = half.continuum.solve(row)
+    found = static_forces(model.system, {"x": 3.0})
+    assert found.drive_displacement["x"] == pytest.approx(3.0 * float(row @ whole), rel=1e-9)
+    read = probe_vector(half.continuum, STAGE, STAGE.probes[0])
+    assert found.readings["x"] == pytest.approx(3.0 * float(read @ whole), rel=1e-9)
+    assert half.basis @ found.q == pytest.approx(3.0 * whole, abs=1e-9 * np.abs(whole).max())
+    # the first coordinates are modes: K phi = omega^2 M phi with unit modal mass
+    shape = half.basis[:, 0]
+    assert shape @ half.continuum.mass_times(shape) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_drive_in_place_needs_no_more_modes() -> None:
+    stage = design("vgtu-piezo")
+    few, many = (
+        plane_model(stage, MeshSettings(order=2, neck_size=2.0), modes=n).system for n in (8, 60)
+    )
+    for condition in ("in place", "locked"):
+        a, b = (modes(s, drives=condition, count=4).frequency_hz for s in (few, many))
+        # from above, as any projection; locked drives ask most of it
+        assert np.all(a >= b * (1.0 - 1e-9))
+        assert a == pytest.approx(b, rel=5e-3)
+
+
+def test_weight_moves_a_stage_as_its_masses_do(model: StageModel) -> None:
+    ours = load_readings(model.system)["gravity x"]["x"]
+    rigid = load_readings(lumped_system(STAGE))["gravity x"]["x"]
+    # the guide is 2 % softer where its bodies are not rigid
+    assert ours == pytest.approx(rigid, rel=0.03)
+    heavy = _changed(STAGE, "platform", extra_masses=(ExtraMass(mass=0.3, at=(0.0, 0.04)),))
+    loaded = plane_model(heavy, MESH)
+    more = load_readings(loaded.system)["gravity x"]["x"]
+    k = 9.80665 * 0.3 / (more - ours)
+    along = analyse(STAGE, model.system).axes[0].input_stiffness
+    assert k == pytest.approx(along, rel=0.01)
+    f = [modes(m.system, count=1).frequency_hz[0] for m in (model, loaded)]
+    rigid_f = [modes(lumped_system(s), count=1).frequency_hz[0] for s in (STAGE, heavy)]
+    assert f[1] / f[0] == pytest.approx(rigid_f[1] / rigid_f[0], rel=2e-3)
+
+
+def test_a_stage_grows_with_its_temperature() -> None:
+    low, high = (0.003, 0.036), (0.003, 0.046)
+    up = tuple(
+        Probe(name=name, body="platform", at=at, direction=math.pi / 2)
+        for name, at in (("low", low), ("high", high))
+    )
+    stage = replace(STAGE, probes=(*STAGE.probes, *up))
+    found = load_readings(plane_model(stage, MESH).system)
+    alpha = stage.material.thermal_expansion
+    assert alpha is not None
+    grown = found["temperature"]["high"] - found["temperature"]["low"]
+    # nothing strains the platform, so it grows freely
+    assert grown == pytest.approx(alpha * (high[1] - low[1]), rel=1e-3)
+    # a gradient about the middle of the stage grows it by its local temperature
+    local = found["temperature gradient y"]["high"] - found["temperature gradient y"]["low"]
+    faces = stage_faces(stage)
+    mass = sum(f.mass for f in faces.shape.faces)
+    middle = sum(f.mass * f.center.y for f in faces.shape.faces) / mass / METRE
+    expected = alpha * ((high[1] - middle) ** 2 - (low[1] - middle) ** 2) / 2.0
+    assert local == pytest.approx(expected, rel=0.02)
+
+
+def test_a_drive_that_pushes_where_no_edge_is(model: StageModel) -> None:
+    drive = STAGE.drives[0]
+    inside = (drive.at[0][0] + 4e-3, drive.at[0][1] + 0.7e-3)
+    moved = replace(STAGE, drives=(replace(drive, at=(inside, drive.at[1])),))
+    found = analyse(moved, plane_model(moved, MESH).system).axes[0]
+    edge = analyse(STAGE, model.system).axes[0]
+    assert found.output_displacement == pytest.approx(edge.output_displacement, rel=2e-3)
+    assert found.input_stiffness == pytest.approx(edge.input_stiffness, rel=5e-3)
+    nowhere = replace(STAGE, drives=(replace(drive, at=((0.0, 0.02), drive.at[1])),))
+    with pytest.raises(ValueError, match="has no material"):
+        plane_model(nowhere, MESH)
+
+
+def test_turning_both_bodies_stretches_no_drive(model: StageModel) -> None:
+    """Also where the reacting patch lies beside the line of action."""
+    continuum = model.halves[0].continuum
+    drive = STAGE.drives[0]
+    beside = replace(drive, at=(drive.at[0], (drive.at[1][0], drive.at[1][1] - 3e-3)))
+    stage = replace(STAGE, drives=(beside,))
+    faces = stage_faces(stage)
+    other = plane_model(stage, MESH).halves[0].continuum
+    turn = ng.GridFunction(other.space)
+    turn.Set(ng.CoefficientFunction((-ng.y / METRE, ng.x / METRE)))
+    row = drive_vector(other, stage, beside, faces.patches, "elastic")
+    assert abs(float(row @ turn.vec.FV().NumPy())) < 1e-9
+    shift = ng.GridFunction(other.space)
+    shift.Set(ng.CoefficientFunction((0.4, -1.3)))
+    assert abs(float(row @ shift.vec.FV().NumPy())) < 1e-9
+    assert continuum.size > 0
+
+
+def test_a_probe_over_an_aperture_rides_on_its_body() -> None:
+    centre = (0.004, 0.0405)
+    holed = _changed(STAGE, "platform", holes=(Circle(centre, 2.5e-3),))
+    probe = Probe(name="x", body="platform", at=centre, direction=0.3)
+    stage = replace(holed, probes=(probe,))
+    found = plane_model(stage, MESH)
+    state = static_displacements(found.system, {"x": 1e-4})
+    x, y, turn = state.body_motion["platform"]
+    body = next(b for b in found.system.bodies if b.name == "platform")
+    dx, dy = centre[0] - body.centre[0], centre[1] - body.centre[1]
+    by_hand = math.cos(0.3) * (x - turn * dy) + math.sin(0.3) * (y + turn * dx)
+    assert state.readings["x"] == pytest.approx(by_hand, rel=1e-9)
+    # a rigid platform: beside the hole a point reads the same
+    beside = replace(probe, at=(centre[0] + 4e-3, centre[1]), direction=0.0)
+    near = plane_model(replace(holed, probes=(beside,)), MESH)
+    reading = static_displacements(near.system, {"x": 1e-4}).readings["x"]
+    assert reading == pytest.approx(x - turn * dy, rel=1e-3)
+
+
+def test_bodies_move_as_their_mean(model: StageModel) -> None:
+    half = model.halves[0]
+    field = ng.GridFunction(half.continuum.space)
+    field.Set(ng.CoefficientFunction((0.2 - 0.7 * ng.y / METRE, -0.1 + 0.7 * ng.x / METRE)))
+    at = (0.011, -0.003)
+    motion = body_motion(half.continuum, STAGE, "right-leg", at)
+    found = motion @ field.vec.FV().NumPy()
+    assert found == pytest.approx([0.2 - 0.7 * at[1], -0.1 + 0.7 * at[0], 0.7], rel=1e-9)
+
+
+def test_two_drives_on_one_edge_are_refused() -> None:
+    drive = STAGE.drives[0]
+    with pytest.raises(StageError, match="act on the same stretch of edge of body"):
+        plane_model(replace(STAGE, drives=(drive, replace(drive, name="again"))), MESH)
+
+
+def test_in_space_a_stage_lies_between_plane_stress_and_plane_strain() -> None:
+    mesh = MeshSettings(order=3, neck_size=1.5)
+    space = solid_model(STAGE, mesh, modes=(3, 3))
+    stress, strain = (plane_model(STAGE, mesh, plane=p) for p in ("stress", "strain"))
+    f, low, high = (modes(m.system, count=1).frequency_hz[0] for m in (space, stress, strain))
+    assert low < f < high * 1.001
+    # half of the plate stands for the whole: masses and stiffness are those of the whole
+    pushed = [static_forces(m.system, {"x": 1.0}).readings["x"] for m in (space, strain)]
+    assert pushed[0] == pytest.approx(pushed[1], rel=0.02)
+    drop = load_readings(space.system)
+    assert drop["gravity x"]["platform out of plane"] == 0.0
+    weight = [load_readings(m.system)["gravity x"]["x"] for m in (space, strain)]
+    assert weight[0] == pytest.approx(weight[1], rel=0.02)
+    # down, against the stiffness out of the plane: between half of the weight and all of it
+    row = {r.quantity: r.value for r in analyse(STAGE, space.system).characteristics}
+    mass = sum(p.mass for p in _masses().values())
+    sag = drop["gravity z"]["platform out of plane"] * row["out_of_plane_stiffness"]
+    assert 0.5 * mass * 9.80665 < sag < mass * 9.80665
+
+
+def _masses() -> dict:
+    from flexstage.stage import mass_properties
+
+    return {n: p for n, p in mass_properties(STAGE).items() if n != "base"}
