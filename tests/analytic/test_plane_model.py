@@ -173,6 +173,10 @@ def test_in_space_a_stage_lies_between_plane_stress_and_plane_strain() -> None:
     pushed = [static_forces(m.system, {"x": 1.0}).readings["x"] for m in (space, strain)]
     assert pushed[0] == pytest.approx(pushed[1], rel=0.02)
     drop = load_readings(space.system)
+    named = [[load.name for load in m.system.loads] for m in (strain, space)]
+    temperature = ["temperature", "temperature gradient x", "temperature gradient y"]
+    assert named[0] == ["gravity x", "gravity y", *temperature]
+    assert named[1] == [*named[0], "gravity z", "temperature gradient z"]
     assert drop["gravity x"]["platform out of plane"] == 0.0
     weight = [load_readings(m.system)["gravity x"]["x"] for m in (space, strain)]
     assert weight[0] == pytest.approx(weight[1], rel=0.02)
