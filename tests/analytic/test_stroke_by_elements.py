@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
+from flexstage.elasticity import buckling
 from flexstage.errors import ModelError
 from flexstage.fem import (
     MeshSettings,
@@ -15,6 +16,8 @@ from flexstage.fem import (
     two_notch_bars,
     with_stroke,
 )
+from flexstage.fem.geometry import patches
+from flexstage.fem.ports import drive_vector
 from flexstage.lumped import hinge_springs, stroke_path
 from flexstage.system import analyse
 
@@ -41,6 +44,13 @@ def test_a_parallelogram_sags_as_its_legs_turn(model) -> None:
     # a parabola keeps a quarter of its sag from the best straight line
     assert path.straightness == pytest.approx(sag / 4.0, rel=0.05)
     assert path.frequency_hz == pytest.approx(192.9, rel=2e-3)
+    # the drive holds its length while the stage buckles
+    half, drive = model.halves[0], STAGE.drives[0]
+    row = drive_vector(half.continuum, STAGE, drive, patches(drive, STAGE.bodies))
+    u = half.basis @ axis.static.q
+    held, loose = (buckling(half.continuum, u, locked=r).positive[0] for r in (row, None))
+    assert path.buckling_factor == pytest.approx(held, rel=1e-9)
+    assert held > loose  # by 6e-6: the legs give way, not the drive
 
 
 def test_rows_and_words_of_a_stroke(model) -> None:
