@@ -3,6 +3,7 @@
 Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr and no traceback.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated, cast
@@ -22,6 +23,10 @@ from flexstage.errors import FlexstageError
 __all__ = ["app", "main"]
 
 _INTERRUPTED = 130
+
+# The threads of the matrix library wait by turning in circles, beside those of the finite elements,
+# which do the same: an analysis takes twice as long with both. Read when NumPy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: The commands. Their modules import what is heavy only when a command runs.
 app = typer.Typer(
