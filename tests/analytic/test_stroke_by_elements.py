@@ -1,6 +1,7 @@
 """Finite displacements of a meshed stage against rigid bodies; buckling of its bars."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from flexstage.designs import design
 from flexstage.elasticity import buckling
 from flexstage.errors import ModelError
 from flexstage.fem import (
+    FiniteStroke,
     MeshSettings,
     bar_buckling_load,
     follow_stroke,
@@ -61,6 +63,26 @@ def test_rows_and_words_of_a_stroke(model) -> None:
     assert any(v.startswith("Over the full stroke of x") for v in analysis.validity)
     with pytest.raises(ModelError, match="at least 3 steps, got 2"):
         follow_stroke(model, analysis.axes[0], steps=2)
+
+
+def test_the_change_of_ratio_is_that_of_a_parabola_from_its_slope_at_rest() -> None:
+    s = np.linspace(0.0, 3e-4, 6)
+    nothing = np.zeros(6)
+    path = FiniteStroke(
+        axis="x",
+        displacement=s,
+        force=nothing,
+        along=1.7 * s - 240.0 * s**2,
+        across=2e-3 * s + 3.0 * s**2,
+        rotation=nothing,
+        frequency_hz=1.0,
+        buckling_factor=np.inf,
+    )
+    assert path.ratio_change == pytest.approx(-240.0 * 3e-4 / 1.7, rel=1e-9)
+    # the straight part of the way across is no fault; the parabola keeps a bow
+    straight = replace(path, across=0.4 * path.along + 1e-6)
+    assert straight.straightness < 1e-15
+    assert path.straightness > 5e-8
 
 
 def test_a_leg_buckles_where_two_springs_and_a_bar_would() -> None:
