@@ -8,8 +8,9 @@ import pytest
 from flexstage.designs import design
 from flexstage.elasticity import memory
 from flexstage.errors import ModelError, StageError
-from flexstage.fem import MeshSettings, plane_model, solid_model
+from flexstage.fem import MeshSettings, plane_model, solid_model, superelement_model
 from flexstage.fem.names import exactly
+from flexstage.hinges import Leaf
 from flexstage.stage import Body, Circle, Loop, Stage
 
 STAGE = design("parallelogram")
@@ -28,6 +29,28 @@ def test_a_mesh_that_turns_out_too_large_is_refused_before_it_is_factorised(
     monkeypatch.setattr(memory, "memory_available", lambda: 6e6)
     with pytest.raises(ModelError, match="take a lower order or larger elements"):
         plane_model(STAGE, MeshSettings(order=4, size=2.0))
+
+
+def test_a_mesh_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken:
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def GenerateMesh(self, **_: object) -> None:  # the mesher's name
+            raise RuntimeError("stop surface meshing")
+
+    monkeypatch.setattr("flexstage.fem.mesh.OCCGeometry", Broken)
+    with pytest.raises(ModelError, match=r"could not mesh the part \(stop surface meshing\)"):
+        plane_model(STAGE)
+
+
+def test_a_corner_without_a_radius_is_said() -> None:
+    leaf = Leaf(neck_thickness=0.5e-3, leaf_length=4e-3, notch_depth=2e-3)
+    bent = replace(STAGE, hinges=tuple(replace(h, profile=leaf) for h in STAGE.hinges))
+    for make in (plane_model, superelement_model):
+        said = make(bent, MeshSettings(order=2)).system.validity
+        assert any("stress has no limit there" in sentence for sentence in said)
+        said = make(STAGE, MeshSettings(order=2)).system.validity
+        assert not any("stress has no limit there" in sentence for sentence in said)
 
 
 def test_nothing_held() -> None:

@@ -10,7 +10,7 @@ from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
 from flexstage.fem.quality import sound_mesh
-from flexstage.hinges import PlaneState, plane_state
+from flexstage.hinges import Leaf, PlaneState, plane_state
 from flexstage.progress import tell
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
@@ -141,10 +141,17 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
         Sentences.
     """
     ratio = 100.0 * ModalDamping(ratio=0.01).ratio
+    sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
+    corners = (
+        f"Leaves end in corners without a radius ({', '.join(sharp[:4])}"
+        f"{', ...' if len(sharp) > 4 else ''}): stress has no limit there, and its largest value "
+        "says how fine the mesh is; corner-filleted ones have a limit.",
+    )
     return (
         f"Linear elasticity, small displacements; {held or 'nothing is fixed'}.",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
         f"Damping of {ratio:g} % in every mode is an assumption: it sets the height of the "
         "resonances.",
+        *(corners if sharp else ()),
         *stage.notes,
     )

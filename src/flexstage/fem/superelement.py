@@ -21,6 +21,7 @@ from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges import PlaneState
+from flexstage.progress import tell
 from flexstage.stage import Force, Stage
 from flexstage.system import (
     AxisPort,
@@ -178,7 +179,7 @@ def superelement_model(
     stage : Stage
         The stage.
     settings : MeshSettings, optional
-        How fine the bodies are meshed; order 4 with elements of 1.5 necks where not given.
+        How fine the bodies are meshed; order 4 with elements of 0.8 necks where not given.
     plane : str
         ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
         bodies are in plane stress.
@@ -283,7 +284,8 @@ def _condensed(
     """Condense bodies, each only once, or find them in the cache."""
     ready: dict[str, Condensed] = {}
     found, built = [], []
-    for p in placed:
+    for i, p in enumerate(placed):
+        tell("bodies", i / len(placed))
         key = p.part.key()
         if key not in ready:
             entry = None if cache is None else cache.load(key)
