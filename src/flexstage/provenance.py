@@ -53,28 +53,29 @@ def content_hash(description: object) -> str:
     str
         SHA-256, 64 hexadecimal digits.
     """
-    digest = hashlib.sha256()
-    _feed(digest, description)
-    return digest.hexdigest()
+    words: list[str] = []
+    _spell(words, description)
+    return hashlib.sha256("".join(words).encode()).hexdigest()
 
 
-def _feed(digest: "hashlib._Hash", value: object) -> None:
-    if dataclasses.is_dataclass(value):
-        digest.update(f"{type(value).__name__}(".encode())
-        for f in dataclasses.fields(value):
-            digest.update(f"{f.name}=".encode())
-            _feed(digest, getattr(value, f.name))
-        digest.update(b")")
+def _spell(words: list[str], value: object) -> None:
+    # numbers first, as most of a description is coordinates
+    if isinstance(value, float):
+        words.append(value.hex())
     elif isinstance(value, (tuple, list)):
-        digest.update(b"[")
+        words.append("[")
         for item in value:
-            _feed(digest, item)
-            digest.update(b",")
-        digest.update(b"]")
-    elif isinstance(value, float):
-        digest.update(value.hex().encode())
+            _spell(words, item)
+            words.append(",")
+        words.append("]")
+    elif dataclasses.is_dataclass(value):
+        words.append(f"{type(value).__name__}(")
+        for f in dataclasses.fields(value):
+            words.append(f"{f.name}=")
+            _spell(words, getattr(value, f.name))
+        words.append(")")
     else:
-        digest.update(repr(value).encode())
+        words.append(repr(value))
 
 
 def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
