@@ -93,3 +93,26 @@ def test_exaggeration_is_round_and_shows_about_a_fiftieth(motion: float) -> None
     # steps of 1, 2, 5 lose at most a factor 2.5
     assert 0.02 / 2.5 <= factor * motion / 0.2 * (1.0 + 1e-9) <= 0.02 * (1.0 + 1e-9)
     assert exaggeration(0.2, 0.0) == 1.0
+
+
+def test_every_model_against_what_was_published() -> None:
+    from flexstage.report.tables import characteristics_table, differences_table
+
+    values = {"published-fem": 200.0, "lumped": 220.0, "plane": 199.0, "solid": 200.4}
+    rows = [
+        Characteristic(
+            quantity="natural_frequency_hz", axis="x", origin=origin, value=value, unit="Hz"
+        )
+        for origin, value in values.items()
+    ]
+    table = compare(rows)
+    assert table.best == "solid"
+    assert table.models == ("lumped", "plane", "solid")
+    text = differences_table(table)
+    for signed in ("+10.0", "−0.5", "+0.2"):
+        assert f"<td>{signed}</td>" in text
+    # two of ours leave room for it in the table itself
+    few = compare(rows[:3])
+    assert differences_table(few) == ""
+    assert "−0.5 %" in characteristics_table(few)
+    assert "−0.5 %" not in characteristics_table(table)

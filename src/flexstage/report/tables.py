@@ -128,11 +128,15 @@ def differences_table(comparison: Comparison) -> str:
         f'<th colspan="{len(models)}">against {column_title(c)}</th>' for c in comparison.published
     )
     heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
-    heads += "".join(f"<th>{escape(m)}</th>" for m in models) * len(comparison.published)
+    # the longest name may be broken, or the last column stands outside the page
+    names = [escape(m).replace("superelement", "super&shy;element") for m in models]
+    heads += "".join(f"<th>{name}</th>" for name in names) * len(comparison.published)
     lines = []
     for row in comparison.rows:
         signed = [
-            percent(row.difference_percent(m, c)) for c in comparison.published for m in models
+            percent(row.difference_percent(m, c)).removesuffix(" %")
+            for c in comparison.published
+            for m in models
         ]
         if any(signed):
             cells = [*_label_cells(row), *(f"<td>{text}</td>" for text in signed)]
