@@ -78,15 +78,12 @@ class StageModel:
         The continua behind it.
     mesh_settings : MeshSettings
         How fine the mesh is.
-    estimates : Mapping
-        Relative error by quantity, where an accuracy was asked for.
     """
 
     stage: Stage
     system: MechanicalSystem
     halves: tuple[Half, ...]
     mesh_settings: MeshSettings
-    estimates: Mapping[str, float]
 
     @property
     def unknowns(self) -> int:
@@ -212,15 +209,12 @@ def assemble(
             Half(continuum=h.continuum, basis=basis, out_of_plane=h.out, points=h.points)
         )
 
-    def row(parts: Sequence[Array]) -> Array:
-        return np.concatenate(parts)
-
     first = halves[0]
     zeros = [np.zeros(s) for s in sizes[1:]]
     drives = tuple(
         DrivePort(
             name=d.name,
-            vector=row([first.drives[i], *zeros]),
+            vector=np.concatenate([first.drives[i], *zeros]),
             stiffness=d.spring,
             stroke=d.stroke,
             smallest_displacement=d.smallest_displacement,
@@ -229,7 +223,9 @@ def assemble(
         for i, d in enumerate(stage.drives)
     )
     probes = [
-        ProbePort(name=p.name, vector=row([first.probes[i], *zeros]), unit="m", body=p.body)
+        ProbePort(
+            name=p.name, vector=np.concatenate([first.probes[i], *zeros]), unit="m", body=p.body
+        )
         for i, p in enumerate(stage.probes)
     ]
     loads: list[LoadPort] = []
@@ -237,11 +233,13 @@ def assemble(
         for key, (vector, unit) in h.loads.items():
             parts = [np.zeros(s) for s in sizes]
             parts[i] = vector
-            loads.append(LoadPort(name=key, vector=row(parts), unit=unit))
+            loads.append(LoadPort(name=key, vector=np.concatenate(parts), unit=unit))
         for key, vector in h.lifts.items():
             parts = [np.zeros(s) for s in sizes]
             parts[i] = vector
-            probes.append(ProbePort(name=f"{key} out of plane", vector=row(parts), body=key))
+            probes.append(
+                ProbePort(name=f"{key} out of plane", vector=np.concatenate(parts), body=key)
+            )
     bodies = tuple(
         BodyPort(
             name=n,
@@ -279,7 +277,6 @@ def assemble(
         system=system,
         halves=tuple(halves_kept),
         mesh_settings=settings,
-        estimates={},
     )
 
 
