@@ -129,6 +129,14 @@ def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture
     assert len(removed["frequency_hz"]) == len(removed["real"]) == len(removed["imaginary"])
 
 
+def test_analyse_writes_files_for_paraview(elsewhere: Path) -> None:
+    words = ("--model", "plane", "--out", "a", "--vtu")
+    assert run("analyse", "parallelogram", *words) == 0
+    written = left_behind(elsewhere)
+    assert {"a/analysis.json", "a/vtu/static-x.vtu", "a/vtu/mode-01.vtu"} <= set(written)
+    assert not any(name.endswith(".part") for name in written)
+
+
 @pytest.mark.parametrize("name", ["s.svg", "s.png", "s.pdf", "deep/er/S.SVG"])
 def test_show_writes_a_drawing(elsewhere: Path, name: str) -> None:
     assert run("show", "parallelogram", "--out", name) == 0
@@ -160,6 +168,7 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["analyse", "vgtu-piezo", "--model", "solid", "--plane", "strain"], "no plane state"),
         (["analyse", "vgtu-piezo", "--model", "solid", "--stroke"], "choose plane"),
         (["analyse", "vgtu-piezo", "--model", "lumped", "--supports", "elastic"], "are rigid"),
+        (["analyse", "vgtu-piezo", "--vtu", "--out", "a"], "plane or solid"),
         (["analyse", "vgtu-piezo", "--supports", "soft"], "expected rigid or elastic"),
         (["show", "vgtu-piezo", "--out", "stage.gif"], ".svg, .png, .pdf"),
         (["show", "vgtu-piezo", "--out", "stage"], ".svg, .png, .pdf"),

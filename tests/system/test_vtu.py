@@ -5,9 +5,7 @@ import csv
 import io
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
@@ -18,8 +16,7 @@ from flexstage.designs import design
 from flexstage.elasticity import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
-from flexstage.fem import vtu as room
-from flexstage.fem.vtu import vtu_files, write_vtu
+from flexstage.fem.vtu import vtu_files
 from flexstage.system import Analysis, analyse
 
 STAGE = design("parallelogram")
@@ -208,40 +205,6 @@ def test_cells_know_their_body(plane: tuple[StageModel, Analysis]) -> None:
         expected = model.halves[0].continuum.measure(region=name)
         # a half notch between arcs loses most by chords
         assert area == pytest.approx(expected, rel=5e-3)
-
-
-def test_files_appear_whole_or_not_at_all(
-    plane: tuple[StageModel, Analysis], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model, analysis = plane
-    # only what the check needs: one file after another
-    monkeypatch.setattr(
-        room, "vtu_files", lambda *_, **__: {"static-x.vtu": b"1", "modes.pvd": b"2"}
-    )
-    target = tmp_path / "new" / "vtu"
-    assert write_vtu(model, analysis, target) == [target / "static-x.vtu", target / "modes.pvd"]
-    assert sorted(p.name for p in target.iterdir()) == ["modes.pvd", "static-x.vtu"]
-    blocked = tmp_path / "blocked"
-    (blocked / "modes.pvd").mkdir(parents=True)
-    with pytest.raises(IsADirectoryError):
-        write_vtu(model, analysis, blocked)
-    assert [p.name for p in blocked.iterdir()] == ["modes.pvd"]
-
-    class Full:
-        """Files for a disk that is full after the first of them."""
-
-        def __iter__(self) -> Iterator[str]:
-            return iter(("static-x.vtu", "modes.pvd"))
-
-        def items(self) -> Iterator[tuple[str, bytes]]:
-            yield "static-x.vtu", b"new"
-            raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(room, "vtu_files", lambda *_, **__: Full())
-    with pytest.raises(OSError, match="No space left"):
-        write_vtu(model, analysis, target)
-    assert (target / "static-x.vtu").read_bytes() == b"1"
-    assert sorted(p.name for p in target.iterdir()) == ["modes.pvd", "static-x.vtu"]
 
 
 def test_names_of_axes_become_names_of_files(plane: tuple[StageModel, Analysis]) -> None:

@@ -110,9 +110,9 @@ def analyse(
         results = results_json(_results(run))
         files = write_files(out, {"analysis.json": results} | _diagrams(analysis))
         if vtu and run.mesh is not None:
-            from flexstage.fem.vtu import write_vtu
+            from flexstage.fem.vtu import vtu_files
 
-            files += write_vtu(run.mesh, analysis, out / "vtu")
+            files += write_files(out / "vtu", vtu_files(run.mesh, analysis))
     if json:
         print_json(_results(run))
         return

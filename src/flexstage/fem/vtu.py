@@ -4,15 +4,11 @@ Points are in metres, as displacements are, so that a shape warped by a factor i
 """
 
 import base64
-import contextlib
 import csv
 import io
-import os
 import re
-import tempfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +18,7 @@ from flexstage.fem.model import StageModel
 from flexstage.fem.sampling import Sample, Sampler
 from flexstage.system import Analysis, DriveCondition
 
-__all__ = ["vtu_files", "write_vtu"]
+__all__ = ["vtu_files"]
 
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
 _TRIANGLE, _WEDGE = 5, 13  # cell types of the format
@@ -106,59 +102,6 @@ def vtu_files(
         files["modes.pvd"] = _collection(modes)
     files["regions.csv"] = _regions(sampler)
     return files
-
-
-def write_vtu(
-    model: StageModel,
-    analysis: Analysis,
-    directory: Path,
-    *,
-    divisions: int | None = None,
-    drives: DriveCondition = "removed",
-) -> list[Path]:
-    """Write statics and modes of a finite-element model into a directory, every file or none.
-
-    Parameters
-    ----------
-    model : StageModel
-        The model.
-    analysis : Analysis
-        Its analysis.
-    directory : pathlib.Path
-        The directory; made where it does not exist.
-    divisions : int, optional
-        Parts of each edge of an element, as `vtu_files` takes it.
-    drives : str
-        Condition of the drives for the modes.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files: see `vtu_files`.
-
-    Raises
-    ------
-    ModelError
-        As `vtu_files`.
-    OSError
-        The directory or a file cannot be written.
-    """
-    files = vtu_files(model, analysis, divisions=divisions, drives=drives)
-    directory.mkdir(parents=True, exist_ok=True)
-    for name in files:
-        if (directory / name).is_dir():
-            raise IsADirectoryError(f"'{directory / name}' is a directory")
-    # beside its place first, and moved there when all are complete
-    with tempfile.TemporaryDirectory(prefix=".vtu-", dir=directory) as drafts:
-        for name, content in files.items():
-            with (Path(drafts) / name).open("wb") as stream:
-                stream.write(content)
-                stream.flush()
-                with contextlib.suppress(OSError):  # not every file system can
-                    os.fsync(stream.fileno())
-        for name in files:
-            (Path(drafts) / name).replace(directory / name)
-    return [directory / name for name in files]
 
 
 def _file_names(names: Iterable[str]) -> list[str]:
