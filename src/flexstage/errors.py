@@ -10,6 +10,7 @@ __all__ = [
     "FlexstageError",
     "HingeError",
     "ModelError",
+    "RecordError",
     "StageError",
     "UnitError",
 ]
@@ -29,6 +30,10 @@ class StageError(FlexstageError, ValueError):
 
 class HingeError(FlexstageError, ValueError):
     """A hinge profile has impossible dimensions, or a method is not defined for it."""
+
+
+class RecordError(FlexstageError, ValueError):
+    """A record of data, or the file that holds it, cannot be used as it is."""
 
 
 class ModelError(FlexstageError, ValueError):

@@ -18,7 +18,7 @@ from typing import Any
 
 from flexstage.errors import UnitError
 
-__all__ = ["DIMENSIONS", "Dimension", "parse", "to_text"]
+__all__ = ["DIMENSIONS", "Dimension", "parse", "si_unit", "to_text"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +65,71 @@ DIMENSIONS: dict[str, Dimension] = {
     )
 }
 
+# dimensions of columns in measured files; no field of a description has them
+_MEASURED: dict[str, Dimension] = {
+    d.name: d
+    for d in (
+        Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
+        Dimension(name="current", si="A", units=("A", "mA")),
+        Dimension(name="charge", si="C", units=("C", "uC")),
+        Dimension(name="resistance", si="ohm", units=("ohm", "kohm")),
+        Dimension(name="power", si="W", units=("W", "mW")),
+        Dimension(name="temperature", si="K", units=("K", "mK")),
+        Dimension(name="torque", si="N*m", units=("N*m", "N*mm")),
+        Dimension(name="speed", si="m/s", units=("m/s", "mm/s", "um/s")),
+        Dimension(name="acceleration", si="m/s^2", units=("m/s^2", "mm/s^2")),
+        Dimension(name="angular speed", si="rad/s", units=("rad/s", "deg/s", "rpm")),
+        Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),
+        Dimension(name="gain", si="m/V", units=("um/V", "nm/V")),
+    )
+}
+
+# plain numbers, which a units library does not tell from an angle, and a scale with an offset
+_PLAIN: dict[str, tuple[float, str]] = {
+    **dict.fromkeys(("1", "-", "none", "strain", "m/m"), (1.0, "1")),
+    **dict.fromkeys(("%", "percent", "pct"), (0.01, "1")),
+    **dict.fromkeys(("ppm", "ustrain", "microstrain", "um/m", "ue"), (1e-6, "1")),
+    **dict.fromkeys(("count", "counts", "cts", "lsb", "adu", "digits"), (1.0, "count")),
+    **dict.fromkeys(("degc", "deg c", "celsius"), (1.0, "degC")),
+}
+
+_SYMBOLS = {"²": "^2", "³": "^3", "\N{GREEK SMALL LETTER MU}": "µ", "Ω": "ohm", "ε": "e"}
+
+# what a column may be measured in, by the units library's own names: it knows a day as "d" and the
+# speed of light as "c", which a heading in brackets seldom means
+_KNOWN_ATOMS = frozenset(
+    [
+        "meter",
+        "micron",
+        "inch",
+        "gram",
+        "newton",
+        "pascal",
+        "bar",
+        "pound_force_per_square_inch",
+        "volt",
+        "farad",
+        "hertz",
+        "kelvin",
+        "watt",
+        "second",
+        "minute",
+        "hour",
+        "ampere",
+        "coulomb",
+        "ohm",
+        "radian",
+        "degree",
+        "arcsecond",
+        "arcminute",
+        "revolutions_per_minute",
+        "kilogram",
+        "force_kilogram",
+    ]
+)
+
+_WITHOUT_PREFIX = frozenset(("inch", "minute", "hour", "degree", "kilogram", "force_kilogram"))
+
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _UNIT = r"(?:1|[A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?)(?:[*·/][A-Za-zµμ°]{1,20}(?:\^?-?[1-4])?){0,4}"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
@@ -84,7 +149,7 @@ def _factor(unit: str, dimension: str) -> Decimal:
     """Return how many SI units of a dimension one `unit` is."""
     import pint
 
-    wanted = DIMENSIONS[dimension]
+    wanted = DIMENSIONS.get(dimension) or _MEASURED[dimension]
     spelled = unit.replace("°", "deg").replace("·", "*")
     spelled = re.sub(r"(?<=[A-Za-zµμ])(-?[1-4])(?![0-9])", r"^\1", spelled)
     known = sorted({u for d in DIMENSIONS.values() for u in d.units})
@@ -98,7 +163,7 @@ def _factor(unit: str, dimension: str) -> Decimal:
     angles = ("rad", "deg", "arc", "turn", "rev", "grad", "cycle", "rpm")
     is_angle = any(word in spelled.lower() for word in angles)
     # the radian is the number one to pint, so angles and frequencies are told apart by name
-    if is_angle != (dimension == "angle"):
+    if is_angle != (dimension in {"angle", "angular speed"}):
         raise UnitError(f"'{unit}' is not a unit of {wanted.name}: expected {allowed}")
     try:
         return quantity.to(wanted.si).magnitude
@@ -135,7 +200,7 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     >>> parse("71.7 GPa", "pressure")
     71700000000.0
     """
-    wanted = DIMENSIONS[dimension]
+    wanted = DIMENSIONS.get(dimension) or _MEASURED[dimension]
     example = f'"10 {wanted.units[0]}"'
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise UnitError(f"expected {wanted.noun} such as {example}, got {_short(text)}")
@@ -155,6 +220,73 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
     if not math.isfinite(value):
         raise UnitError(f"the {wanted.name} {_short(text)} is too large to be a number")
     return value
+
+
+@lru_cache(maxsize=256)
+def si_unit(text: str) -> tuple[float, str]:
+    """Return what a unit, written over a column of numbers, is in SI.
+
+    Every unit of `DIMENSIONS` is known, and those of time, current, charge, speed, temperature,
+    strain, per cent and counts. A degree Celsius stays one, as no factor takes its offset away.
+
+    Parameters
+    ----------
+    text : str
+        The unit, ``"um"``, ``"kN/mm"`` or ``"Volts"``.
+
+    Returns
+    -------
+    factor : float
+        The number of SI units that one of it is.
+    unit : str
+        The SI unit; ``"1"`` for plain numbers, ``"count"`` for steps of a converter.
+
+    Raises
+    ------
+    UnitError
+        No such unit is known.
+
+    Examples
+    --------
+    >>> si_unit("um")
+    (1e-06, 'm')
+    >>> si_unit("%")
+    (0.01, '1')
+    """
+    spelled = " ".join(text.split())
+    for symbol, word in _SYMBOLS.items():
+        spelled = spelled.replace(symbol, word)
+    plain = _PLAIN.get(spelled.lower().replace("µ", "u").replace("°", "deg"))
+    if plain is not None:
+        return plain
+    # "Volts" and "Newton" are words; MPA in capitals is left alone, as mPa is something else
+    words = re.sub(r"\b[A-Z][a-z]{2,}\b", lambda word: word[0].lower(), spelled)
+    if re.fullmatch(_UNIT, words) and _is_measured(words):
+        for wanted in (*DIMENSIONS.values(), *_MEASURED.values()):
+            try:
+                return float(_factor(words, wanted.name)), wanted.si
+            except UnitError:
+                continue
+    raise UnitError(
+        f"unknown unit {_short(text)}: expected one such as V, mV, um, nm, N, s, ms, Hz, A, K, %, "
+        "or count"
+    )
+
+
+def _is_measured(unit: str) -> bool:
+    """Say whether every part of a unit is one that columns are measured in."""
+    for word in re.findall("[A-Za-zµ°]+", unit):
+        try:
+            meanings = _registry().parse_unit_name(word.replace("°", "deg"))
+        except Exception:  # noqa: BLE001 - pint raises tokenizer and assertion errors alike
+            return False
+        if not meanings:
+            return False
+        prefix, atom, _ = meanings[0]
+        # "ch" is no hundredth of an hour but a channel
+        if atom not in _KNOWN_ATOMS or (prefix and atom in _WITHOUT_PREFIX):
+            return False
+    return not re.search(r"[A-Za-z]1", unit)
 
 
 def to_text(value: float, dimension: str, unit: str | None = None) -> str:

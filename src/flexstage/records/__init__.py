@@ -1,0 +1,41 @@
+"""Measured and simulated data: records, the files they come from, and what is wrong with them."""
+
+from flexstage.records.quality import (
+    Saturation,
+    constant_columns,
+    noise_estimate,
+    quantisation_step,
+    saturation,
+)
+from flexstage.records.read import FORMATS, read_record
+from flexstage.records.record import Channel, Record, column_number
+from flexstage.records.sampling import (
+    require_complete,
+    require_rising,
+    require_uniform,
+    resampled,
+    selected,
+    time_jitter,
+)
+from flexstage.records.write import record_bytes, write_record
+
+__all__ = [
+    "FORMATS",
+    "Channel",
+    "Record",
+    "Saturation",
+    "column_number",
+    "constant_columns",
+    "noise_estimate",
+    "quantisation_step",
+    "read_record",
+    "record_bytes",
+    "require_complete",
+    "require_rising",
+    "require_uniform",
+    "resampled",
+    "saturation",
+    "selected",
+    "time_jitter",
+    "write_record",
+]

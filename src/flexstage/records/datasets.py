@@ -1,0 +1,288 @@
+"""Choosing the columns of a record among the arrays of a file that holds many."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Column, Columns, as_float, labelled
+
+__all__ = ["Leaf", "Tree", "chosen_columns"]
+
+# four gigabytes of floats: a file that says more is damaged, or needs a choice
+_LARGEST = 2**29
+
+_RATE_NAMES = frozenset(
+    ("fs", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency")
+)
+_INTERVAL_NAMES = frozenset(("ts", "dt", "deltat", "sampletime", "interval", "sampleinterval"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Leaf:
+    """An array in a file.
+
+    Parameters
+    ----------
+    parent : str
+        Path of the group or structure that holds it; empty at the root.
+    name : str
+        Its name there.
+    shape : tuple of int
+        Its shape in the file.
+    kind : str
+        NumPy's letter of its type: ``f`` float, ``c`` complex...
+    load : callable
+        Returns the array.
+    label : str
+        Its heading, where the file holds a better one than `name`.
+    unit : str
+        Its unit, where the file says it.
+    interval : float, optional
+        Its sample interval, where the file says it [s].
+    start : float
+        The time of its first sample, where the file says it [s].
+    """
+
+    parent: str
+    name: str
+    shape: tuple[int, ...]
+    kind: str
+    load: Callable[[], NDArray]
+    label: str = ""
+    unit: str = ""
+    interval: float | None = None
+    start: float = 0.0
+
+    @property
+    def path(self) -> str:
+        """Where it is in the file."""
+        return f"{self.parent}/{self.name}" if self.parent else self.name
+
+    @property
+    def core(self) -> tuple[int, ...]:
+        """Its shape without directions of length one."""
+        return tuple(n for n in self.shape if n != 1)
+
+    @property
+    def samples(self) -> int:
+        """The number of samples that it has as a column, or as columns."""
+        return max(self.core, default=0)
+
+    @property
+    def width(self) -> int:
+        """The number of columns that it is."""
+        return 1 if len(self.core) == 1 else min(self.core)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be one or more columns."""
+        return self.kind in "biufM" and len(self.core) in (1, 2) and 0 not in self.shape
+
+    def __str__(self) -> str:
+        size = " x ".join(map(str, self.shape)) or "a number"
+        why = "" if self.kind in "biufM" else ", complex" if self.kind == "c" else ", no numbers"
+        return f"{self.path} ({size}{why})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tree:
+    """All that a file holds.
+
+    Parameters
+    ----------
+    leaves : tuple of Leaf
+        Its arrays, in the order of the file.
+    numbers : Mapping
+        Its single numbers, by path.
+    texts : Mapping
+        Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading.
+    """
+
+    leaves: tuple[Leaf, ...]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+
+
+def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
+    """Return the columns of a file: those that were asked for, or the only ones there are.
+
+    Arrays in one group that have as many samples as each other belong together; so do the columns
+    of a matrix, whose samples run along its longer side.
+
+    Parameters
+    ----------
+    tree : Tree
+        What the file holds.
+    dataset : str, optional
+        Path of a group or an array, or of several arrays with commas between.
+
+    Returns
+    -------
+    Columns
+        The columns, with the sample rate that stands beside them.
+
+    Raises
+    ------
+    RecordError
+        There is no such dataset, none at all, or several that could be meant.
+    """
+    leaves = _asked(tree, dataset) if dataset else _only(tree.leaves)
+    for leaf in leaves:
+        _require_usable(leaf)
+    lengths = {leaf.samples for leaf in leaves}
+    if len(lengths) > 1:
+        listed = ", ".join(map(str, leaves))
+        raise RecordError(f"the datasets {listed} differ in length: choose equally long ones")
+    if sum(leaf.samples * leaf.width for leaf in leaves) > _LARGEST:
+        raise RecordError(f"{_some(leaves)} is too large to read: save a part of it")
+    columns: list[Column] = []
+    notes: list[str] = []
+    for leaf in leaves:
+        notes += _append(columns, leaf, tree)
+    taken = {id(leaf) for leaf in leaves}
+    left = [leaf for leaf in tree.leaves if id(leaf) not in taken]
+    if left and not dataset:
+        notes.append(f"left out, as of another length or kind: {_some(left)}")
+    rate, start, source, hint = _sampling(leaves, tree.numbers)
+    attributes = {path: text for path, text in tree.texts.items() if not _is_label(path)}
+    attributes |= {path: repr(number) for path, number in tree.numbers.items()}
+    return Columns(
+        columns=tuple(columns),
+        sample_rate_hz=rate,
+        start=start,
+        rate_source=source,
+        hint=hint,
+        notes=tuple(notes),
+        attributes=attributes,
+    )
+
+
+def _is_label(path: str) -> bool:
+    return PurePosixPath(path).parent.name in {"units", "names"}
+
+
+def _some(leaves: Sequence[Leaf], most: int = 12) -> str:
+    listed = ", ".join(str(leaf) for leaf in leaves[:most])
+    more = len(leaves) - most
+    return f"{listed} and {more} more" if more > 0 else listed
+
+
+def _require_usable(leaf: Leaf) -> None:
+    if leaf.kind == "c":
+        raise RecordError(f"{leaf} is complex: save its real part, or its magnitude, as a column")
+    if not leaf.usable:
+        raise RecordError(f"{leaf} cannot be columns of a record: choose a vector or a matrix")
+
+
+def _asked(tree: Tree, dataset: str) -> list[Leaf]:
+    found: list[Leaf] = []
+    for word in dataset.split(","):
+        found += _at(tree, word.strip().strip("/"))
+    return found
+
+
+def _at(tree: Tree, path: str) -> list[Leaf]:
+    for wanted in (path, path.replace(".", "/")):
+        exact = [leaf for leaf in tree.leaves if leaf.path == wanted]
+        if exact:
+            return exact
+        inside = [leaf for leaf in tree.leaves if f"{leaf.parent}/".startswith(f"{wanted}/")]
+        if inside:
+            return _only(inside)
+    if not tree.leaves:
+        raise RecordError(f"there is no dataset '{path}': the file holds no arrays")
+    raise RecordError(f"there is no dataset '{path}': the file holds {_some(tree.leaves)}")
+
+
+def _only(leaves: Sequence[Leaf]) -> list[Leaf]:
+    """Return the leaves that belong together, where there is only one such set."""
+    usable = [leaf for leaf in leaves if leaf.usable]
+    if not usable:
+        held = f"it holds {_some(leaves)}" if leaves else "it holds no arrays"
+        raise RecordError(f"the file has no column of numbers: {held}")
+    sets: dict[tuple[str, int], list[Leaf]] = {}
+    for leaf in usable:
+        sets.setdefault((leaf.parent, leaf.samples), []).append(leaf)
+    several = [group for group in sets.values() if sum(leaf.width for leaf in group) > 1]
+    if len(several) == 1:
+        return several[0]
+    if not several:
+        names = {leaf.name for leaf in usable}
+        if len(usable) == 1 or (
+            len({leaf.samples for leaf in usable}) == 1 and len(names) == len(usable)
+        ):
+            return usable
+    example = (several[0] if several else usable)[0]
+    raise RecordError(
+        f"it is not clear which columns are meant: the file holds {_some(usable)}; choose by the "
+        f"option dataset, such as '{example.parent or example.path}', or several paths with commas"
+    )
+
+
+def _append(columns: list[Column], leaf: Leaf, tree: Tree) -> list[str]:
+    """Add the columns of an array; return what to note about it."""
+    label = leaf.label or _text_beside(tree, "names", leaf) or leaf.name
+    unit = leaf.unit or _text_beside(tree, "units", leaf)
+    array = leaf.load()
+    if array.size != int(np.prod(leaf.shape)):
+        raise RecordError(f"{leaf} is cut short: the file ends before its last sample")
+    values = as_float(array, f"'{leaf.path}'")
+    notes = []
+    if leaf.kind == "M":
+        unit = "s"
+        notes.append(f"dates of '{label}' are taken as seconds after the first")
+    matrix = values.reshape(leaf.core)
+    if matrix.ndim == 1:
+        columns.append(labelled(label, matrix, unit))
+        return notes
+    if matrix.shape[0] < matrix.shape[1]:
+        matrix = matrix.T
+        notes.append(f"the samples of '{leaf.path}' run along its rows")
+    columns += (
+        Column(name=f"{label} {j}", values=np.ascontiguousarray(matrix[:, j]), unit=unit)
+        for j in range(matrix.shape[1])
+    )
+    return notes
+
+
+def _text_beside(tree: Tree, kind: str, leaf: Leaf) -> str:
+    prefix = f"{leaf.parent}/" if leaf.parent else ""
+    return tree.texts.get(f"{prefix}{kind}/{leaf.name}", "")
+
+
+def _sampling(
+    leaves: Sequence[Leaf], numbers: Mapping[str, float]
+) -> tuple[float | None, float, str, str]:
+    """Return sample rate, time of the first sample, where they stand, and a hint."""
+    timed = [leaf for leaf in leaves if leaf.interval]
+    for leaf in timed:
+        first = timed[0]
+        if leaf.interval != first.interval or leaf.start != first.start:
+            raise RecordError(
+                f"'{first.path}' and '{leaf.path}' are sampled at different times (every "
+                f"{first.interval} s from {first.start} s, every {leaf.interval} s from "
+                f"{leaf.start} s): choose columns of one rate by the option dataset"
+            )
+    if timed and timed[0].interval:
+        return 1.0 / timed[0].interval, timed[0].start, f"'{timed[0].path}'", ""
+    parents = {leaf.parent for leaf in leaves}
+    near = [*PurePosixPath(next(iter(parents))).parents] if len(parents) == 1 else []
+    places = [*(PurePosixPath(p) for p in parents), *near, PurePosixPath(".")]
+    hint = ""
+    for place in places:
+        for path, number in numbers.items():
+            if PurePosixPath(path).parent != place or not number > 0.0:
+                continue
+            word = PurePosixPath(path).name.lower().replace("_", "").replace(" ", "")
+            if word in _RATE_NAMES:
+                return number, 0.0, f"'{path}'", ""
+            if word in _INTERVAL_NAMES:
+                hint = (
+                    f"; if '{path}' = {number:g} is the sample interval in seconds, the "
+                    f"sample rate is {1.0 / number:g} Hz"
+                )
+    return None, 0.0, "", hint

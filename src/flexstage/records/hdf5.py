@@ -1,0 +1,158 @@
+"""HDF5 files, and those of MATLAB since version 7.3."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Columns
+from flexstage.records.datasets import Leaf, Tree, chosen_columns
+
+__all__ = ["read_hdf5"]
+
+_DEEPEST = 12
+_MOST = 20_000
+
+
+def read_hdf5(path: Path, dataset: str | None = None) -> Columns:
+    """Read the columns of an HDF5 file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    dataset : str, optional
+        Which group, ``run1``, or which datasets, ``run1/u,run1/y``.
+
+    Returns
+    -------
+    Columns
+        The columns. Attributes ``unit`` and ``name`` of a dataset are its unit and heading.
+
+    Raises
+    ------
+    RecordError
+        The file is damaged, or does not say which columns are meant.
+    """
+    import h5py
+
+    try:
+        with h5py.File(str(path), "r") as file:
+            walk = _Walk(matlab="MATLAB_class" in _attribute_names(file))
+            walk.group("", file, 0)
+            tree = Tree(leaves=tuple(walk.leaves), numbers=walk.numbers, texts=walk.texts)
+            return chosen_columns(tree, dataset)
+    except RecordError:
+        raise
+    except Exception as error:  # a damaged file makes nearly any error there
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(
+            f"'{path}' cannot be read as an HDF5 file ({reason}): is it whole?"
+        ) from error
+
+
+def _attribute_names(file: Any) -> set[str]:
+    return {name for key in file for name in _attributes(file.get(key))}
+
+
+def _attributes(thing: Any) -> dict[str, Any]:
+    return dict(thing.attrs) if thing is not None else {}
+
+
+class _Walk:
+    """Gathers the datasets of a file, without their numbers."""
+
+    def __init__(self, *, matlab: bool) -> None:
+        self.matlab = matlab
+        self.leaves: list[Leaf] = []
+        self.numbers: dict[str, float] = {}
+        self.texts: dict[str, str] = {}
+
+    def group(self, path: str, group: Any, depth: int) -> None:
+        import h5py
+
+        self._describe(path, group)
+        for name in group:
+            # a soft or external link would lead round in circles, or out of the file
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            thing = group[name]
+            if isinstance(thing, h5py.Group):
+                if depth < _DEEPEST and not name.startswith("#"):
+                    self.group(f"{path}/{name}" if path else name, thing, depth + 1)
+            elif isinstance(thing, h5py.Dataset) and len(self.leaves) < _MOST:
+                self._dataset(path, name, thing)
+
+    def _describe(self, path: str, thing: Any) -> None:
+        """Keep what the attributes of a group say."""
+        for key, value in _attributes(thing).items():
+            where = f"{path}/{key}" if path else key
+            text = _text(value)
+            if text is not None:
+                self.texts[where] = text
+            elif np.size(value) == 1 and np.asarray(value).dtype.kind in "biuf":
+                self.numbers[where] = float(np.asarray(value).reshape(-1)[0])
+
+    def _dataset(self, parent: str, name: str, dataset: Any) -> None:
+        path = f"{parent}/{name}" if parent else name
+        attributes = _attributes(dataset)
+        if dataset.shape is None or "MATLAB_empty" in attributes or dataset.size == 0:
+            return
+        if _text(attributes.get("MATLAB_class")) == "char" and dataset.size < 10_000:
+            self.texts[path] = "".join(chr(code) for code in np.asarray(dataset).reshape(-1))
+            return
+        if dataset.dtype.names is not None and set(dataset.dtype.names) != {"real", "imag"}:
+            for field in dataset.dtype.names:
+                self._leaf(path, field, dataset, dataset.dtype[field].kind, _field(dataset, field))
+            return
+        kind = "c" if dataset.dtype.names is not None else dataset.dtype.kind
+        if dataset.size == 1:
+            value = dataset[()]
+            text = _text(value)
+            if text is not None:
+                self.texts[path] = text
+            elif kind in "biuf":
+                self.numbers[path] = float(np.asarray(value).reshape(-1)[0])
+            return
+        self._leaf(parent, name, dataset, kind, _whole(dataset, turned=self.matlab))
+
+    def _leaf(
+        self, parent: str, name: str, dataset: Any, kind: str, load: Callable[[], NDArray]
+    ) -> None:
+        attributes = _attributes(dataset)
+        unit = _text(attributes.get("unit", attributes.get("units"))) or ""
+        label = _text(attributes.get("name", attributes.get("long_name"))) or ""
+        is_field = dataset.dtype.names is not None and kind != "c"
+        shape = tuple(dataset.shape)
+        self.leaves.append(
+            Leaf(
+                parent=parent,
+                name=name,
+                shape=shape[::-1] if self.matlab else shape,
+                kind=kind,
+                load=load,
+                label="" if is_field else label,
+                unit="" if is_field else unit,
+            )
+        )
+
+
+def _whole(dataset: Any, *, turned: bool) -> Callable[[], NDArray]:
+    # MATLAB writes the first index as the one that runs fastest
+    return lambda: np.asarray(dataset[()]).T if turned else np.asarray(dataset[()])
+
+
+def _field(dataset: Any, name: str) -> Callable[[], NDArray]:
+    return lambda: np.asarray(dataset[name])
+
+
+def _text(value: Any) -> str | None:
+    """Return an attribute as text, if it is one."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return value if isinstance(value, str) else None

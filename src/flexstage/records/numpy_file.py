@@ -1,0 +1,95 @@
+"""Files of NumPy: one array, or an archive of several."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Columns
+from flexstage.records.datasets import Leaf, Tree, chosen_columns
+
+__all__ = ["read_numpy"]
+
+_LARGEST = 2**32
+
+
+def read_numpy(path: Path, dataset: str | None = None) -> Columns:
+    """Read the columns of a NumPy file, ``.npy`` or ``.npz``.
+
+    Pickled objects are never loaded, as that would run what the file says.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    dataset : str, optional
+        Which arrays of an archive, ``u,y``.
+
+    Returns
+    -------
+    Columns
+        The columns; the fields of a structured array are columns with their names.
+
+    Raises
+    ------
+    RecordError
+        The file is damaged, holds objects, or does not say which columns are meant.
+    """
+    try:
+        return chosen_columns(_tree(_arrays(path)), dataset)
+    except RecordError:
+        raise
+    except Exception as error:  # a damaged file makes nearly any error there
+        if "pickle" in str(error):
+            raise RecordError(
+                f"'{path}' is pickled, which is not loaded, as that would run what it says: save "
+                "plain arrays of numbers"
+            ) from error
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(f"'{path}' cannot be read as a NumPy file ({reason})") from error
+
+
+def _arrays(path: Path) -> dict[str, NDArray]:
+    with path.open("rb") as stream:
+        archive = stream.read(2) == b"PK"
+        if not archive:
+            stream.seek(0)
+            array = np.load(stream, allow_pickle=False)
+            return {"": array}
+    with zipfile.ZipFile(path) as content:
+        size = sum(item.file_size for item in content.infolist())
+        names = content.namelist()
+    if any(not name.endswith(".npy") for name in names):
+        raise RecordError(
+            f"'{path}' is an archive of other files than NumPy's, such as a workbook: save the "
+            "columns as CSV"
+        )
+    if size > _LARGEST:
+        raise RecordError(f"'{path}' is too large to read ({size} bytes): save a part of it")
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _tree(arrays: dict[str, NDArray]) -> Tree:
+    leaves: list[Leaf] = []
+    numbers: dict[str, float] = {}
+    texts: dict[str, str] = {}
+    for path, array in arrays.items():
+        parent, _, name = path.rpartition("/")
+        if array.dtype.names is not None:
+            leaves += (_leaf(path, field, array[field]) for field in array.dtype.names)
+        elif array.size == 1 and array.dtype.kind in "US":
+            texts[path] = str(array.reshape(-1)[0])
+        elif array.size == 1 and array.dtype.kind in "biuf":
+            numbers[path] = float(array.reshape(-1)[0])
+        else:
+            leaves.append(_leaf(parent, name or "column", array))
+    return Tree(leaves=tuple(leaves), numbers=numbers, texts=texts)
+
+
+def _leaf(parent: str, name: str, array: NDArray) -> Leaf:
+    return Leaf(
+        parent=parent, name=name, shape=array.shape, kind=array.dtype.kind, load=lambda: array
+    )

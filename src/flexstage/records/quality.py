@@ -1,0 +1,237 @@
+"""What is wrong with a column of measured values: dead, clipped, coarse, noisy."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.record import Record
+
+__all__ = ["Saturation", "constant_columns", "noise_estimate", "quantisation_step", "saturation"]
+
+# a normal distribution's rms over the median of its absolute values
+_RMS_OVER_MEDIAN = 1.4826022185056018
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saturation:
+    """How a column rests at its ends.
+
+    Parameters
+    ----------
+    low, high : float
+        The least and the greatest value, in the unit of the column.
+    at_low, at_high : int
+        How many samples are at each.
+    longest_low, longest_high : int
+        The longest run of samples at each.
+    clipped_low, clipped_high : bool
+        Whether the column looks cut off there.
+    """
+
+    low: float
+    high: float
+    at_low: int
+    at_high: int
+    longest_low: int
+    longest_high: int
+    clipped_low: bool
+    clipped_high: bool
+
+    @property
+    def clipped(self) -> bool:
+        """Whether the column looks cut off at an end."""
+        return self.clipped_low or self.clipped_high
+
+
+def _finite(values: ArrayLike, least: int) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or array.size < least or not np.isfinite(array).all():
+        raise RecordError(
+            f"at least {least} samples are needed, all of them finite, got an array of shape "
+            f"{array.shape}"
+        )
+    return array
+
+
+def constant_columns(record: Record) -> tuple[str, ...]:
+    """Return the names of the columns that never change, as a channel without a sensor does.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    tuple of str
+        Their names.
+
+    Examples
+    --------
+    >>> from flexstage.records.record import Channel
+    >>> t = np.arange(3.0)
+    >>> dead = Channel(name="y", values=np.full(3, 0.7))
+    >>> constant_columns(Record(channels=(Channel(name="x", values=t), dead), time=t))
+    ('y',)
+    """
+    return tuple(c.name for c in record.channels if np.all(c.values == c.values[0]))
+
+
+def saturation(values: ArrayLike) -> Saturation:
+    """Say whether a column is cut off at its least or greatest value.
+
+    A smooth peak spends at most (1 + sqrt 2) times as long in its highest step of a converter as
+    in the one below. A column counts as cut off where it rests at an end for three samples in a row
+    or more, and has over four times as many samples there as at the next value.
+
+    Parameters
+    ----------
+    values : array_like
+        The samples, shape (n,).
+
+    Returns
+    -------
+    Saturation
+        Counts, and the verdict.
+
+    Validity
+    --------
+    A drive that holds its end looks the same; so does a peak flatter than a parabola, seen in
+    coarse steps. An amplifier that limits softly is not found. A constant column is not cut off.
+
+    Raises
+    ------
+    RecordError
+        There are fewer than three samples, or one is not finite.
+
+    Examples
+    --------
+    >>> drive = np.clip(np.sin(np.linspace(0.0, 20.0, 500)), -2.0, 0.83)
+    >>> saturation(drive).clipped_high, saturation(drive).clipped_low
+    (True, False)
+    """
+    x = _finite(values, 3)
+    levels, counts = np.unique(x, return_counts=True)
+    ends = []
+    for level, count, near in ((0, counts[0], counts[1:2]), (-1, counts[-1], counts[-2:-1])):
+        longest = _longest_run(x == levels[level])
+        ends.append(
+            (int(count), longest, bool(near.size and longest >= 3 and count > 4 * int(near[0])))
+        )
+    return Saturation(
+        low=float(levels[0]),
+        high=float(levels[-1]),
+        at_low=ends[0][0],
+        at_high=ends[1][0],
+        longest_low=ends[0][1],
+        longest_high=ends[1][1],
+        clipped_low=ends[0][2],
+        clipped_high=ends[1][2],
+    )
+
+
+def _longest_run(where: NDArray[np.bool_]) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], where, [False]))))
+    return int(np.diff(edges)[::2].max()) if edges.size else 0
+
+
+def quantisation_step(values: ArrayLike) -> float:
+    """Return the step of which all differences of a column are multiples.
+
+    Parameters
+    ----------
+    values : array_like
+        The samples, shape (n,).
+
+    Returns
+    -------
+    float
+        The step, in the unit of the column; 0 where there is none, or the column is constant.
+
+    Validity
+    --------
+    It is that of the converter, or of the last printed digit: the coarser. Steps below 1e-9 of the
+    largest value are lost in the rounding of floats and count as none.
+
+    Raises
+    ------
+    RecordError
+        There are fewer than two samples, or one is not finite.
+
+    Examples
+    --------
+    >>> quantisation_step([0.25, 1.0, 1.75, 4.0])
+    0.75
+    """
+    levels = np.unique(_finite(values, 2))
+    if levels.size < 2:
+        return 0.0
+    largest = float(np.abs(levels).max())
+    # what rounding makes of equal differences, and the least step that stands out from it
+    rounding, floor = 1e-12 * largest, 1e-9 * largest
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > rounding]
+    if gaps.size == 0:
+        return 0.0
+    step = float(gaps.min())
+    # Euclid's algorithm, as the least gap may itself be several steps
+    for _ in range(64):
+        left = np.abs(gaps - step * np.round(gaps / step))
+        rest = left[left > max(rounding, 1e-4 * step)]
+        if rest.size == 0:
+            multiples = np.round((levels - levels[0]) / step)
+            return float((levels[-1] - levels[0]) / multiples[-1])
+        step = float(rest.min())
+        if step < floor:
+            break
+    return 0.0
+
+
+def noise_estimate(values: ArrayLike, *, order: int = 4) -> float:
+    """Return the rms of what changes from sample to sample without regard to its neighbours.
+
+    A difference of order k of a smooth motion vanishes, and that of white noise of rms s has the
+    rms s sqrt((2 k)! / k!^2) (von Neumann, 1941, Annals of Mathematical Statistics 12, for
+    k = 1). The median of its absolute values, over 0.6745, stands for the rms, so that spikes do
+    not count.
+
+    Parameters
+    ----------
+    values : array_like
+        Evenly spaced samples, shape (n,).
+    order : int
+        The order k of the difference, 1 to 8: a greater one lets faster motion pass.
+
+    Returns
+    -------
+    float
+        The rms, in the unit of the column.
+
+    Validity
+    --------
+    White noise: of slow noise and drift it sees nothing, and motion with fewer than some 20 samples
+    in a period counts as noise. Where most neighbours are equal, as the converter's step q is
+    coarser than the noise, q / sqrt(12) is returned.
+
+    Raises
+    ------
+    RecordError
+        There are too few samples for the difference, one is not finite, or the order is none.
+
+    Examples
+    --------
+    >>> noise = 0.3 * np.random.default_rng(1).standard_normal(20_000)
+    >>> round(noise_estimate(np.sin(np.linspace(0.0, 60.0, 20_000)) + noise), 2)
+    0.3
+    """
+    if not 1 <= order <= 8:
+        raise RecordError(f"the order of the difference must be 1 to 8, got {order}")
+    x = _finite(values, order + 2)
+    difference = np.diff(x, n=order) / math.sqrt(math.comb(2 * order, order))
+    noise = _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
+    if noise > 0.0 or np.all(x == x[0]):
+        return noise
+    return quantisation_step(x) / math.sqrt(12.0)

@@ -1,0 +1,153 @@
+"""A record: labelled columns of measured or simulated data, with units and sampling."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+
+__all__ = ["Channel", "Record", "column_number"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Channel:
+    """One column of a record.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    values : numpy.ndarray
+        Its samples, shape (n,): SI where `unit` is an SI unit, else as in the file.
+    unit : str
+        Unit of `values`: ``V``, ``m``, ``N``...; empty where nobody has said.
+    """
+
+    name: str
+    values: Array
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Record:
+    """Columns that were sampled together.
+
+    Parameters
+    ----------
+    channels : tuple of Channel
+        The columns, each with n samples.
+    time : numpy.ndarray
+        Time of each sample, rising [s], shape (n,).
+    source : str
+        Where it comes from: a file, an instrument, a simulation.
+    source_hash : str
+        SHA-256 of the file; empty where there is none.
+    notes : tuple of str
+        What a reader should know.
+    attributes : Mapping
+        Further text from the file.
+    """
+
+    channels: tuple[Channel, ...]
+    time: Array
+    source: str = ""
+    source_hash: str = ""
+    notes: tuple[str, ...] = ()
+    attributes: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        t = self.time
+        if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
+            raise RecordError("the times of a record must be at least two and rise")
+        for channel in self.channels:
+            if channel.values.shape != t.shape:
+                raise RecordError(
+                    f"column '{channel.name}' must have {t.size} samples as the time has, got "
+                    f"shape {channel.values.shape}"
+                )
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return self.time.size
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Mean number of samples in a second [Hz]."""
+        return (self.time.size - 1) / float(self.time[-1] - self.time[0])
+
+    @property
+    def uniform(self) -> bool:
+        """Whether all steps of time are equal, within a thousandth of a step."""
+        steps = np.diff(self.time)
+        return bool(np.ptp(steps) <= 1e-3 * steps.mean())
+
+    def channel(self, name: str | int) -> Channel:
+        """Return a column.
+
+        Parameters
+        ----------
+        name : str or int
+            Its name, or its number from 0, which may be a text.
+
+        Returns
+        -------
+        Channel
+            The column.
+
+        Raises
+        ------
+        RecordError
+            There is no such column.
+        """
+        return self.channels[column_number([c.name for c in self.channels], name)]
+
+
+def column_number(names: Sequence[str], selector: str | int) -> int:
+    """Return the number of a column that is asked for by name or by number.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the columns.
+    selector : str or int
+        A name, or a number from 0, which may be a text; a name goes before a number.
+
+    Returns
+    -------
+    int
+        The number of the column, from 0.
+
+    Raises
+    ------
+    RecordError
+        There is no such column, or more than one of that name.
+
+    Examples
+    --------
+    >>> column_number(["drive", "position"], "position"), column_number(["drive", "y"], "1")
+    (1, 1)
+    """
+    listed = ", ".join(f"{i}: {n}" for i, n in enumerate(names[:40]))
+    if len(names) > 40:
+        listed += f" and {len(names) - 40} more"
+    if isinstance(selector, str):
+        text = selector.strip()
+        exact = [i for i, n in enumerate(names) if n == text]
+        same = exact or [i for i, n in enumerate(names) if n.lower() == text.lower()]
+        if len(same) > 1:
+            raise RecordError(
+                f"there are {len(same)} columns '{text}': choose one by its number, of {listed}"
+            )
+        if same:
+            return same[0]
+        number = int(text) if text.isascii() and text.isdigit() and len(text) < 9 else -1
+    else:
+        number = -1 if isinstance(selector, bool) else int(selector)
+    if 0 <= number < len(names):
+        return number
+    raise RecordError(f"there is no column {selector!r}: the record has {listed}")

@@ -1,0 +1,270 @@
+"""Sampling: whether times rise evenly and numbers are complete; parts of a record, even times."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.record import Channel, Record
+
+__all__ = [
+    "require_complete",
+    "require_rising",
+    "require_uniform",
+    "resampled",
+    "selected",
+    "time_jitter",
+]
+
+Array = NDArray[np.float64]
+
+# a step this many times the usual one means that samples are missing
+_GAP = 1.5
+
+
+def require_complete(values: Array, name: str) -> None:
+    """Refuse a column with samples that are no numbers.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        The samples, shape (n,).
+    name : str
+        What the column is called.
+
+    Raises
+    ------
+    RecordError
+        A sample is NaN or infinite.
+    """
+    bad = ~np.isfinite(values)
+    if bad.any():
+        first, count = int(bad.argmax()), int(bad.sum())
+        kind = "missing or no number (NaN)" if np.isnan(values[first]) else "infinite"
+        raise RecordError(
+            f"column '{name}' is {kind} at sample {first}, and {count} of its {values.size} "
+            "samples are not finite: mend them, read rows without them by the option rows, or name "
+            "the columns that you need by the option columns"
+        )
+
+
+def require_rising(time: Array, name: str = "time") -> None:
+    """Refuse times that do not rise, and gaps between them.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Times [s], shape (n,).
+    name : str
+        What the column is called.
+
+    Raises
+    ------
+    RecordError
+        A time is no number, is repeated or goes back, or a step is over 1.5 times the median.
+    """
+    require_complete(time, name)
+    if time.size < 2:
+        raise RecordError(f"a record needs at least two samples, got {time.size}")
+    steps = np.diff(time)
+    if not np.all(steps > 0.0):
+        at = int((steps <= 0.0).argmax())
+        count = int((steps <= 0.0).sum())
+        if steps[at] == 0.0:
+            raise RecordError(
+                f"the time in '{name}' is repeated: samples {at} and {at + 1} are both at "
+                f"{time[at]:.9g} s ({count} such steps): if it was written with too few digits, "
+                "give the sample rate instead"
+            )
+        raise RecordError(
+            f"the time in '{name}' goes back from {time[at]:.9g} s to {time[at + 1]:.9g} s after "
+            f"sample {at} ({count} such steps): is it a column of time, and the file one "
+            "recording? Read a part by the option rows, or give the sample rate instead"
+        )
+    usual = float(np.median(steps))
+    wide = steps > _GAP * usual
+    if wide.any():
+        at = int(wide.argmax())
+        raise RecordError(
+            f"the time in '{name}' has a gap of {steps[at]:.6g} s after sample {at} (t = "
+            f"{time[at]:.9g} s), where a step is {usual:.6g} s; {int(wide.sum())} such gaps: read "
+            "the part before or after by the option rows"
+        )
+
+
+def time_jitter(time: Array) -> float:
+    """Return how much the steps of time differ from their mean, relative to it.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Rising times [s], shape (n,).
+
+    Returns
+    -------
+    float
+        The largest difference, over the mean step.
+
+    Examples
+    --------
+    >>> time_jitter(np.array([0.0, 0.9, 2.0]))
+    0.1
+    """
+    steps = np.diff(time)
+    mean = float(time[-1] - time[0]) / steps.size
+    return float(np.abs(steps - mean).max() / mean)
+
+
+def require_uniform(record: Record) -> None:
+    """Refuse a record whose samples are not evenly spaced in time.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Raises
+    ------
+    RecordError
+        Its steps of time differ by more than a thousandth.
+    """
+    if not record.uniform:
+        raise RecordError(
+            f"the samples of '{record.source or 'the record'}' are not evenly spaced: steps "
+            f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; make them "
+            "even with resampled(record), or give the sample rate instead of the time"
+        )
+
+
+def resampled(
+    record: Record,
+    sample_rate_hz: float | None = None,
+    *,
+    kind: Literal["linear", "cubic"] = "cubic",
+) -> Record:
+    """Return a record at evenly spaced times, by interpolation.
+
+    Parameters
+    ----------
+    record : Record
+        A record without gaps.
+    sample_rate_hz : float, optional
+        The new sample rate [Hz]; the mean one of the record where not given.
+    kind : {"linear", "cubic"}
+        Straight lines between the samples, or a cubic spline through them.
+
+    Returns
+    -------
+    Record
+        The same columns from the first time to the last, with a note.
+
+    Validity
+    --------
+    Interpolation is no filter: below the record's own rate, what is faster than half the new rate
+    comes back as slow motion. A line lowers a sine of f by (pi f / rate)^2 / 2 at the most, a
+    spline far less where there are more than some 5 samples in a period.
+
+    Raises
+    ------
+    RecordError
+        The rate is not positive, or leaves fewer than two samples.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 0.9, 2.1, 3.0])
+    >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
+    >>> resampled(r, 1.0).channel("x").values
+    array([0., 2., 4., 6.])
+    """
+    if kind not in ("linear", "cubic"):
+        raise RecordError(f"the kind of interpolation must be linear or cubic, got {kind!r}")
+    rate = record.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    old = record.time
+    span = float(old[-1] - old[0])
+    # the last sample is kept where it falls on the new times but for rounding
+    count = int(np.floor(span * rate * (1.0 + 1e-12) + 1e-9)) + 1
+    if count < 2 or count > 2**29:
+        raise RecordError(f"at {rate:g} Hz a record of {span:g} s would have {count} samples")
+    time = np.minimum(old[0] + np.arange(count) / rate, old[-1])
+    channels = tuple(
+        replace(c, values=_interpolated(time, old, c.values, kind)) for c in record.channels
+    )
+    note = f"resampled at {rate:g} Hz by {kind} interpolation"
+    if rate < 0.999 * record.sample_rate_hz:
+        note += f", below its {record.sample_rate_hz:g} Hz and without a filter"
+    return replace(record, channels=channels, time=time, notes=(*record.notes, note))
+
+
+def _interpolated(time: Array, old: Array, values: Array, kind: str) -> Array:
+    if kind == "linear" or old.size < 4:
+        return np.interp(time, old, values)
+    from scipy.interpolate import make_interp_spline
+
+    # times from the first on, so that the spline does not lose digits to a distant origin
+    return np.asarray(make_interp_spline(old - old[0], values, k=3)(time - old[0]))
+
+
+def selected(
+    record: Record,
+    start: float | None = None,
+    stop: float | None = None,
+    *,
+    by: Literal["sample", "second"] = "sample",
+) -> Record:
+    """Return a part of a record.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    start : float, optional
+        The first sample, from 0 and from the end where negative; or the first time [s].
+    stop : float, optional
+        The sample, or the time [s], before which the part ends.
+    by : {"sample", "second"}
+        What `start` and `stop` count.
+
+    Returns
+    -------
+    Record
+        The part, with its times as they were and a note.
+
+    Raises
+    ------
+    RecordError
+        Fewer than two samples are left.
+
+    Examples
+    --------
+    >>> t = np.arange(5) / 10.0
+    >>> r = Record(channels=(Channel(name="x", values=t**2),), time=t)
+    >>> selected(r, 0.15, 0.4, by="second").time
+    array([0.2, 0.3])
+    """
+    if by == "sample":
+        given = [bound for bound in (start, stop) if bound is not None]
+        if any(int(bound) != bound for bound in given):
+            raise RecordError(f"a part by samples needs whole numbers, got {start} and {stop}")
+        first, last, _ = slice(
+            None if start is None else int(start), None if stop is None else int(stop)
+        ).indices(record.size)
+    elif by == "second":
+        first = 0 if start is None else int(np.searchsorted(record.time, start, "left"))
+        last = record.size if stop is None else int(np.searchsorted(record.time, stop, "left"))
+    else:
+        raise RecordError(f"a part is chosen by sample or by second, got {by!r}")
+    if last - first < 2:
+        raise RecordError(
+            f"the part from {start} to {stop} ({by}) has {max(last - first, 0)} samples of a "
+            f"record of {record.size} from {record.time[0]:g} to {record.time[-1]:g} s: give two"
+        )
+    part = slice(first, last)
+    channels = tuple(
+        Channel(name=c.name, values=c.values[part], unit=c.unit) for c in record.channels
+    )
+    note = f"samples {first} to {last - 1} of {record.size}"
+    return replace(record, channels=channels, time=record.time[part], notes=(*record.notes, note))

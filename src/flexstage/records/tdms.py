@@ -1,0 +1,103 @@
+"""TDMS files of LabVIEW."""
+
+import contextlib
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Columns
+from flexstage.records.datasets import Leaf, Tree, chosen_columns
+
+__all__ = ["read_tdms"]
+
+_UNITS = ("unit_string", "NI_UnitDescription", "unit")
+
+
+def read_tdms(path: Path, dataset: str | None = None) -> Columns:
+    """Read the columns of a TDMS file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    dataset : str, optional
+        Which group, ``run1``, or which channels, ``run1/drive,run1/position``.
+
+    Returns
+    -------
+    Columns
+        The columns; ``wf_increment`` and ``wf_start_offset`` of the channels give their times.
+
+    Raises
+    ------
+    RecordError
+        The file is damaged or was not closed, or does not say which columns are meant.
+    """
+    from nptdms import TdmsFile
+
+    try:
+        with _quiet(), path.open("rb") as stream, TdmsFile.open(stream) as file:
+            if file.file_status.incomplete_final_segment:
+                raise RecordError(
+                    f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
+                    "it again"
+                )
+            tree = _tree(file)
+            return chosen_columns(tree, dataset)
+    except RecordError:
+        raise
+    except Exception as error:  # a damaged file makes nearly any error there
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(f"'{path}' cannot be read as a TDMS file ({reason})") from error
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the library from writing to the terminal what is said by an error here."""
+    from nptdms.log import log_manager
+
+    level = log_manager.log_level
+    log_manager.set_level(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log_manager.set_level(level)
+
+
+def _tree(file: Any) -> Tree:
+    leaves = []
+    texts = {str(k): str(v) for k, v in file.properties.items()}
+    for group in file.groups():
+        texts |= {f"{group.name}/{k}": str(v) for k, v in group.properties.items()}
+        for channel in group.channels():
+            if len(channel):
+                leaves.append(_leaf(group.name, channel))
+    return Tree(leaves=tuple(leaves), texts=texts)
+
+
+def _leaf(group: str, channel: Any) -> Leaf:
+    properties = channel.properties
+    interval = _number(properties.get("wf_increment"))
+    return Leaf(
+        parent=group,
+        name=channel.name,
+        shape=(len(channel),),
+        kind=np.dtype(channel.dtype).kind,
+        load=_load(channel),
+        unit=next((str(properties[u]).strip() for u in _UNITS if properties.get(u)), ""),
+        interval=interval if interval > 0.0 else None,
+        start=_number(properties.get("wf_start_offset")),
+    )
+
+
+def _load(channel: Any) -> Callable[[], NDArray]:
+    return lambda: np.asarray(channel[:])
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float | np.number) else 0.0

@@ -1,0 +1,205 @@
+"""Writing a record: CSV, NumPy, HDF5 and MATLAB, all of which `read_record` reads back."""
+
+import contextlib
+import csv
+import io
+import os
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.record import Channel, Record
+from flexstage.records.text_heading import COMMENT_MARKS
+
+__all__ = ["record_bytes", "write_record"]
+
+_SUFFIXES = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+_RESERVED = frozenset(("units", "names"))
+
+
+def record_bytes(record: Record, format: str) -> bytes:
+    r"""Return a record as the content of a file.
+
+    Columns, their names and units are written, to the last bit; the time is a column ``time`` in
+    seconds, put first where the record has none that is the same. Equal records give equal bytes.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    format : {"csv", "npz", "hdf5", "mat"}
+        The format.
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Validity
+    --------
+    Notes and attributes of the record are not written. Line breaks in names become spaces.
+
+    Raises
+    ------
+    RecordError
+        The format is unknown, or a column is called time and is not the record's.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 0.005])
+    >>> r = Record(channels=(Channel(name="drive", values=t * 20.0, unit="V"),), time=t)
+    >>> print(record_bytes(r, "csv").decode().replace("\r", ""), end="")
+    time (s),drive (V)
+    0.0,0.0
+    0.005,0.1
+    """
+    writers = {"csv": _csv, "npz": _npz, "hdf5": _hdf5, "mat": _mat}
+    if format not in writers:
+        raise RecordError(f"a record is written as {', '.join(writers)}, got '{format}'")
+    return writers[format](_with_time(record))
+
+
+def write_record(record: Record, path: str | Path) -> Path:
+    """Write a record to a file whose suffix says the format, whole or not at all.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    path : str or pathlib.Path
+        The file: .csv, .npz, .h5, .hdf5 or .mat.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    RecordError
+        The suffix is of no format that is written, or the file cannot be written.
+    """
+    target = Path(path)
+    known = _SUFFIXES.get(target.suffix.lower())
+    if known is None:
+        raise RecordError(
+            f"'{target.name}' must end in one of {', '.join(_SUFFIXES)}: the suffix says the format"
+        )
+    content = record_bytes(record, known)
+    try:
+        _replace(target, content)
+    except OSError as error:
+        raise RecordError(f"'{target}' cannot be written: {error.strerror or error}") from error
+    return target
+
+
+def _replace(target: Path, content: bytes) -> None:
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+    draft = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        # a draft is private to its owner; a record is as readable as any new file
+        mask = os.umask(0)
+        os.umask(mask)
+        draft.chmod(0o666 & ~mask)
+        draft.replace(target)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            draft.unlink()
+
+
+def _with_time(record: Record) -> tuple[Channel, ...]:
+    """Return the columns, the time among them."""
+    called = [c for c in record.channels if c.name == "time"]
+    if not called:
+        return (Channel(name="time", values=record.time, unit="s"), *record.channels)
+    same = [c for c in called if c.unit == "s" and np.array_equal(c.values, record.time)]
+    if len(called) == len(same) == 1:
+        return record.channels
+    raise RecordError(
+        "the record has a column 'time' that is not its time, and would be read as it: rename it"
+    )
+
+
+def _csv(channels: tuple[Channel, ...]) -> bytes:
+    stream = io.StringIO()
+    stream.write(",".join(map(_quoted, channels)) + "\r\n")
+    writer = csv.writer(stream)
+    # the shortest digits that come back to the same bits
+    writer.writerows(zip(*(map(repr, c.values.tolist()) for c in channels), strict=True))
+    return stream.getvalue().encode("utf-8", "replace")
+
+
+def _label(channel: Channel) -> str:
+    """Return the name on one line, in a form that is not read as a unit."""
+    name = " ".join(re.sub(r"[\x00-\x1f]", " ", channel.name).split())
+    # empty brackets keep a bracket in the name from being taken for a unit
+    return f"{name} []" if not channel.unit and re.search(r"[)\]]$| / ", name) else name
+
+
+def _quoted(channel: Channel) -> str:
+    """Return the heading of a column of CSV."""
+    heading = f"{_label(channel)} ({channel.unit})" if channel.unit else _label(channel)
+    # a heading that begins like a comment, or holds what divides columns, stands in quotes
+    if re.search('[",;\t]', heading) or heading.startswith(COMMENT_MARKS):
+        heading = '"' + heading.replace('"', '""') + '"'
+    return heading
+
+
+def _keys(channels: tuple[Channel, ...]) -> list[str]:
+    """Return a name for each column that every program takes."""
+    keys: list[str] = []
+    for channel in channels:
+        word = re.sub(r"\W", "_", channel.name, flags=re.ASCII)[:40]
+        word = word if word[:1].isalpha() else f"c_{word}"
+        key, number = word, 1
+        while key in keys or key in _RESERVED:
+            number += 1
+            key = f"{word}_{number}"
+        keys.append(key)
+    return keys
+
+
+def _npz(channels: tuple[Channel, ...]) -> bytes:
+    stream = io.BytesIO()
+    arrays: dict[str, NDArray] = {}
+    for key, channel in zip(_keys(channels), channels, strict=True):
+        arrays[key] = channel.values
+        arrays[f"names/{key}"] = np.array(_label(channel))
+        arrays[f"units/{key}"] = np.array(channel.unit)
+    np.savez_compressed(stream, allow_pickle=False, **arrays)
+    return stream.getvalue()
+
+
+def _hdf5(channels: tuple[Channel, ...]) -> bytes:
+    import h5py
+
+    stream = io.BytesIO()
+    with h5py.File(stream, "w", track_order=True) as file:
+        for key, channel in zip(_keys(channels), channels, strict=True):
+            dataset = file.create_dataset(key, data=channel.values, track_times=False)
+            dataset.attrs["name"] = _label(channel)
+            dataset.attrs["unit"] = channel.unit
+    return stream.getvalue()
+
+
+def _mat(channels: tuple[Channel, ...]) -> bytes:
+    from scipy.io import savemat
+
+    keys = _keys(channels)
+    content: dict[str, object] = {
+        key: channel.values for key, channel in zip(keys, channels, strict=True)
+    }
+    content["units"] = {key: c.unit for key, c in zip(keys, channels, strict=True)}
+    content["names"] = {key: _label(c) for key, c in zip(keys, channels, strict=True)}
+    stream = io.BytesIO()
+    savemat(stream, content, oned_as="column", long_field_names=True, do_compression=True)
+    # its first 116 bytes are a text with the time of day, which would differ between equal records
+    data = bytearray(stream.getvalue())
+    data[:116] = b"MATLAB 5.0 MAT-file, a record of flexstage".ljust(116)
+    return bytes(data)
