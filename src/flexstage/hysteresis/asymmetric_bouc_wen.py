@@ -1,0 +1,223 @@
+"""The Bouc-Wen model with a polynomial for what is asymmetric but has no memory."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.bouc_wen_common import (
+    check_exponent,
+    check_numbers,
+    classical_conditions,
+    classical_law,
+    state_after,
+)
+from flexstage.hysteresis.bouc_wen_runs import simulate_runs
+from flexstage.hysteresis.bouc_wen_steps import inverse_samples, simulate_samples
+from flexstage.hysteresis.model import Array, Condition, HysteresisModel, Response, samples
+from flexstage.hysteresis.power_law import power_table
+
+__all__ = ["AsymmetricBoucWen"]
+
+_NAME = "asymmetric Bouc-Wen"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AsymmetricBoucWen(HysteresisModel):
+    """Bouc-Wen hysteresis on a cubic, y = d u + d2 u^2 + d3 u^3 - h.
+
+    The hysteretic displacement h is that of Bouc-Wen, ``h' = A u' - beta |u'| |h|^(n-1) h - gamma
+    u' |h|^n`` (Wen 1976); a polynomial of the input carries the asymmetry of a piezo drive (as in
+    Wang, Chen, Bai 2015, Sens. Actuators A 235:105).
+
+    Parameters
+    ----------
+    gain : float
+        Gain d of the straight part [unit of y per unit of u].
+    quadratic : float
+        Factor d2 of u^2 [unit of y per unit of u squared].
+    cubic : float
+        Factor d3 of u^3 [unit of y per unit of u cubed].
+    hysteresis_gain : float
+        Gain A of the hysteretic part, the slope dh/du at h = 0 [unit of y per unit of u];
+        above zero.
+    beta : float
+        Parameter beta of the dissipation [per unit of u, times unit of y to the power 1 - n].
+    gamma : float
+        Parameter gamma of the shape of the loop, unit as beta.
+    lowest_input : float
+        Lowest input at which the polynomial is meant [unit of u]; the inverse stays above.
+    highest_input : float
+        Highest input at which the polynomial is meant [unit of u]; the inverse stays below.
+    exponent : float
+        Exponent n, at least 1: how sharply h turns into saturation.
+
+    Notes
+    -----
+    Validity: inputs between the lowest and the highest; the asymmetry is that of the middle line,
+    not of the width; minor loops that need not close; no dependence on rate, no creep. Exact to
+    rounding for an input of straight lines.
+
+    Examples
+    --------
+    >>> stack = AsymmetricBoucWen(gain=0.593e-6, quadratic=4e-10, cubic=-1e-12, beta=0.05,
+    ...     hysteresis_gain=0.441e-6, gamma=0.03, lowest_input=0.0, highest_input=150.0)
+    >>> up_and_down = [40.0, 120.0, 40.0]
+    >>> [f"{1e6 * y:.3f}" for y in stack.simulate(up_and_down).values]
+    ['19.008', '69.680', '29.786']
+    """
+
+    kind: ClassVar[str] = "asymmetric-bouc-wen"
+
+    gain: float
+    quadratic: float
+    cubic: float
+    hysteresis_gain: float
+    beta: float
+    gamma: float
+    lowest_input: float
+    highest_input: float
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        numbers = {name: getattr(self, name) for name in self.parameters()}
+        check_numbers(_NAME, numbers, ("hysteresis_gain",))
+        check_exponent(_NAME, self.exponent)
+        if not self.lowest_input < self.highest_input:
+            raise ModelError(
+                f"the lowest_input of {_NAME} must be below its highest_input, got "
+                f"{self.lowest_input:.6g} and {self.highest_input:.6g}"
+            )
+
+    @property
+    def input_limits(self) -> tuple[float, float]:
+        """Lowest and highest input at which the polynomial is meant [unit of u]."""
+        return self.lowest_input, self.highest_input
+
+    def rest(self) -> Array:
+        """Return the state at rest.
+
+        Returns
+        -------
+        numpy.ndarray
+            Input [unit of u] and hysteretic displacement h [unit of y], both zero.
+        """
+        return np.zeros(2)
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs; run by run where the exponent is 1.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs [unit of u], shape (n,).
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Response
+            Outputs [unit of y], and the state after the last input.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence, the state does not belong to this model, or the
+            hysteretic displacement grows without limit.
+        """
+        inputs = samples(u, "input")
+        start = self._state(state)
+        values = np.empty_like(inputs)
+        if self.exponent == 1.0:
+            numbers = 0.0, self.hysteresis_gain, self.beta, self.gamma
+            h = simulate_runs(inputs, start[0], start[1], *numbers, values)
+            values += inputs * (self.gain + inputs * (self.quadratic + inputs * self.cubic))
+        else:
+            h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
+        return Response(values=values, state=state_after(_NAME, inputs[-1], h))
+
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs [unit of y], shape (n,).
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Response
+            Inputs [unit of u], and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence; it is not reached between the lowest and the highest
+            input; or, at one of the samples, it need not rise with the input.
+        """
+        outputs = samples(y, "output")
+        start = self._state(state)
+        low, high = self.lowest_input, self.highest_input
+        if not low <= start[0] <= high or self.beta + self.gamma < 0.0:
+            raise ModelError(
+                f"{_NAME} is inverted only from an input between {low:.6g} and {high:.6g} and with "
+                f"beta + gamma at least zero, got {start[0]:.6g} and {self.beta + self.gamma:.6g}"
+            )
+        values = np.empty_like(outputs)
+        limits = np.array([low, high, self._least_slope()])
+        done, h = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
+        if done < outputs.size and math.isnan(h):
+            raise ModelError(
+                f"the output {outputs[done]:.6g} at sample {done} is not reached between the "
+                f"lowest_input {low:.6g} and the highest_input {high:.6g}: stay within"
+            )
+        if done < outputs.size:
+            raise ModelError(
+                f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
+                f"the least slope {limits[2]:.6g} of the cubic, so that more than one input gives "
+                f"an output; stay within a smaller range, or give a smaller hysteresis_gain"
+            )
+        return Response(values=values, state=state_after(_NAME, values[-1], h))
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return what is required of the parameters, and whether it holds.
+
+        Returns
+        -------
+        tuple of Condition
+            Bounded, dissipative, and invertible between the lowest and the highest input.
+        """
+        bounded, dissipative, steepest = classical_conditions(
+            self.hysteresis_gain, self.beta, self.gamma, self.exponent
+        )
+        least = self._least_slope()
+        invertible = Condition(
+            name="invertible",
+            holds=least > steepest,
+            detail=(
+                f"least slope of the cubic from {self.lowest_input:.6g} to "
+                f"{self.highest_input:.6g} above the steepest dh/du: {least:.6g} and "
+                f"{steepest:.6g}; where it does not hold, the inverse stops where |h| grows too "
+                f"large"
+            ),
+        )
+        return bounded, dissipative, invertible
+
+    def _least_slope(self) -> float:
+        """Return the least slope of the cubic within its range of inputs."""
+        places = [self.lowest_input, self.highest_input]
+        if self.cubic != 0.0:
+            turn = -self.quadratic / (3.0 * self.cubic)
+            if self.lowest_input < turn < self.highest_input:
+                places.append(turn)
+        return min(self.gain + u * (2.0 * self.quadratic + u * 3.0 * self.cubic) for u in places)
+
+    def _compiled(self) -> tuple[Array, Array, Array]:
+        """Return the polynomial, the law and the table of the compiled loops."""
+        law = classical_law(self.hysteresis_gain, self.beta, self.gamma, self.exponent)
+        return np.array([self.gain, self.quadratic, self.cubic]), law, power_table(self.exponent)

@@ -1,0 +1,398 @@
+"""Steps of the Bouc-Wen equation for any exponent and any shape function: the compiled loops.
+
+The models of the family are one equation, h' = u' (A - psi |h|^n), with a shape function psi that
+depends on three signs: of u', of h, and of u from a centre. With s the sign of u', v the distance
+and g = s h, it is autonomous between the changes of sign,
+
+    dg/dv = A - psi g^n           where h is loaded, g >= 0,
+    dw/dv = -(A - psi w^n)        where it is unloaded, w = -g > 0,
+
+so each piece is a flow of the power law, and the pieces end at h = 0 and at the centre, where they
+are split exactly.
+
+A law is an array: A, n, the centre, an unused place, then psi for (u' < 0, u' > 0) by (unloaded,
+loaded) by (u below, u above the centre).
+"""
+
+import numpy as np
+from numba import prange
+
+from flexstage.hysteresis.compiled import compiled, compiled_parallel
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.power_law import flow, time_to_zero
+
+__all__ = [
+    "advance",
+    "inverse_samples",
+    "law_of",
+    "law_segments",
+    "simulate_many",
+    "simulate_samples",
+]
+
+_ITERATIONS = 100
+_ROUNDING = 2.3e-16
+_LEAST_RATE = 1e-5
+
+
+def law_of(A: float, n: float, centre: float, psi: Array) -> Array:
+    """Return the law of a shape function.
+
+    Parameters
+    ----------
+    A : float
+        Slope dh/du at h = 0.
+    n : float
+        The exponent.
+    centre : float
+        Input at which the shape function changes; minus infinity where it does not.
+    psi : numpy.ndarray
+        Shape function for (u' < 0, u' > 0) by (unloaded, loaded) by (u below, above the centre),
+        shape (2, 2, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        The law, shape (12,).
+    """
+    return np.concatenate([[A, n, centre, 0.0], np.ravel(psi)])
+
+
+@compiled
+def _branch(s: float, upper: bool) -> int:
+    """Return where a law holds psi for unloading; loading is two places further."""
+    return (8 if s > 0.0 else 4) + (1 if upper else 0)
+
+
+@compiled
+def _is_upper(u: float, s: float, centre: float) -> bool:
+    """Say on which side of the centre a motion from u begins."""
+    return u >= centre if s > 0.0 else u > centre
+
+
+@compiled
+def _one_side(h: float, s: float, v: float, upper: bool, law: Array, table: Array) -> float:
+    """Return h after a distance on one side of the centre."""
+    A, n = law[0], law[1]
+    at = _branch(s, upper)
+    g = s * h
+    zero = time_to_zero(-g, A, law[at], n, table) if g < 0.0 else 0.0
+    # Unloading is loading, with the rate of unloading, followed back.
+    back = v < zero
+    rate = law[at] if back else law[at + 2]
+    start = -g if back else max(g, 0.0)
+    end = flow(start, -v if back else v - zero, A, rate, n, table)
+    return -s * end if back else s * end
+
+
+@compiled
+def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
+    """Return the hysteretic displacement after one straight line of the input.
+
+    Parameters
+    ----------
+    h : float
+        Hysteretic displacement before.
+    u : float
+        Input before.
+    du : float
+        Change of the input.
+    law : numpy.ndarray
+        What `law_of` returns.
+    table : numpy.ndarray
+        Coefficients of the power law for the exponent.
+
+    Returns
+    -------
+    float
+        Hysteretic displacement after; not finite where it has run away.
+    """
+    if du == 0.0:
+        return h
+    s = 1.0 if du > 0.0 else -1.0
+    v = s * du
+    upper = _is_upper(u, s, law[2])
+    until = s * (law[2] - u)
+    # Two stretches where the centre lies between; one call, which is long once compiled.
+    stretch = until if 0.0 < until < v else v
+    while True:
+        h = _one_side(h, s, stretch, upper, law, table)
+        v -= stretch
+        if not v > 0.0:
+            return h
+        stretch = v
+        upper = not upper
+
+
+@compiled
+def simulate_samples(
+    u: Array, u_last: float, h: float, cubic: Array, law: Array, table: Array, out: Array
+) -> float:
+    """Write the output sample by sample, and return the last hysteretic displacement.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        Inputs, shape (n,).
+    u_last : float
+        Input before the first of them.
+    h : float
+        Hysteretic displacement before the first of them.
+    cubic : numpy.ndarray
+        Coefficients of u, u^2 and u^3 in the output, shape (3,).
+    law : numpy.ndarray
+        What `law_of` returns.
+    table : numpy.ndarray
+        Coefficients of the power law for the exponent.
+    out : numpy.ndarray
+        Outputs, shape (n,), written.
+
+    Returns
+    -------
+    float
+        Hysteretic displacement at the last input.
+    """
+    for i in range(u.size):
+        h = advance(h, u_last, u[i] - u_last, law, table)
+        u_last = u[i]
+        out[i] = u_last * (cubic[0] + u_last * (cubic[1] + u_last * cubic[2])) - h
+    return h
+
+
+@compiled_parallel
+def simulate_many(u: Array, cubics: Array, laws: Array, tables: Array, out: Array) -> None:
+    """Write the outputs of many models at rest for one input, one model for each core.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        Inputs, shape (n,).
+    cubics : numpy.ndarray
+        Coefficients of u, u^2 and u^3 in each output, shape (k, 3).
+    laws : numpy.ndarray
+        What `law_of` returns for each, shape (k, 12).
+    tables : numpy.ndarray
+        Coefficients of the power law for each, shape (k, rows, terms).
+    out : numpy.ndarray
+        Outputs, shape (k, n), written.
+    """
+    for k in prange(laws.shape[0]):
+        simulate_samples(u, 0.0, 0.0, cubics[k], laws[k], tables[k], out[k])
+
+
+@compiled
+def inverse_samples(
+    y: Array,
+    u: float,
+    h: float,
+    limits: Array,
+    cubic: Array,
+    law: Array,
+    table: Array,
+    out: Array,
+) -> tuple[int, float]:
+    """Write the input that gives each output.
+
+    Parameters
+    ----------
+    y : numpy.ndarray
+        Outputs, shape (n,).
+    u : float
+        Input before the first of them.
+    h : float
+        Hysteretic displacement before the first of them.
+    limits : numpy.ndarray
+        Lowest and highest input, and the least slope of the cubic between them, shape (3,).
+    cubic : numpy.ndarray
+        Coefficients of u, u^2 and u^3 in the output, shape (3,).
+    law : numpy.ndarray
+        What `law_of` returns; psi must not be below zero where h is loaded.
+    table : numpy.ndarray
+        Coefficients of the power law for the exponent.
+    out : numpy.ndarray
+        Inputs, shape (n,), written.
+
+    Returns
+    -------
+    tuple of int and float
+        Number of samples done, and the last hysteretic displacement. It stops short where the
+        output does not rise with the input, or, with the displacement NaN, where the output
+        is not reached within the limits.
+    """
+    unloading = min(law[4], law[5], law[8], law[9])
+    for i in range(y.size):
+        level = u * (cubic[0] + u * (cubic[1] + u * cubic[2])) - h
+        change = y[i] - level
+        if change != 0.0:
+            # Loading slows down from A; unloading starts at its steepest.
+            least = limits[2] - law[0] + min(0.0, unloading) * abs(h) ** law[1]
+            if not least > 0.0:
+                return i, h
+            u, h = _inverse_step(change, u, h, least, limits, cubic, law, table)
+            if not np.isfinite(u):
+                return i, np.nan
+        out[i] = u
+    return y.size, h
+
+
+@compiled
+def _inverse_step(
+    change: float,
+    u: float,
+    h: float,
+    least: float,
+    limits: Array,
+    cubic: Array,
+    law: Array,
+    table: Array,
+) -> tuple[float, float]:
+    """Return input and displacement after a change of output: Newton's method in a bracket."""
+    s = 1.0 if change > 0.0 else -1.0
+    target = s * change
+    room = limits[1] - u if s > 0.0 else u - limits[0]
+    low = 0.0
+    # The least slope bounds the way from above, with a margin for rounding.
+    high = target / least
+    high += 4.0 * _ROUNDING * (high + abs(h) / least)
+    limited = high > room
+    high = min(high, room)
+    v = high if limited else min(high, target / _slope(0.0, h, u, s, cubic, law))
+    found = False
+    count = 0
+    while True:
+        end = u + s * v
+        # The hysteresis sees the rounded input; so does the last evaluation.
+        after = advance(h, u, end - u, law, table)
+        count += 1
+        if found or count > _ITERATIONS:
+            return end, after
+        # Divided differences of the powers: no cancellation.
+        secant = cubic[0] + cubic[1] * (u + end) + cubic[2] * (u * u + u * end + end * end)
+        excess = (end - u) * s * secant - s * (after - h) - target
+        if limited and excess < 0.0:
+            tolerance = 8.0 * _ROUNDING * (abs(h) + limits[2] * (abs(u) + room) + target)
+            return (end, after) if excess > -tolerance else (np.nan, np.nan)
+        limited = False
+        if excess > 0.0:
+            high = v
+        else:
+            low = v
+        correction = excess / _slope(v, after, u, s, cubic, law)
+        if not low <= v - correction <= high:
+            correction = v - 0.5 * (low + high)
+        v -= correction
+        found = abs(correction) <= _ROUNDING * (abs(u) + v)
+
+
+@compiled
+def _slope(v: float, h: float, u: float, s: float, cubic: Array, law: Array) -> float:
+    """Return the slope of the output after a distance v from u, where it is h."""
+    end = u + s * v
+    at = _branch(s, _is_upper(end, s, law[2])) + (2 if s * h >= 0.0 else 0)
+    tangent = cubic[0] + end * (2.0 * cubic[1] + end * 3.0 * cubic[2])
+    return tangent - (law[0] - law[at] * abs(h) ** law[1])
+
+
+@compiled
+def law_segments(u: Array, h: float, gain: float, law: Array, table: Array, out: Array) -> tuple:
+    """Write the pieces of the output d u - h between samples, for exponent 1.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        Inputs, shape (n,).
+    h : float
+        Hysteretic displacement at the first of them.
+    gain : float
+        Gain d.
+    law : numpy.ndarray
+        What `law_of` returns.
+    table : numpy.ndarray
+        Coefficients of the power law for the exponent.
+    out : numpy.ndarray
+        Start, constant, slope, amplitude and rate of each piece, shape (5, 4 n), written.
+
+    Returns
+    -------
+    tuple of int and float
+        Number of pieces, and the last hysteretic displacement.
+    """
+    m = 0
+    for i in range(u.size - 1):
+        du = u[i + 1] - u[i]
+        s = 1.0 if du >= 0.0 else -1.0
+        v = s * du
+        upper = _is_upper(u[i], s, law[2])
+        until = s * (law[2] - u[i])
+        if 0.0 < until < v:
+            m = _pieces(out, m, i, 0.0, until, s, v, u[i], h, gain, upper, law, table)
+            h = _one_side(h, s, until, upper, law, table)
+            m = _pieces(out, m, i, until, v, s, v, u[i], h, gain, not upper, law, table)
+            h = _one_side(h, s, v - until, not upper, law, table)
+        else:
+            m = _pieces(out, m, i, 0.0, v, s, v, u[i], h, gain, upper, law, table)
+            h = advance(h, u[i], du, law, table)
+    return m, h
+
+
+@compiled
+def _pieces(
+    out: Array,
+    m: int,
+    i: int,
+    begin: float,
+    end: float,
+    s: float,
+    v: float,
+    u: float,
+    h: float,
+    gain: float,
+    upper: bool,
+    law: Array,
+    table: Array,
+) -> int:
+    """Write one or two pieces on one side of the centre, from one distance to another."""
+    A = law[0]
+    at = _branch(s, upper)
+    g = s * h
+    if g < 0.0:
+        zero = time_to_zero(-g, A, law[at], 1.0, table)
+        _piece(out, m, i, begin, s, v, u, gain, g, A, -law[at])
+        m += 1
+        begin += zero
+        g = 0.0
+        if begin >= end:
+            return m
+    _piece(out, m, i, begin, s, v, u, gain, g, A, law[at + 2])
+    return m + 1
+
+
+@compiled
+def _piece(
+    out: Array,
+    m: int,
+    i: int,
+    begin: float,
+    s: float,
+    v: float,
+    u: float,
+    gain: float,
+    g: float,
+    A: float,
+    rate: float,
+) -> None:
+    """Write one piece, g = g0 + G (1 - exp(-x s))/x, with s in samples.
+
+    Where x is small, g0 and the limit g0 + G/x would cancel. A larger rate with a slope beside it
+    then follows the piece as closely, by its first two derivatives: the third differs by less than
+    1e-5 x G, which is below the rounding of the limit.
+    """
+    x = rate * v
+    rise = v * (A - rate * g)
+    r = x if abs(x) >= _LEAST_RATE else _LEAST_RATE
+    amplitude = -rise * (x / r) / r
+    out[0, m] = i + (begin / v if v > 0.0 else 0.0)
+    out[1, m] = gain * (u + s * begin) - s * (g - amplitude)
+    out[2, m] = s * (v * gain - rise * (1.0 - x / r))
+    out[3, m] = -s * amplitude
+    out[4, m] = r if amplitude != 0.0 else 0.0

@@ -1,0 +1,155 @@
+"""Lines with kinks: a superposition of one-sided dead zones."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.play import fixed, rising
+from flexstage.hysteresis.play_sum import offsets_of
+
+__all__ = ["Line", "dead_zone_line", "dead_zones"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """A continuous, piecewise-linear function that is zero at zero.
+
+    Parameters
+    ----------
+    knots : numpy.ndarray
+        Where the slope changes, rising, shape (c,).
+    slopes : numpy.ndarray
+        Slopes below, between and above the knots, shape (c + 1,).
+    """
+
+    knots: Array
+    slopes: Array
+
+    def at(self, x: ArrayLike) -> Array:
+        """Return the function.
+
+        Parameters
+        ----------
+        x : array_like
+            Arguments, any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Values, the shape of the arguments.
+        """
+        given = np.asarray(x, dtype=np.float64)
+        j = np.searchsorted(self.knots, given)
+        return self.offsets()[j] + self.slopes[j] * given
+
+    def offsets(self) -> Array:
+        """Return the constants of the line on each interval.
+
+        Returns
+        -------
+        numpy.ndarray
+            Values at zero of the straight lines that it is made of, shape (c + 1,).
+        """
+        return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
+
+    def inverse(self) -> "Line":
+        """Return the inverse, again such a line: its knots are the values at the knots.
+
+        Returns
+        -------
+        Line
+            The inverse function.
+
+        Raises
+        ------
+        ModelError
+            A slope is not positive.
+        """
+        if np.min(self.slopes) <= 0.0:
+            raise ModelError(
+                f"a line has an inverse if all its slopes are positive, got {np.min(self.slopes):g}"
+            )
+        return Line(knots=self.at(self.knots), slopes=1.0 / self.slopes)
+
+
+def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Line:
+    """Return the superposition of one-sided dead zones.
+
+    ``S(x) = gain x + sum_i w_i max(x - r_i, 0)`` for positive, ``min(x - r_i, 0)`` for negative
+    thresholds r_i (Kuhnen 2003, Eur. J. Control 9:407).
+
+    Parameters
+    ----------
+    gain : float
+        Slope about zero.
+    thresholds : array_like
+        Thresholds, rising, none zero, shape (l,).
+    weights : array_like
+        Weights, shape (l,).
+
+    Returns
+    -------
+    Line
+        The function.
+
+    Raises
+    ------
+    ModelError
+        The thresholds do not rise, one is zero, or the weights are not as many.
+
+    Notes
+    -----
+    Validity: any continuous, piecewise-linear function that is zero at zero and has no kink there.
+
+    Examples
+    --------
+    >>> dead_zone_line(1.0, [-4.0, 5.0], [-0.2, 0.3]).at([-10.0, 2.0, 7.0])
+    array([-8.8,  2. ,  7.6])
+    """
+    r = rising(thresholds, "thresholds of dead zones", least=0)
+    w = fixed(weights, "weights of dead zones", r.shape)
+    if np.any(r == 0.0):
+        raise ModelError("a dead zone has a threshold that is not zero, got 0: use the gain there")
+    below = np.cumsum(w[r < 0.0][::-1])[::-1]
+    above = np.cumsum(w[r > 0.0])
+    return Line(knots=r, slopes=gain + np.concatenate([below, [0.0], above]))
+
+
+def dead_zones(line: Line) -> tuple[float, Array, Array]:
+    """Return the dead zones whose superposition is a line.
+
+    Parameters
+    ----------
+    line : Line
+        A function without a kink at zero.
+
+    Returns
+    -------
+    tuple of float, numpy.ndarray and numpy.ndarray
+        Gain, thresholds (l,) and weights (l,) for `dead_zone_line`.
+
+    Raises
+    ------
+    ModelError
+        The line has a knot at zero.
+
+    Notes
+    -----
+    Validity: as `dead_zone_line`.
+
+    Examples
+    --------
+    >>> inverse = dead_zone_line(1.0, [-4.0, 5.0], [-0.2, 0.25]).inverse()
+    >>> gain, thresholds, weights = dead_zones(inverse)
+    >>> weights
+    array([ 0.25, -0.2 ])
+    """
+    if np.any(line.knots == 0.0):
+        raise ModelError("dead zones have no threshold at zero, got a line with a knot there")
+    zero = int(np.searchsorted(line.knots, 0.0))
+    steps = np.diff(line.slopes)
+    weights = np.concatenate([-steps[:zero], steps[zero:]])
+    return float(line.slopes[zero]), line.knots, weights

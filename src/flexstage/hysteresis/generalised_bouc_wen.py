@@ -1,0 +1,254 @@
+"""The generalised Bouc-Wen model, with six parameters for the shape of its loop."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.bouc_wen import segments_of
+from flexstage.hysteresis.bouc_wen_common import check_exponent, check_numbers, state_after
+from flexstage.hysteresis.bouc_wen_steps import inverse_samples, law_of, simulate_samples
+from flexstage.hysteresis.model import (
+    Array,
+    Condition,
+    HysteresisModel,
+    Response,
+    Segments,
+    samples,
+)
+from flexstage.hysteresis.power_law import power_table
+
+__all__ = ["GeneralisedBoucWen"]
+
+_NAME = "generalised Bouc-Wen"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GeneralisedBoucWen(HysteresisModel):
+    """Generalised Bouc-Wen hysteresis y = d u - h (Song, Der Kiureghian 2006).
+
+    The hysteretic displacement h obeys ``h' = u' (A - |h|^n psi)`` with the shape function
+    ``psi = b1 sgn(u' h) + b2 sgn(x u') + b3 sgn(x h) + b4 sgn(u') + b5 sgn(h) + b6 sgn(x)``, where
+    x = u - centre (Song, Der Kiureghian 2006, J. Eng. Mech. 132:610, Eqs. 8 and 9). In each of the
+    regions that the three signs make, psi is a number, and the motion is solved exactly.
+
+    Parameters
+    ----------
+    gain : float
+        Gain d of the straight part [unit of y per unit of u].
+    hysteresis_gain : float
+        Gain A, the slope dh/du at h = 0 [unit of y per unit of u]; above zero.
+    shape : tuple of float
+        Parameters b1 to b6 of the shape function [per unit of u, times unit of y to the power
+        1 - n]. The first is beta of Bouc-Wen; the others make the loop asymmetric.
+    centre : float
+        Input about which the shape function tells below from above [unit of u].
+    exponent : float
+        Exponent n, at least 1: how sharply h turns into saturation.
+
+    Notes
+    -----
+    Validity: a loop that need not be odd about its centre; minor loops that need not close; no
+    dependence on rate, no creep. Exact to rounding for an input of straight lines.
+
+    Examples
+    --------
+    >>> stack = GeneralisedBoucWen(gain=0.593e-6, hysteresis_gain=0.361e-6, centre=57.0,
+    ...                            shape=(0.05, 0.006, 0.002, 0.003, -0.001, 0.004))
+    >>> up_and_down = [40.0, 120.0, 40.0]
+    >>> [f"{1e6 * y:.3f}" for y in stack.simulate(up_and_down).values]
+    ['16.517', '65.476', '30.834']
+    """
+
+    kind: ClassVar[str] = "generalised-bouc-wen"
+
+    gain: float
+    hysteresis_gain: float
+    shape: tuple[float, ...]
+    centre: float = 0.0
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        if len(self.shape) != 6:
+            raise ModelError(f"the shape of {_NAME} is six numbers, got {len(self.shape)}")
+        object.__setattr__(self, "shape", tuple(float(number) for number in self.shape))
+        numbers = {name: getattr(self, name) for name in self.parameters() if name != "shape"}
+        numbers |= {f"shape number {k + 1}": number for k, number in enumerate(self.shape)}
+        check_numbers(_NAME, numbers, ("hysteresis_gain",))
+        check_exponent(_NAME, self.exponent)
+
+    def rest(self) -> Array:
+        """Return the state at rest.
+
+        Returns
+        -------
+        numpy.ndarray
+            Input [unit of u] and hysteretic displacement h [unit of y], both zero.
+        """
+        return np.zeros(2)
+
+    def shape_function(self) -> Array:
+        """Return the shape function in its eight regions.
+
+        Returns
+        -------
+        numpy.ndarray
+            psi for an input that (falls, rises), by h (unloaded, loaded: of the sign of u'), by
+            the input (below, above the centre), shape (2, 2, 2).
+        """
+        b1, b2, b3, b4, b5, b6 = self.shape
+        rate = np.array([-1.0, 1.0])[:, None, None]
+        loaded = np.array([-1.0, 1.0])[:, None]
+        side = np.array([-1.0, 1.0])
+        h = rate * loaded
+        return (
+            b1 * loaded + b2 * side * rate + b3 * side * h + b4 * rate + b5 * h + b6 * side
+        ) + np.zeros((2, 2, 2))
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs [unit of u], shape (n,).
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Response
+            Outputs [unit of y], and the state after the last input.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence, the state does not belong to this model, or the
+            hysteretic displacement grows without limit.
+        """
+        inputs = samples(u, "input")
+        start = self._state(state)
+        values = np.empty_like(inputs)
+        h = simulate_samples(inputs, start[0], start[1], *self._compiled(), values)
+        return Response(values=values, state=state_after(_NAME, inputs[-1], h))
+
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs [unit of y], shape (n,).
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Response
+            Inputs [unit of u], and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence; or, at one of the samples, it need not rise with the
+            input, so that more than one input may give the next output.
+        """
+        outputs = samples(y, "output")
+        start = self._state(state)
+        loading = self.shape_function()[:, 1].min()
+        if loading < 0.0:
+            raise ModelError(
+                f"{_NAME} is inverted only where its shape function is at least zero in every "
+                f"loading region, got {loading:.6g}: its output falls in the end while the input "
+                f"rises"
+            )
+        values = np.empty_like(outputs)
+        limits = np.array([-math.inf, math.inf, self.gain])
+        done, h = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
+        if done < outputs.size:
+            raise ModelError(
+                f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
+                f"the gain {self.gain:.6g}, so that more than one input gives an output; stay "
+                f"within a smaller range, or give a smaller hysteresis_gain"
+            )
+        return Response(values=values, state=state_after(_NAME, values[-1], h))
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
+        """Return the output between the samples in closed form.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs [unit of u], shape (n,), n at least 2.
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Segments or None
+            Pieces with an exponential each, split at h = 0 and at the centre; None where the
+            exponent is not 1.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence of two or more, the state does not belong to this
+            model, or the hysteretic displacement grows without limit.
+        """
+        if self.exponent != 1.0:
+            return None
+        cubic, law, powers = self._compiled()
+        return segments_of(_NAME, u, self._state(state), cubic[0], law, powers)
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return what is required of the parameters, and whether it holds.
+
+        Returns
+        -------
+        tuple of Condition
+            Bounded: psi above zero where h is loaded, and h never beyond where unloading would
+            drive it off. Dissipative: no step gives energy out of nothing, measured with the
+            energy h^2/(2 A) that h stores (Erlicher, Point 2004, C. R. Mécanique 332:51, for this
+            psi). Invertible: gain above the steepest dh/du.
+        """
+        A, psi = self.hysteresis_gain, self.shape_function()
+        loaded, unloaded = psi[:, 1].min(), psi[:, 0]
+        # The farthest that h gets, as A/|h|^n, and how fast unloading can be there.
+        holds = bool(loaded > 0.0 and unloaded.max() < loaded)
+        steepest = A * max(1.0, 1.0 - unloaded.min() / loaded) if holds else math.inf
+        dissipates = bool(loaded >= 0.0 and unloaded.max() <= 0.0)
+        return (
+            Condition(
+                name="bounded",
+                holds=holds,
+                detail=(
+                    f"psi above zero where h is loaded, and above psi where it is unloaded: "
+                    f"{loaded:.6g} at least, and {unloaded.max():.6g} at most"
+                ),
+            ),
+            Condition(
+                name="dissipative",
+                holds=dissipates,
+                detail=(
+                    f"psi at least zero where h is loaded, at most zero where it is unloaded: "
+                    f"{loaded:.6g} at least, and {unloaded.max():.6g} at most"
+                ),
+            ),
+            Condition(
+                name="invertible",
+                holds=self.gain > steepest,
+                detail=(
+                    f"gain above the steepest dh/du, just after a reversal from saturation: "
+                    f"{self.gain:.6g} and {steepest:.6g}; where it does not hold, the inverse "
+                    f"stops where |h| grows too large"
+                ),
+            ),
+        )
+
+    def _compiled(self) -> tuple[Array, Array, Array]:
+        """Return the polynomial, the law and the table of the compiled loops."""
+        law = law_of(self.hysteresis_gain, self.exponent, self.centre, self.shape_function())
+        return np.array([self.gain, 0.0, 0.0]), law, power_table(self.exponent)

@@ -1,0 +1,282 @@
+"""The generalised Maxwell-slip model: springs and dry sliders that the displacement drives."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis import play_sum
+from flexstage.hysteresis.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.model import (
+    Array,
+    Condition,
+    HysteresisModel,
+    Response,
+    Segments,
+    samples,
+)
+from flexstage.hysteresis.play import ROUNDING, fixed, play_state, rising
+from flexstage.hysteresis.play_model import Sum, least_slope, sampled, segments_of, terms
+
+__all__ = ["GeneralisedMaxwellSlip"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GeneralisedMaxwellSlip(HysteresisModel):
+    """Generalised Maxwell-slip model from voltage to displacement.
+
+    ``u = stiffness y + s(y) + sum_i k_i stop_i(y)``: the voltage that a displacement needs is that
+    of a spring and of elastic sliders in parallel, each of which slides from the displacement
+    ``r_i`` on (Goldfarb and Celanovic 1997, IEEE Control Syst. Mag. 17(3):69). A spring without
+    memory, ``s(y) = sum_k v_k max(y - d_k, 0)`` for positive and ``min(y - d_k, 0)`` for negative
+    dead zones d_k, makes it bend. The displacement for a voltage is the exact inverse of this.
+
+    Parameters
+    ----------
+    stiffness : float
+        Slope of the spring that never slides [V/m].
+    thresholds : numpy.ndarray
+        Displacement from which each element slides [m], positive and rising, shape (m,).
+    element_stiffness : numpy.ndarray
+        Slope of each element before it slides [V/m], shape (m,); not negative for loops that take
+        in energy.
+    dead_zones : numpy.ndarray
+        Where the slope of the bent spring changes [m], rising, none zero, shape (l,).
+    dead_zone_weights : numpy.ndarray
+        By how much it changes there, away from zero [V/m], shape (l,).
+
+    Notes
+    -----
+    Validity: rate-independent hysteresis with wiping-out (a minor loop that closes leaves no
+    trace). Minor loops between the same two *displacements* have the same width in voltage.
+    Without dead zones it is a Prandtl-Ishlinskii model in other parameters, with symmetric loops;
+    with them the loop bends, but gets no wider or narrower with the bias. Creep is beyond it.
+    State: last voltage, displacement, and the displacements of the m sliders.
+
+    Raises
+    ------
+    ModelError
+        Shapes do not match, a number is not finite, thresholds or dead zones do not rise, or the
+        voltage does not always rise with the displacement.
+
+    Examples
+    --------
+    >>> model = GeneralisedMaxwellSlip(
+    ...     stiffness=1.5e6, thresholds=np.array([2e-6, 6e-6]),
+    ...     element_stiffness=np.array([0.4e6, 0.3e6]),
+    ... )
+    >>> model.simulate([90.0, 20.0]).values * 1e6
+    array([58.26666667, 15.06666667])
+    """
+
+    stiffness: float
+    thresholds: Array
+    element_stiffness: Array
+    dead_zones: Array = field(default_factory=lambda: np.empty(0))
+    dead_zone_weights: Array = field(default_factory=lambda: np.empty(0))
+    kind: ClassVar[str] = "maxwell-slip"
+
+    def __post_init__(self) -> None:
+        r = rising(self.thresholds, "thresholds of elements", above=0.0)
+        d = rising(self.dead_zones, "dead zones", least=0)
+        k = fixed(self.element_stiffness, "stiffnesses of elements", r.shape)
+        v = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
+        if not np.isfinite(self.stiffness):
+            raise ModelError(f"the stiffness must be finite, got {self.stiffness}")
+        object.__setattr__(self, "stiffness", float(self.stiffness))
+        for name, value in (
+            ("thresholds", r),
+            ("element_stiffness", k),
+            ("dead_zones", d),
+            ("dead_zone_weights", v),
+        ):
+            object.__setattr__(self, name, value)
+        least = self._least_slope()
+        if least <= 0.0:
+            raise ModelError(
+                f"the voltage must rise with the displacement everywhere, got a slope of "
+                f"{least:g} V/m: raise the stiffness, or weaken dead zones with negative weights"
+            )
+
+    def spring(self) -> Line:
+        """Return the voltage of the spring that never slides, straight and bent part together.
+
+        Returns
+        -------
+        Line
+            Voltage [V] of displacement [m].
+        """
+        return dead_zone_line(self.stiffness, self.dead_zones, self.dead_zone_weights)
+
+    def rest(self) -> Array:
+        """Return the state without history: no voltage, and nothing displaced.
+
+        Returns
+        -------
+        numpy.ndarray
+            Zeros, shape (m + 2,).
+        """
+        return np.zeros(self.thresholds.size + 2)
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the displacements for a sequence of voltages.
+
+        Parameters
+        ----------
+        u : array_like
+            Voltages [V], shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The displacements [m], and the state after the last voltage.
+
+        Raises
+        ------
+        ModelError
+            The voltage is no finite sequence, or no voltage leads to the state.
+        """
+        given = samples(u, "input")
+        plays = _inner(self._state(state))
+        y, _ = play_sum.invert(given, *self._sum(), plays)
+        return Response(values=y, state=_outer(given[-1], plays))
+
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the voltage that gives a sequence of displacements: the equation of the model.
+
+        Parameters
+        ----------
+        y : array_like
+            Displacements [m], shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The voltages [V], and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The displacement is no finite sequence, or no voltage leads to the state.
+        """
+        wanted = samples(y, "output")
+        plays = _inner(self._state(state))
+        u = play_sum.simulate(wanted, *self._sum(), plays)
+        return Response(values=u, state=_outer(u[-1], plays))
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
+        """Return the displacement between the samples as straight pieces.
+
+        A piece ends where an element starts to slide, or the spring bends.
+
+        Parameters
+        ----------
+        u : array_like
+            Voltages [V], shape (n,), n at least 2.
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Segments
+            The pieces from the first to the last sample; their amplitudes are zero.
+
+        Raises
+        ------
+        ModelError
+            The voltage is no finite sequence of two or more, or no voltage leads to the state.
+        """
+        given = sampled(u)
+        first = self.simulate(given[:1], state)
+        found = segments_of(given, self._sum(), _inner(first.state), backward=True)
+        return Segments(
+            start=found.start,
+            constant=found.constant,
+            slope=found.slope,
+            amplitude=found.amplitude,
+            rate=found.rate,
+            samples=found.samples,
+            state=_outer(given[-1], found.state),
+        )
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return whether the model is bounded, dissipative and invertible.
+
+        A closed cycle takes in the work of the sliders, ``integral of u dy = sum_i k_i r_i
+        integral of |d slider_i|``.
+
+        Returns
+        -------
+        tuple of Condition
+            ``bounded``, ``dissipative`` and ``invertible``.
+        """
+        least = self._least_slope()
+        weakest = float(np.min(self.element_stiffness))
+        return (
+            Condition(
+                name="bounded",
+                holds=True,
+                detail=f"the displacement is never more than {1.0 / least:g} m per volt of the "
+                f"largest voltage",
+            ),
+            Condition(
+                name="dissipative",
+                holds=weakest >= 0.0,
+                detail=f"the stiffness of every element is at least 0, the least is {weakest:g}; "
+                f"else a cycle can give out energy",
+            ),
+            Condition(
+                name="invertible",
+                holds=True,
+                detail="the voltage is given by the displacement, as the model is written",
+            ),
+        )
+
+    def _sum(self) -> Sum:
+        """Return the voltage as a sum of functions of plays of the displacement.
+
+        A stop is its input less a play; the bent spring is a function of a play without a gap.
+        """
+        line = self.spring()
+        slopes = np.empty((self.thresholds.size + 1, line.slopes.size))
+        slopes[0] = line.slopes
+        slopes[1:] = -self.element_stiffness[:, None]
+        thresholds = np.append(0.0, self.thresholds)
+        return terms(float(np.sum(self.element_stiffness)), thresholds, line.knots, slopes)
+
+    def _least_slope(self) -> float:
+        """Return the least slope of the voltage over the displacement."""
+        gain, thresholds, _, slopes, _ = self._sum()
+        return least_slope(gain, thresholds, slopes)
+
+    def _state(self, state: ArrayLike | None) -> Array:
+        """Return a private copy of a state after checking that a voltage leads to it."""
+        given = HysteresisModel._state(self, state)
+        if state is None:
+            return given
+        play_state(given[1:], self.thresholds)
+        u = play_sum.simulate(given[1:2], *self._sum(), _inner(given))[0]
+        steepest = self._sum()[0] + float(np.max(np.abs(self.spring().slopes)))
+        scale = max(abs(given[0]), steepest * float(np.max(np.abs(given[1:]))))
+        if abs(u - given[0]) > ROUNDING * scale:
+            raise ModelError(
+                f"no voltage leads to this state: its displacements belong to {u:g}, and its "
+                f"first number is {given[0]:g}; take a state from a simulation"
+            )
+        return given
+
+
+def _inner(state: Array) -> Array:
+    """Return the state of the plays: displacement, the play without a gap, the sliders."""
+    return np.concatenate([state[1:2], state[1:]])
+
+
+def _outer(u: float, plays: Array) -> Array:
+    """Return the state of the model: voltage, displacement, sliders."""
+    return np.concatenate([[u], plays[1:]])

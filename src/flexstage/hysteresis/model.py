@@ -1,0 +1,261 @@
+"""What every hysteresis model is: frozen parameters, an explicit state, one step."""
+
+import dataclasses
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+
+__all__ = ["Array", "Condition", "HysteresisModel", "Response", "Segments", "samples"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A condition on the parameters of a model, and whether it holds.
+
+    Parameters
+    ----------
+    name : str
+        What holds if it does: ``invertible``, ``dissipative``, ``bounded``...
+    holds : bool
+        Whether it does.
+    detail : str
+        The condition with its numbers, and what follows where it does not hold.
+    """
+
+    name: str
+    holds: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """What a model answers to a sequence.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Output of a simulation, or input found by an inverse, shape (n,).
+    state : numpy.ndarray
+        State after the last sample.
+    """
+
+    values: Array
+    state: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Segments:
+    """An output in closed form between the samples, for an input of straight lines.
+
+    On segment i, with s counted from its start in samples, the output is
+    ``constant + slope s + amplitude exp(-rate s)``.
+
+    Parameters
+    ----------
+    start : numpy.ndarray
+        Where each segment starts [samples], rising from 0, shape (m,). A segment ends where the
+        next one starts; the last one ends at the last sample.
+    constant : numpy.ndarray
+        Constants, shape (m,).
+    slope : numpy.ndarray
+        Slopes [per sample], shape (m,).
+    amplitude : numpy.ndarray
+        Amplitudes of the exponentials, shape (m,); zero for models that are piecewise linear.
+    rate : numpy.ndarray
+        Rates of the exponentials [per sample], shape (m,).
+    samples : int
+        Number of samples n of the input.
+    state : numpy.ndarray
+        State after the last sample.
+    """
+
+    start: Array
+    constant: Array
+    slope: Array
+    amplitude: Array
+    rate: Array
+    samples: int
+    state: Array
+
+
+class HysteresisModel(ABC):
+    """A rate-independent relation with memory from an input u to an output y.
+
+    A model is a frozen dataclass of parameters. What it remembers is an array, whose first element
+    is the last input. The input moves on a straight line from one sample to the next, and the
+    output is exact for it: it does not depend on how the line is cut into steps.
+
+    The output at rest at no input is zero; an offset belongs to the sensor.
+    """
+
+    __slots__ = ()
+
+    #: Name of the model in files and on the command line.
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def rest(self) -> Array:
+        """Return the state that has no history, at no input.
+
+        Returns
+        -------
+        numpy.ndarray
+            The state; its first element is the last input, zero.
+        """
+
+    @abstractmethod
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given. The first step leads from its
+            last input to ``u[0]``.
+
+        Returns
+        -------
+        Response
+            The outputs, and the state after the last input.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence, or the state does not belong to this model.
+        """
+
+    @abstractmethod
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, is out of reach of the model, or the model cannot be
+            inverted.
+        """
+
+    @abstractmethod
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return what is required of the parameters, and whether it holds.
+
+        Returns
+        -------
+        tuple of Condition
+            Conditions for bounded output, passivity (no energy out of nothing) and invertibility.
+        """
+
+    def step(self, state: ArrayLike, u: float) -> tuple[Array, float]:
+        """Move the input on a straight line to a new value.
+
+        Parameters
+        ----------
+        state : array_like
+            The state before.
+        u : float
+            The new input.
+
+        Returns
+        -------
+        tuple of numpy.ndarray and float
+            The state after, and the output.
+        """
+        response = self.simulate(np.array([u], dtype=np.float64), state)
+        return response.state, float(response.values[0])
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
+        """Return the output between the samples in closed form.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,), n at least 2.
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Segments or None
+            The pieces from the first to the last sample; None where the model has no such form.
+        """
+        del u, state
+        return None
+
+    @property
+    def input_limits(self) -> tuple[float, float] | None:
+        """Lowest and highest input at which the model stands; None where it has no such ends."""
+        return None
+
+    def parameters(self) -> dict[str, object]:
+        """Return the parameters by name.
+
+        Returns
+        -------
+        dict
+            Every field of the model.
+        """
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def _state(self, state: ArrayLike | None) -> Array:
+        """Return a private copy of a state after checking that it is one of this model."""
+        rest = self.rest()
+        if state is None:
+            return rest
+        given = np.array(state, dtype=np.float64)
+        if given.shape != rest.shape or not np.all(np.isfinite(given)):
+            raise ModelError(
+                f"a state of {self.kind} is {rest.size} finite numbers, got shape {given.shape}"
+            )
+        return given
+
+
+def samples(values: ArrayLike, what: str) -> Array:
+    """Return a sequence of finite numbers.
+
+    Parameters
+    ----------
+    values : array_like
+        The sequence.
+    what : str
+        What it is called in the message.
+
+    Returns
+    -------
+    numpy.ndarray
+        The numbers, contiguous, shape (n,).
+
+    Raises
+    ------
+    ModelError
+        It is empty, not one-dimensional, or not finite.
+    """
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 1 or array.size == 0:
+        raise ModelError(f"the {what} must be a sequence of numbers, got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise ModelError(
+            f"the {what} must be finite, got {array[bad[0]]} at sample {bad[0]}: mend the record"
+        )
+    return array

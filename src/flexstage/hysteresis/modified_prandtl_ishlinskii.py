@@ -1,0 +1,241 @@
+"""The modified Prandtl-Ishlinskii model: plays, and then a line with kinks."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.hysteresis.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.model import (
+    Array,
+    Condition,
+    HysteresisModel,
+    Response,
+    Segments,
+    samples,
+)
+from flexstage.hysteresis.play import fixed, rising
+from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+
+__all__ = ["ModifiedPrandtlIshlinskii"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModifiedPrandtlIshlinskii(HysteresisModel):
+    """Prandtl-Ishlinskii operator followed by a superposition of one-sided dead zones.
+
+    ``y = S(H(u))`` with ``H(u) = gain u + sum_i w_i p_i`` and
+    ``S(x) = x + sum_k v_k max(x - d_k, 0)`` for positive, ``min(x - d_k, 0)`` for negative dead
+    zones d_k (Kuhnen 2003, Eur. J. Control 9:407). The slope of S about zero is one, since any
+    other is a factor of H.
+
+    Parameters
+    ----------
+    gain : float
+        Slope of H just after the input turns back [m/V].
+    thresholds : numpy.ndarray
+        Half the gap of each play [V], positive and rising, shape (m,).
+    weights : numpy.ndarray
+        Weight of each play [m/V], shape (m,); not negative for loops that take in energy.
+    dead_zones : numpy.ndarray
+        Where the slope of S changes [m], rising, none zero, shape (l,).
+    dead_zone_weights : numpy.ndarray
+        By how much it changes there, away from zero [1], shape (l,). Every slope of S that
+        results must be positive for an inverse.
+
+    Notes
+    -----
+    Validity: rate-independent hysteresis with wiping-out (a minor loop that closes leaves no
+    trace). Loops may be asymmetric, and bend at the ends. Minor loops are congruent in H only, so
+    after S their height depends on the output; loops that get wider or narrower with the bias in
+    any other way are beyond it, and so is creep.
+
+    Raises
+    ------
+    ModelError
+        Shapes do not match, a number is not finite, or thresholds or dead zones do not rise.
+
+    Examples
+    --------
+    >>> model = ModifiedPrandtlIshlinskii(
+    ...     gain=0.4e-6, thresholds=np.array([2.0, 9.0]), weights=np.array([0.1e-6, 0.15e-6]),
+    ...     dead_zones=np.array([-7e-6, 25e-6]), dead_zone_weights=np.array([0.3, -0.2]),
+    ... )
+    >>> model.simulate([80.0, 30.0, -40.0]).values * 1e6
+    array([ 45.36 ,  21.05 , -29.685])
+    """
+
+    gain: float
+    thresholds: Array
+    weights: Array
+    dead_zones: Array
+    dead_zone_weights: Array
+    kind: ClassVar[str] = "modified-prandtl-ishlinskii"
+
+    def __post_init__(self) -> None:
+        plays = self._plays()
+        d = rising(self.dead_zones, "dead zones", least=0)
+        object.__setattr__(self, "gain", plays.gain)
+        object.__setattr__(self, "thresholds", plays.thresholds)
+        object.__setattr__(self, "weights", plays.weights)
+        object.__setattr__(self, "dead_zones", d)
+        weights = fixed(self.dead_zone_weights, "weights of dead zones", d.shape)
+        object.__setattr__(self, "dead_zone_weights", weights)
+        self.line()
+
+    def line(self) -> Line:
+        """Return the function S that follows the plays.
+
+        Returns
+        -------
+        Line
+            The superposition of the dead zones [m] of [m].
+        """
+        return dead_zone_line(1.0, self.dead_zones, self.dead_zone_weights)
+
+    def rest(self) -> Array:
+        """Return the state without history: no input, and all plays at zero.
+
+        Returns
+        -------
+        numpy.ndarray
+            Zeros, shape (m + 1,).
+        """
+        return self._plays().rest()
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The outputs, and the state after the last input.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence, or no input leads to the state.
+        """
+        inner = self._plays().simulate(u, state)
+        return Response(values=self.line().at(inner.values), state=inner.state)
+
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs, to rounding.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, or a slope of H or S is not positive.
+        """
+        wanted = self.line().inverse().at(samples(y, "output"))
+        return self._plays().inverse(wanted, state)
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
+        """Return the output between the samples as straight pieces.
+
+        A piece ends where a play starts to move, or H passes a dead zone's end.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,), n at least 2.
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Segments
+            The pieces from the first to the last sample; their amplitudes are zero.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence of two or more, or no input leads to the state.
+        """
+        return _through(self.line(), self._plays().segments(u, state))
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return whether the model is bounded, dissipative and invertible.
+
+        A rising S keeps the sense in which each loop is run through, and so the sign of
+        ``integral of u dy``.
+
+        Returns
+        -------
+        tuple of Condition
+            ``bounded``, ``dissipative`` and ``invertible``.
+        """
+        bounded, dissipative, invertible = self._plays().conditions()
+        slopes = self.line().slopes
+        least, most = float(np.min(slopes)), float(np.max(np.abs(slopes)))
+        return (
+            Condition(
+                name="bounded",
+                holds=bounded.holds,
+                detail=f"of H, {bounded.detail}; of S, the slope is at most {most:g}",
+            ),
+            Condition(
+                name="dissipative",
+                holds=dissipative.holds and least >= 0.0,
+                detail=f"of H, {dissipative.detail}; S does not fall, its slope is at least "
+                f"{least:g}",
+            ),
+            Condition(
+                name="invertible",
+                holds=invertible.holds and least > 0.0,
+                detail=f"of H, {invertible.detail}; of S, the slope is at least {least:g}, and "
+                f"must be more than 0",
+            ),
+        )
+
+    def _plays(self) -> PrandtlIshlinskii:
+        return PrandtlIshlinskii(gain=self.gain, thresholds=self.thresholds, weights=self.weights)
+
+
+def _through(line: Line, pieces: Segments) -> Segments:
+    """Return straight pieces after a line with kinks: split where they cross one."""
+    ends = np.append(pieces.start[1:], pieces.samples - 1.0)
+    # A piece that stands still, and a knot that it never meets, give no time: no split.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        times = pieces.start[:, None] + (
+            (line.knots[None, :] - pieces.constant[:, None]) / pieces.slope[:, None]
+        )
+    inside = (times > pieces.start[:, None]) & (times < ends[:, None])
+    parent = np.concatenate([np.arange(ends.size), np.nonzero(inside)[0]])
+    start = np.concatenate([pieces.start, times[inside]])
+    order = np.lexsort((start, parent))
+    start, parent = start[order], parent[order]
+    slope = pieces.slope[parent]
+    constant = pieces.constant[parent] + slope * (start - pieces.start[parent])
+    # The slope is that in the middle of a piece, since its ends lie on the knots.
+    middle = constant + 0.5 * slope * (np.append(start[1:], pieces.samples - 1.0) - start)
+    inner = line.slopes[np.searchsorted(line.knots, middle)]
+    return Segments(
+        start=start,
+        constant=line.at(constant),
+        slope=slope * inner,
+        amplitude=np.zeros(start.size),
+        rate=np.zeros(start.size),
+        samples=pieces.samples,
+        state=pieces.state,
+    )

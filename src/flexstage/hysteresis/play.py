@@ -1,0 +1,232 @@
+"""The play (backlash) and the stop: the memory of every model that is piecewise linear."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array, samples
+
+__all__ = ["Indices", "fixed", "play_columns", "play_state", "rising", "stop_columns"]
+
+Indices = NDArray[np.int64]
+
+#: A state counts as reachable if it is so within this part of its largest number.
+ROUNDING = 1e-9
+
+
+def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = None) -> Array:
+    """Return the outputs of plays with one input and many thresholds.
+
+    A play with threshold r follows its input like a slider with a gap of r to each side:
+    ``p = max(u - r, min(u + r, p before))`` for a monotone input (Krasnosel'skii and Pokrovskii
+    1983; Brokate and Sprekels 1996, section 2.1).
+
+    Parameters
+    ----------
+    u : array_like
+        Inputs [V], shape (n,).
+    thresholds : array_like
+        Half the gap of each play [V], none negative and rising, shape (m,).
+    state : array_like, optional
+        Last input and outputs before the first sample [V], shape (m + 1,); zeros where not given.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outputs [V], shape (n, m). The last input and the last row are the state after.
+
+    Raises
+    ------
+    ModelError
+        The input is no finite sequence, the thresholds do not rise from zero or more, or plays
+        cannot be in the state.
+
+    Notes
+    -----
+    Validity: every input that is monotone between samples; no rounding beyond one subtraction.
+
+    Examples
+    --------
+    >>> play_columns([3.0, 1.0, 4.0], [0.5, 2.0])
+    array([[2.5, 1. ],
+           [1.5, 1. ],
+           [3.5, 2. ]])
+    """
+    r = rising(thresholds, "thresholds of plays", lowest=0.0)
+    before = play_state(np.zeros(r.size + 1) if state is None else np.array(state, float), r)
+    return _columns(samples(u, "input"), r, before[1:])
+
+
+def stop_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = None) -> Array:
+    """Return the outputs of stops: the input less the play of the same threshold.
+
+    A stop follows its input with slope one until it is at its threshold, and stays there until
+    the input turns back, as a spring with a dry slider does (Brokate and Sprekels 1996, 2.1).
+
+    Parameters
+    ----------
+    u : array_like
+        Inputs [V], shape (n,).
+    thresholds : array_like
+        Bound of each stop [V], none negative and rising, shape (m,).
+    state : array_like, optional
+        Last input and outputs of the *plays* before the first sample [V], shape (m + 1,); zeros
+        where not given.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outputs [V], shape (n, m), each within its threshold.
+
+    Raises
+    ------
+    ModelError
+        As `play_columns`.
+
+    Notes
+    -----
+    Validity: as `play_columns`.
+
+    Examples
+    --------
+    >>> stop_columns([3.0, 1.0, 4.0], [0.5, 2.0])
+    array([[ 0.5,  2. ],
+           [-0.5,  0. ],
+           [ 0.5,  2. ]])
+    """
+    plays = play_columns(u, thresholds, state)
+    return np.asarray(u, dtype=np.float64)[:, None] - plays
+
+
+def play_state(state: Array, thresholds: Array) -> Array:
+    """Return a state of plays after checking that an input can have led to it.
+
+    Two plays with thresholds r and s on one input are never more than ``|r - s|`` apart, and the
+    input itself is the play with threshold zero. So plays start to move in the order of their
+    thresholds, on which the stepping relies.
+
+    Parameters
+    ----------
+    state : numpy.ndarray
+        Last input and outputs of the plays [V], shape (m + 1,).
+    thresholds : numpy.ndarray
+        Thresholds [V], rising, shape (m,).
+
+    Returns
+    -------
+    numpy.ndarray
+        The state.
+
+    Raises
+    ------
+    ModelError
+        It has another shape, is not finite, or no input leads to it.
+    """
+    if state.shape != (thresholds.size + 1,) or not np.all(np.isfinite(state)):
+        raise ModelError(
+            f"a state of {thresholds.size} plays is {thresholds.size + 1} finite numbers, "
+            f"got shape {state.shape}: give the last input, then the plays"
+        )
+    gap = np.diff(thresholds, prepend=0.0)
+    excess = np.abs(np.diff(state)) - gap
+    allowed = ROUNDING * max(float(np.max(np.abs(state))), float(thresholds[-1]))
+    if np.max(excess) > allowed:
+        i = int(np.argmax(excess))
+        raise ModelError(
+            f"no input leads to this state: numbers {i} and {i + 1} of it are "
+            f"{abs(state[i + 1] - state[i]):g} apart, and their thresholds allow {gap[i]:g}; "
+            f"take a state from a simulation"
+        )
+    return state
+
+
+def rising(
+    values: ArrayLike, what: str, *, lowest: float = -np.inf, above: float = -np.inf, least: int = 1
+) -> Array:
+    """Return a finite, strictly rising sequence of numbers that can no longer be changed.
+
+    Parameters
+    ----------
+    values : array_like
+        The sequence, shape (m,).
+    what : str
+        What it is called in the message.
+    lowest : float
+        The first number is at least this.
+    above : float
+        The first number is more than this.
+    least : int
+        Least count of numbers.
+
+    Returns
+    -------
+    numpy.ndarray
+        The numbers, read-only, shape (m,).
+
+    Raises
+    ------
+    ModelError
+        It is no such sequence.
+    """
+    array = fixed(values, what, (-1,))
+    if array.size < least:
+        raise ModelError(f"the {what} must be at least {least}, got {array.size}")
+    if np.any(np.diff(array) <= 0.0):
+        i = int(np.argmax(np.diff(array) <= 0.0))
+        raise ModelError(
+            f"the {what} must rise, got {array[i]:g} and then {array[i + 1]:g}: "
+            f"sort them, and name each once"
+        )
+    if array.size and (array[0] < lowest or array[0] <= above):
+        bound = f"more than {above:g}" if array[0] <= above else f"at least {lowest:g}"
+        raise ModelError(f"the {what} must be {bound}, got {array[0]:g}")
+    return array
+
+
+def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
+    """Return finite numbers of a given shape that can no longer be changed.
+
+    Parameters
+    ----------
+    values : array_like
+        The numbers.
+    what : str
+        What they are called in the message.
+    shape : tuple of int
+        The shape; -1 where any count is allowed.
+
+    Returns
+    -------
+    numpy.ndarray
+        A read-only copy.
+
+    Raises
+    ------
+    ModelError
+        They have another shape, or are not finite.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    fits = array.ndim == len(shape) and all(
+        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if want < 0 else str(want) for want in shape)
+        raise ModelError(f"the {what} must have shape ({wanted}), got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ModelError(f"the {what} must be finite, got {array[~np.isfinite(array)][0]}")
+    array.setflags(write=False)
+    return array
+
+
+@compiled
+def _columns(u: Array, thresholds: Array, before: Array) -> Array:
+    """Return the plays for every sample, shape (n, m)."""
+    count = thresholds.size
+    out = np.empty((u.size, count))
+    p = before.copy()
+    for n in range(u.size):
+        for i in range(count):
+            p[i] = max(u[n] - thresholds[i], min(u[n] + thresholds[i], p[i]))
+            out[n, i] = p[i]
+    return out

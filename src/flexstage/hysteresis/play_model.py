@@ -1,0 +1,290 @@
+"""What models that sum functions of plays have in common."""
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis import play_sum
+from flexstage.hysteresis.model import (
+    Array,
+    Condition,
+    HysteresisModel,
+    Response,
+    Segments,
+    samples,
+)
+from flexstage.hysteresis.play import play_state
+
+__all__ = ["PlayModel", "Sum", "least_slope", "sampled", "segments_of", "terms"]
+
+#: Gain, thresholds, knots, slopes and offsets of a sum of functions of plays.
+Sum = tuple[float, Array, Array, Array, Array]
+
+
+class PlayModel(HysteresisModel):
+    """An output ``y = gain u + sum_i f_i(play_i(u))`` with piecewise-linear, rising f_i.
+
+    A state is the last input and the outputs of the plays.
+    """
+
+    __slots__ = ()
+
+    @abstractmethod
+    def _sum(self) -> Sum:
+        """Return gain, thresholds (m,), inner knots (c,), slopes and offsets (m, c + 1)."""
+
+    def rest(self) -> Array:
+        """Return the state without history: no input, and all plays at zero.
+
+        Returns
+        -------
+        numpy.ndarray
+            Zeros, shape (m + 1,).
+        """
+        return np.zeros(self._sum()[1].size + 1)
+
+    def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The outputs, and the state after the last input.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence, or no input leads to the state.
+        """
+        after = self._state(state)
+        y = play_sum.simulate(samples(u, "input"), *self._sum(), after)
+        return Response(values=y, state=after)
+
+    def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs, to rounding.
+
+        Where the output stands still over a range of inputs, the input stops at its near end.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state after the last of them.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, no input reaches it, or the output can fall while
+            the input rises.
+        """
+        after = self._state(state)
+        wanted = samples(y, "output")
+        if self._least_slope() < 0.0:
+            raise ModelError(
+                f"this {self.kind} model has no inverse, since its slope can be "
+                f"{self._least_slope():g}: identify it with weights that are not negative"
+            )
+        u, missed = play_sum.invert(wanted, *self._sum(), after)
+        if missed >= 0:
+            raise ModelError(
+                f"no input of this {self.kind} model gives {wanted[missed]:g}, wanted at sample "
+                f"{missed}: its outermost slopes are zero; stay within its outputs"
+            )
+        return Response(values=u, state=after)
+
+    def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
+        """Return the output between the samples as straight pieces.
+
+        A piece ends where a play starts to move, or moves across a knot.
+
+        Parameters
+        ----------
+        u : array_like
+            Inputs, shape (n,), n at least 2.
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Segments
+            The pieces from the first to the last sample; their amplitudes are zero.
+
+        Raises
+        ------
+        ModelError
+            The input is no finite sequence of two or more, or no input leads to the state.
+        """
+        given = sampled(u)
+        first = self.simulate(given[:1], state)
+        return segments_of(given, self._sum(), first.state, backward=False)
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return whether the model is bounded, dissipative and invertible.
+
+        The energy ``integral of u dy`` of a closed cycle is that of the plays, ``sum_i r_i
+        integral of f_i'(p_i) |dp_i|`` (Brokate and Sprekels 1996, section 2.4), so slopes that
+        are not negative make it so. The inverse is unique if the slope is positive everywhere.
+
+        Returns
+        -------
+        tuple of Condition
+            ``bounded``, ``dissipative`` and ``invertible``.
+        """
+        gain, thresholds, _, slopes, _ = self._sum()
+        steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
+        lossy = slopes[thresholds > 0.0]
+        lowest = float(np.min(lossy)) if lossy.size else 0.0
+        least = self._least_slope()
+        return (
+            Condition(
+                name="bounded",
+                holds=True,
+                detail=f"the output is never more than {steepest:g} times the largest input",
+            ),
+            Condition(
+                name="dissipative",
+                holds=lowest >= 0.0,
+                detail=f"every weight of a play is at least 0, the least is {lowest:g}; "
+                f"else a cycle can give out energy",
+            ),
+            Condition(
+                name="invertible",
+                holds=least > 0.0,
+                detail=f"the slope is more than 0 everywhere, it is at least {least:g}; "
+                f"else an output can belong to several inputs",
+            ),
+        )
+
+    def _least_slope(self) -> float:
+        """Return a lower bound of the slope, whatever the memory."""
+        gain, thresholds, _, slopes, _ = self._sum()
+        return least_slope(gain, thresholds, slopes)
+
+    def _state(self, state: ArrayLike | None) -> Array:
+        """Return a private copy of a state after checking that an input leads to it."""
+        given = super()._state(state)
+        return given if state is None else play_state(given, self._sum()[1])
+
+
+def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:
+    """Return a sum of functions of plays as the kernels take it.
+
+    Parameters
+    ----------
+    gain : float
+        Part of the input itself.
+    thresholds : numpy.ndarray
+        Thresholds, rising, shape (m,).
+    knots : numpy.ndarray
+        Where the functions change their slope, rising, shape (c,).
+    slopes : numpy.ndarray
+        Slopes of the functions, shape (m, c + 1).
+
+    Returns
+    -------
+    tuple
+        Gain, thresholds, knots, slopes and offsets. The arrays are copies, since kernels would be
+        compiled again for arrays that cannot be written.
+    """
+    r, k, s = np.array(thresholds), np.array(knots), np.array(slopes, order="C")
+    return gain, r, k, s, play_sum.offsets_of(k, s)
+
+
+def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
+    """Return a lower bound of the slope of a sum of functions of plays, whatever its memory.
+
+    Only the first few plays move, each at its flattest; one with threshold zero always moves.
+
+    Parameters
+    ----------
+    gain : float
+        Part of the input itself.
+    thresholds : numpy.ndarray
+        Thresholds, rising, shape (m,).
+    slopes : numpy.ndarray
+        Slopes of the functions, shape (m, c + 1).
+
+    Returns
+    -------
+    float
+        The bound; the least slope itself if there are no knots.
+    """
+    sums = gain + np.cumsum(np.min(slopes, axis=1))
+    return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
+
+
+def sampled(u: ArrayLike) -> Array:
+    """Return a sequence of at least two finite inputs.
+
+    Parameters
+    ----------
+    u : array_like
+        Inputs, shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        The inputs, shape (n,).
+
+    Raises
+    ------
+    ModelError
+        It is no finite sequence, or has one sample only.
+    """
+    given = samples(u, "input")
+    if given.size < 2:
+        raise ModelError("between samples there must be two at least, got 1: give a longer input")
+    return given
+
+
+def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> Segments:
+    """Return the straight pieces of a sum of functions of plays, or of its inverse.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Samples of the input, or of the sum where `backward`, shape (n,).
+    terms : tuple
+        Gain, thresholds, knots, slopes and offsets of the sum.
+    state : numpy.ndarray
+        Last input of the plays, and the plays, at the first sample.
+    backward : bool
+        Whether the samples are of the sum, and the pieces of the input of the plays.
+
+    Returns
+    -------
+    Segments
+        The pieces; the state is that of the plays.
+    """
+    room = np.empty((4 * values.size, 3))
+    after = state.copy()
+    count = play_sum.pieces(values, backward, *terms, after, room)
+    if count > room.shape[0]:
+        room = np.empty((count, 3))
+        after = state.copy()
+        play_sum.pieces(values, backward, *terms, after, room)
+    start, constant, slope = np.ascontiguousarray(room[:count].T)
+    return Segments(
+        start=start,
+        constant=constant,
+        slope=slope,
+        amplitude=np.zeros(count),
+        rate=np.zeros(count),
+        samples=values.size,
+        state=after,
+    )

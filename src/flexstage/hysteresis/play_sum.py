@@ -1,0 +1,324 @@
+"""Kernels of a sum of functions of plays: forward, backward, and piece by piece.
+
+``z = gain x + sum_i f_i(play_i(x))``, with f_i continuous and piecewise linear on common knots:
+``f_i(p) = offset[i, j] + slope[i, j] p`` between knots j - 1 and j. Prandtl-Ishlinskii, Preisach
+and Maxwell-slip models are all of this form, the last with input and output exchanged.
+
+Plays with rising thresholds start to move one after the other, so that only the first few move in
+one step, and the rest of the sum is kept. It is kept as sums from the last play on: each is
+computed from the state alone, and no rounding piles up with the samples.
+"""
+
+import numpy as np
+
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.play import Indices
+
+__all__ = ["invert", "offsets_of", "pieces", "simulate"]
+
+#: Some units in the last digit, as a part of a number.
+ROUNDING = 1e-15
+
+
+@compiled
+def offsets_of(knots: Array, slopes: Array) -> Array:
+    """Return the constants of piecewise-linear functions that are zero at zero.
+
+    Parameters
+    ----------
+    knots : numpy.ndarray
+        Where the slope changes, rising, shape (c,).
+    slopes : numpy.ndarray
+        Slopes below, between and above the knots, shape (m, c + 1).
+
+    Returns
+    -------
+    numpy.ndarray
+        Constants, so that a function is ``offset + slope p`` on each interval, shape (m, c + 1).
+    """
+    offsets = np.zeros(slopes.shape)
+    zero = 0
+    while zero < knots.size and knots[zero] <= 0.0:
+        zero += 1
+    for i in range(slopes.shape[0]):
+        for j in range(zero, knots.size):
+            offsets[i, j + 1] = offsets[i, j] + (slopes[i, j] - slopes[i, j + 1]) * knots[j]
+        for j in range(zero - 1, -1, -1):
+            offsets[i, j] = offsets[i, j + 1] + (slopes[i, j + 1] - slopes[i, j]) * knots[j]
+    return offsets
+
+
+@compiled
+def _interval(p: float, knots: Array, j: int) -> int:
+    """Return the interval of the knots that holds p, searched from interval j on."""
+    while j < knots.size and p > knots[j]:
+        j += 1
+    while j > 0 and p < knots[j - 1]:
+        j -= 1
+    return j
+
+
+@compiled
+def _sums(p: Array, knots: Array, slopes: Array, offsets: Array, where: Indices) -> Array:
+    """Find the interval of every play, and return the sums of f from each play to the last."""
+    sums = np.zeros(p.size + 1)
+    for i in range(p.size - 1, -1, -1):
+        where[i] = _interval(p[i], knots, 0)
+        sums[i] = sums[i + 1] + (offsets[i, where[i]] + slopes[i, where[i]] * p[i])
+    return sums
+
+
+@compiled
+def _move(
+    x: float,
+    sign: float,
+    p: Array,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    offsets: Array,
+    where: Indices,
+    sums: Array,
+) -> None:
+    """Move the plays to an input x that was approached upwards (+1) or downwards (-1)."""
+    moved = 0
+    while moved < p.size and sign * (x - p[moved]) > thresholds[moved]:
+        p[moved] = x - sign * thresholds[moved]
+        where[moved] = _interval(p[moved], knots, where[moved])
+        moved += 1
+    for i in range(moved - 1, -1, -1):
+        sums[i] = sums[i + 1] + (offsets[i, where[i]] + slopes[i, where[i]] * p[i])
+
+
+@compiled
+def simulate(
+    x: Array,
+    gain: float,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    offsets: Array,
+    state: Array,
+) -> Array:
+    """Return the sum for a sequence of inputs, and leave the state after it in its place.
+
+    Parameters
+    ----------
+    x : numpy.ndarray
+        Inputs, shape (n,).
+    gain : float
+        Part of the input itself.
+    thresholds : numpy.ndarray
+        Thresholds, rising, shape (m,).
+    knots : numpy.ndarray
+        Where the functions change their slope, shape (c,).
+    slopes, offsets : numpy.ndarray
+        The functions, shape (m, c + 1).
+    state : numpy.ndarray
+        Last input and the plays, shape (m + 1,); overwritten.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outputs, shape (n,).
+    """
+    p = state[1:]
+    where = np.zeros(p.size, dtype=np.int64)
+    sums = _sums(p, knots, slopes, offsets, where)
+    last = state[0]
+    z = np.empty(x.size)
+    for n in range(x.size):
+        if x[n] != last:
+            sign = 1.0 if x[n] > last else -1.0
+            _move(x[n], sign, p, thresholds, knots, slopes, offsets, where, sums)
+            last = x[n]
+        z[n] = gain * last + sums[0]
+    state[0] = last
+    return z
+
+
+@compiled
+def _piece(
+    sign: float,
+    moving: int,
+    gain: float,
+    p: Array,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    where: Indices,
+) -> tuple[float, float, int]:
+    """Return the slope here, the input where it changes, and which play makes it change.
+
+    The play is one of those that move, if it passes a knot; the next one, if that starts to move;
+    or -1 if the slope stays for ever.
+    """
+    slope = gain
+    end, cause = np.inf, -1
+    if moving < p.size:
+        end, cause = sign * p[moving] + thresholds[moving], moving
+    for i in range(moving):
+        slope += slopes[i, where[i]]
+        knot = where[i] if sign > 0.0 else where[i] - 1
+        if 0 <= knot < knots.size:
+            passing = sign * knots[knot] + thresholds[i]
+            if passing < end:
+                end, cause = passing, i
+    return slope, sign * end, cause
+
+
+@compiled
+def _moving(x: float, sign: float, p: Array, thresholds: Array) -> int:
+    """Return how many plays move as soon as the input does."""
+    count = 0
+    # A play that was moved last is off its threshold by the rounding of a subtraction.
+    while count < p.size and (
+        sign * (x - p[count]) >= thresholds[count] - ROUNDING * (abs(x) + thresholds[count])
+    ):
+        count += 1
+    return count
+
+
+@compiled
+def invert(
+    z: Array,
+    gain: float,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    offsets: Array,
+    state: Array,
+) -> tuple[Array, int]:
+    """Return the inputs that give a sequence of sums, and leave the state after it in its place.
+
+    For a frozen memory the sum is a rising, piecewise-linear function of the input; the straight
+    pieces are walked through until one of them reaches the wanted sum.
+
+    Parameters
+    ----------
+    z : numpy.ndarray
+        Wanted sums, shape (n,).
+    gain : float
+        Part of the input itself.
+    thresholds : numpy.ndarray
+        Thresholds, rising, shape (m,).
+    knots : numpy.ndarray
+        Where the functions change their slope, shape (c,).
+    slopes, offsets : numpy.ndarray
+        The functions, shape (m, c + 1).
+    state : numpy.ndarray
+        Last input and the plays, shape (m + 1,); overwritten.
+
+    Returns
+    -------
+    tuple of numpy.ndarray and int
+        Inputs, shape (n,), and the first sample that no input reaches, -1 where all are reached.
+    """
+    p = state[1:]
+    where = np.zeros(p.size, dtype=np.int64)
+    sums = _sums(p, knots, slopes, offsets, where)
+    x = state[0]
+    out = np.empty(z.size)
+    for n in range(z.size):
+        here = gain * x + sums[0]
+        if z[n] != here:
+            sign = 1.0 if z[n] > here else -1.0
+            moving = _moving(x, sign, p, thresholds)
+            while True:
+                slope, end, cause = _piece(sign, moving, gain, p, thresholds, knots, slopes, where)
+                # Rounding can put the end of a piece a last digit behind its start.
+                reach = max(0.0, sign * (end - x))
+                if slope > 0.0 and (cause < 0 or sign * (z[n] - here) <= slope * reach):
+                    x += (z[n] - here) / slope
+                    break
+                if cause < 0:
+                    return out, n
+                here += sign * slope * reach
+                x += sign * reach
+                if cause == moving:
+                    moving += 1
+                else:
+                    where[cause] += 1 if sign > 0.0 else -1
+            _move(x, sign, p, thresholds, knots, slopes, offsets, where, sums)
+        out[n] = x
+    state[0] = x
+    return out, -1
+
+
+@compiled
+def pieces(
+    values: Array,
+    backward: bool,
+    gain: float,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    offsets: Array,
+    state: Array,
+    out: Array,
+) -> int:
+    """Return the number of straight pieces between the samples, and write as many as fit.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Samples of the input, or of the sum where `backward`, shape (n,).
+    backward : bool
+        Whether the samples are of the sum, and the pieces of the input that gives it. Every slope
+        must be positive then.
+    gain : float
+        Part of the input itself.
+    thresholds : numpy.ndarray
+        Thresholds, rising, shape (m,).
+    knots : numpy.ndarray
+        Where the functions change their slope, shape (c,).
+    slopes, offsets : numpy.ndarray
+        The functions, shape (m, c + 1).
+    state : numpy.ndarray
+        Last input and the plays at the first sample, shape (m + 1,); overwritten.
+    out : numpy.ndarray
+        Start [samples], value there and slope [per sample] of each piece, shape (k, 3).
+
+    Returns
+    -------
+    int
+        Number of pieces, which may be more than k.
+    """
+    p = state[1:]
+    where = np.zeros(p.size, dtype=np.int64)
+    sums = _sums(p, knots, slopes, offsets, where)
+    x = state[0]
+    count = 0
+    for n in range(values.size - 1):
+        z = gain * x + sums[0]
+        step = values[n + 1] - values[n]
+        sign = 1.0 if step >= 0.0 else -1.0
+        moving = _moving(x, sign, p, thresholds)
+        start = float(n)
+        while True:
+            slope, end, cause = _piece(sign, moving, gain, p, thresholds, knots, slopes, where)
+            reach = max(0.0, sign * (end - x))
+            if backward:
+                time = n + (z + sign * slope * reach - values[n]) / step if step != 0.0 else np.inf
+            else:
+                time = n + (x + sign * reach - values[n]) / step if step != 0.0 else np.inf
+            if time > start:
+                if count < out.shape[0]:
+                    out[count, 0] = start
+                    out[count, 1] = x if backward else z
+                    out[count, 2] = step / slope if backward else step * slope
+                count += 1
+            if cause < 0 or time >= n + 1:
+                break
+            z += sign * slope * reach
+            x += sign * reach
+            start = max(start, time)
+            if cause == moving:
+                moving += 1
+            else:
+                where[cause] += 1 if sign > 0.0 else -1
+        x = x + (values[n + 1] - z) / slope if backward else values[n + 1]
+        _move(x, sign, p, thresholds, knots, slopes, offsets, where, sums)
+    state[0] = x
+    return count
