@@ -1,0 +1,20 @@
+"""The linear chain between a command and a reading: each element simulated, and undone."""
+
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.element import ChainElement
+from flexstage.hysteresis.chain.joint import JointResponse, simulate_with_stage
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.sensor import Sensor
+
+__all__ = [
+    "Amplifier",
+    "ChainElement",
+    "JointResponse",
+    "Lag",
+    "LogCreep",
+    "Sensor",
+    "StageModes",
+    "simulate_with_stage",
+]

@@ -1,0 +1,304 @@
+"""A voltage amplifier on a capacitive load: bandwidth, slew, current, and range."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.amplifier_steps import amplify
+from flexstage.hysteresis.chain.element import (
+    ChainElement,
+    Complex,
+    checked_state,
+    positive_step,
+)
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.model import Array, Response, samples
+
+__all__ = ["Amplifier"]
+
+# where a wanted output is met to this part of its range, no limit has acted
+_MET = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Amplifier(ChainElement):
+    r"""An amplifier that drives the capacitance of a stack.
+
+    .. math:: T \dot u = g c - u, \qquad |\dot u| \le \min(S, I/C), \qquad
+              u_{min} \le u \le u_{max}, \qquad T = \frac{1}{2\pi f_b}
+
+    Inside each step the changes between following, slewing and resting at the end of the range are
+    solved for, so that the output is exact at the samples for a command of straight lines.
+
+    Validity: large and small signal of an amplifier whose closed loop has one dominant pole. The
+    capacitance is one number; that of a stack grows with its voltage, its temperature and the
+    amplitude.
+
+    Parameters
+    ----------
+    bandwidth_hz : float
+        Frequency at which a small sine has fallen by 3 dB [Hz].
+    capacitance : float
+        Capacitance of the load [F]; 0 where the current does not limit.
+    current_limit : float, optional
+        Largest current [A].
+    slew_limit : float, optional
+        Largest rate of the output, whatever the load [V/s].
+    voltage_range : tuple of float, optional
+        Lowest and highest output [V].
+    gain : float
+        Output over command g [1].
+
+    Raises
+    ------
+    ModelError
+        A quantity is not positive, or the range does not rise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> amplifier = Amplifier(bandwidth_hz=800.0, capacitance=6.2e-6, current_limit=0.14)
+    >>> round(amplifier.largest_rate)
+    22581
+    >>> jump = amplifier.settled(0.0, 1e-4)
+    >>> jump[0] = 100.0
+    >>> u = amplifier.simulate(np.full(60, 100.0), 1e-4, jump).values
+    >>> round(float(u[9]), 4), round(float(u[59]), 4)
+    (22.5806, 99.9994)
+    """
+
+    validity: ClassVar[str] = "one dominant pole, and a capacitance that does not change"
+
+    bandwidth_hz: float
+    capacitance: float = 0.0
+    current_limit: float | None = None
+    slew_limit: float | None = None
+    voltage_range: tuple[float, float] | None = None
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth_hz", "current_limit", "slew_limit"):
+            value = getattr(self, name)
+            if value is not None and not (value > 0.0 and math.isfinite(value)):
+                raise ModelError(
+                    f"the {name} of an amplifier must be positive and finite, got {value!r}"
+                )
+        if not (self.capacitance >= 0.0 and math.isfinite(self.capacitance)):
+            raise ModelError(
+                "the capacitance of a load must be finite and not negative, got "
+                f"{self.capacitance!r} F"
+            )
+        if self.gain == 0.0 or not math.isfinite(self.gain):
+            raise ModelError(f"the gain of an amplifier must be finite, not 0, got {self.gain!r}")
+        if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
+            raise ModelError(
+                f"the voltage range of an amplifier must rise, got {self.voltage_range!r} V"
+            )
+
+    @property
+    def time_constant(self) -> float:
+        """Time constant of small signals [s]."""
+        return 1.0 / (2.0 * math.pi * self.bandwidth_hz)
+
+    @property
+    def largest_rate(self) -> float:
+        """Largest rate of the output [V/s]; infinite where nothing limits it."""
+        rate = math.inf if self.slew_limit is None else self.slew_limit
+        if self.current_limit is not None and self.capacitance > 0.0:
+            rate = min(rate, self.current_limit / self.capacitance)
+        return rate
+
+    def full_power_frequency_hz(self, amplitude: float) -> float:
+        r"""Return the highest frequency of a sine that the rate allows.
+
+        .. math:: f = \frac{\dot u_{max}}{2\pi \hat u}
+
+        Parameters
+        ----------
+        amplitude : float
+            Half of the swing of the output [V].
+
+        Returns
+        -------
+        float
+            The frequency [Hz].
+
+        Raises
+        ------
+        ModelError
+            The amplitude is not positive.
+        """
+        if not amplitude > 0.0:
+            raise ModelError(f"the amplitude of a sine must be positive, got {amplitude!r} V")
+        return self.largest_rate / (2.0 * math.pi * amplitude)
+
+    def settled(self, x: float, dt: float) -> Array:
+        """Return the state after a constant command for a long time.
+
+        Parameters
+        ----------
+        x : float
+            The command [V].
+        dt : float
+            Step between samples [s]; the state does not depend on it.
+
+        Returns
+        -------
+        numpy.ndarray
+            The command, and the output [V], shape (2,).
+        """
+        del dt
+        low, high = self._range()
+        return np.array([x, min(max(self.gain * x, low), high)])
+
+    def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of commands.
+
+        Parameters
+        ----------
+        x : array_like
+            Commands [V], shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The outputs [V], and the state at the last sample.
+        """
+        command = samples(x, "command of the amplifier")
+        h = positive_step(dt)
+        now = self._start(command[0], h, state)
+        y = np.empty_like(command)
+        low, high = self._range()
+        amplify(
+            self.gain * command,
+            self.gain * now[0],
+            min(max(now[1], low), high),
+            h / self.time_constant,
+            self.largest_rate * self.time_constant,
+            low,
+            high,
+            y,
+        )
+        return Response(values=y, state=np.array([command[-1], y[-1]]))
+
+    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the command that gives a sequence of outputs, exact to rounding.
+
+        The output is met at the samples by a command of straight lines; `lead` gives a smooth one
+        for a smooth output.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs [V], shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The commands [V], and the state at the last sample.
+
+        Raises
+        ------
+        ModelError
+            The range or the largest rate does not allow the output.
+        """
+        wanted = samples(y, "output of the amplifier")
+        h = positive_step(dt)
+        now = self._start(wanted[0] / self.gain, h, state)
+        before = wanted[0] if state is None else now[1]
+        self._refuse_range(wanted)
+        self._refuse_rate(np.diff(wanted, prepend=before) / h)
+        found = self._lag().inverse(wanted, h, [self.gain * now[0], now[1]]).values / self.gain
+        met = self.simulate(found, h, now).values
+        self._refuse_miss(met - wanted, float(np.ptp(wanted)) + abs(float(wanted[0])), h)
+        return Response(values=found, state=np.array([found[-1], wanted[-1]]))
+
+    def lead(self, y: ArrayLike, dt: float) -> Array:
+        r"""Return the smooth command that gives a smooth output.
+
+        .. math:: c = (u + T \dot u)/g
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs [V], shape (n,), n at least 6; between them a spline of fifth degree.
+        dt : float
+            Step between samples [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Commands [V], shape (n,).
+
+        Raises
+        ------
+        ModelError
+            The range or the largest rate does not allow the output, or there are less than 6.
+        """
+        wanted = samples(y, "output of the amplifier")
+        self._refuse_range(wanted)
+        command = self._lag().lead(wanted, dt)
+        self._refuse_rate((command - wanted) / self.time_constant)
+        return command / self.gain
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to command for a steady small sine.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies [Hz], shape (k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Complex ratio, shape (k,).
+        """
+        return self.gain * self._lag().frequency_response(frequency_hz)
+
+    def _lag(self) -> Lag:
+        return Lag(time_constant=self.time_constant)
+
+    def _range(self) -> tuple[float, float]:
+        return (-math.inf, math.inf) if self.voltage_range is None else self.voltage_range
+
+    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
+        return self.settled(first, dt) if state is None else checked_state(state, 2, "an amplifier")
+
+    def _refuse_range(self, y: Array) -> None:
+        low, high = self._range()
+        bad = np.flatnonzero((y < low) | (y > high))
+        if bad.size:
+            raise ModelError(
+                f"the amplifier cannot give {y[bad[0]]:g} V at sample {bad[0]}: its range is "
+                f"{low:g} to {high:g} V"
+            )
+
+    def _refuse_rate(self, rate: Array) -> None:
+        bad = np.flatnonzero(np.abs(rate) > self.largest_rate * (1.0 + _MET))
+        if bad.size:
+            raise ModelError(
+                f"the amplifier cannot follow {rate[bad[0]]:g} V/s at sample {bad[0]}: its largest "
+                f"rate is {self.largest_rate:g} V/s; slow the output down or make it smaller"
+            )
+
+    def _refuse_miss(self, miss: Array, size: float, dt: float) -> None:
+        bad = np.flatnonzero(np.abs(miss) > _MET * size)
+        if bad.size:
+            raise ModelError(
+                f"inside the step to sample {bad[0]} the output would have to be faster than "
+                f"{self.largest_rate:g} V/s to be met there: make it smooth, or sample it at more "
+                f"than every {dt:g} s"
+            )

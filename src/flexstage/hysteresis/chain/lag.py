@@ -1,0 +1,250 @@
+"""A first-order lag with a pure delay, such as that of an acquisition."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.element import (
+    ChainElement,
+    Complex,
+    checked_state,
+    positive_step,
+)
+from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array, Response, samples
+
+__all__ = ["Lag"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lag(ChainElement):
+    r"""A first-order lag and a pure delay.
+
+    .. math:: T \dot l + l = x, \qquad y(t) = l(t - t_d)
+
+    The delay need not be a whole number of steps: inside a step the lag is evaluated in closed
+    form, so that the output is exact for an input of straight lines.
+
+    Validity: linear; a filter of higher order, or one that rings, is not this.
+
+    Parameters
+    ----------
+    time_constant : float
+        Time constant T [s]; 0 for none.
+    delay : float
+        Delay [s]; 0 for none.
+
+    Raises
+    ------
+    ModelError
+        A time is negative or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lag = Lag(time_constant=0.002, delay=0.0013)
+    >>> ramp = np.arange(50) * 0.7
+    >>> round(float(ramp[-1] - lag.simulate(ramp, 0.001).values[-1]), 9)
+    2.31
+    """
+
+    validity: ClassVar[str] = "one real pole and a delay; nothing that rings"
+
+    time_constant: float = 0.0
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("time_constant", "delay"):
+            value = getattr(self, name)
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise ModelError(
+                    f"the {name} of a lag must be finite and not negative, got {value!r} s"
+                )
+
+    def settled(self, x: float, dt: float) -> Array:
+        """Return the state after a constant input for a long time.
+
+        Parameters
+        ----------
+        x : float
+            The input.
+        dt : float
+            Step between samples [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            The last inputs, newest first, as far back as the delay reaches, then the lag there.
+        """
+        return np.full(2 + self._whole(positive_step(dt)), float(x))
+
+    def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the output for a sequence of inputs.
+
+        Parameters
+        ----------
+        x : array_like
+            Inputs, shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The outputs, and the state at the last sample.
+        """
+        given = samples(x, "input of a lag")
+        now = self._start(given[0], dt, state)
+        whole = now.size - 2
+        within = 1.0 - (self.delay / dt - whole)
+        ratio = self._ratio(dt)
+        line = np.concatenate((now[whole::-1], given))
+        y = np.empty_like(given)
+        end = _lag(
+            line,
+            now[-1],
+            float(decay_share(ratio)),
+            float(ramp_share(ratio)),
+            float(decay_share(ratio * within)),
+            within * float(ramp_share(ratio * within)),
+            y,
+        )
+        newest = line[line.size - 1 - whole :][::-1]
+        return Response(values=y, state=np.append(newest, end))
+
+    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of outputs, exact to rounding.
+
+        The output is met at the samples by an input of straight lines. Where it turns sharply the
+        input found swings from sample to sample about the one that `lead` gives.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state at the last sample.
+
+        Raises
+        ------
+        ModelError
+            There is a delay.
+        """
+        if self.delay > 0.0:
+            raise ModelError(
+                f"a delay of {self.delay:g} s cannot be undone sample by sample: use `lead`, "
+                "which knows the whole output"
+            )
+        wanted = samples(y, "output of a lag")
+        now = self._start(wanted[0], dt, state)
+        x = np.empty_like(wanted)
+        ratio = self._ratio(dt)
+        _undo_lag(wanted, now, float(decay_share(ratio)), float(ramp_share(ratio)), x)
+        return Response(values=x, state=now)
+
+    def lead(self, y: ArrayLike, dt: float) -> Array:
+        r"""Return the smooth input that gives a smooth output.
+
+        .. math:: x(t) = y(t + t_d) + T \dot y(t + t_d)
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,), n at least 6; between them a spline of fifth degree. After the last
+            one the output stands still.
+        dt : float
+            Step between samples [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Inputs, shape (n,).
+
+        Raises
+        ------
+        ModelError
+            There are less than 6 outputs.
+        """
+        from scipy.interpolate import make_interp_spline
+
+        wanted = samples(y, "output of a lag")
+        if wanted.size < 6:
+            raise ModelError(f"`lead` needs 6 samples or more, got {wanted.size}")
+        spline = make_interp_spline(np.arange(wanted.size), wanted, k=5)
+        at = np.arange(wanted.size) + self.delay / positive_step(dt)
+        inside = at <= wanted.size - 1
+        at = np.minimum(at, wanted.size - 1)
+        rate = np.asarray(spline(at, 1), dtype=np.float64) / dt
+        return np.asarray(spline(at), dtype=np.float64) + self.time_constant * rate * inside
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of output to input for a steady sine.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies [Hz], shape (k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Complex ratio, shape (k,).
+        """
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return np.exp(-s * self.delay) / (1.0 + s * self.time_constant)
+
+    def _whole(self, dt: float) -> int:
+        """Whole steps in the delay."""
+        return math.floor(self.delay / dt)
+
+    def _ratio(self, dt: float) -> float:
+        return dt / self.time_constant if self.time_constant > 0.0 else math.inf
+
+    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
+        step = positive_step(dt)
+        if state is None:
+            return self.settled(first, step)
+        return checked_state(state, 2 + self._whole(step), "a lag")
+
+
+@compiled
+def _lag(
+    line: Array,
+    lag: float,
+    decay: float,
+    ramp: float,
+    part_decay: float,
+    part_ramp: float,
+    y: Array,
+) -> float:
+    """Fill y with the lag inside each step of `line`, and return the lag at the last step used."""
+    for k in range(y.size):
+        rise = line[k + 1] - line[k]
+        away = line[k] - lag
+        y[k] = lag + away * part_decay + rise * part_ramp
+        lag += away * decay + rise * ramp
+    return lag
+
+
+@compiled
+def _undo_lag(y: Array, state: Array, decay: float, ramp: float, x: Array) -> None:
+    last, lag = state[0], state[1]
+    for k in range(y.size):
+        last += (y[k] - lag - (last - lag) * decay) / ramp
+        lag = y[k]
+        x[k] = last
+    state[0], state[1] = last, lag

@@ -1,0 +1,340 @@
+"""Steps of second-order modes that are exact for the forces of a stage with hysteresis.
+
+Time is counted in samples here: a mode is z'' + 2 zeta W z' + W^2 z = W^2 f with W the angle
+[rad] that the undamped mode turns in a step, so that z settles at f.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS, terms_needed
+from flexstage.hysteresis.chain.pieces import piece_of_step
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array, Segments
+
+__all__ = [
+    "UnitStep",
+    "modes_along_lines",
+    "modes_through_segments",
+    "unit_step",
+]
+
+# Above this damping ratio the roots of a mode come close; below this angle closed forms of its
+# integrals lose digits.
+_NEARLY_CRITICAL = 0.999
+_SMALL = 0.01
+_LONG = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnitStep:
+    """What a step of one sample does to modes.
+
+    Parameters
+    ----------
+    angle : numpy.ndarray
+        Angle of each mode in a step [rad], shape (k,).
+    damping_ratio : numpy.ndarray
+        Damping ratios [1], shape (k,).
+    transition : numpy.ndarray
+        From (z, z') to (z, z'): rows zz, zv, vz, vv, shape (4, k).
+    moments : numpy.ndarray
+        Row j is what the derivative j of the force does to z', and row j + 1 what it does to z,
+        shape (ORDERS + 1, k).
+    """
+
+    angle: Array
+    damping_ratio: Array
+    transition: Array
+    moments: Array
+
+
+def unit_step(angle: Array, damping_ratio: Array) -> UnitStep:
+    r"""Return what a step of one sample does to modes.
+
+    With g the response to an impulse, the moments are :math:`W^2 g(1)` and
+    :math:`W^2 \int_0^1 g(1 - s) s^j / j!\, ds`.
+
+    Parameters
+    ----------
+    angle : numpy.ndarray
+        Angle of each mode in a step [rad], positive, shape (k,).
+    damping_ratio : numpy.ndarray
+        Damping ratios [1], shape (k,).
+
+    Returns
+    -------
+    UnitStep
+        The coefficients.
+    """
+    transition = np.empty((4, angle.size))
+    moments = np.empty((ORDERS + 1, angle.size))
+    for i, (w, zeta) in enumerate(zip(angle.tolist(), damping_ratio.tolist(), strict=True)):
+        transition[:, i], moments[:, i] = _unit_step(w, zeta)
+    return UnitStep(
+        angle=np.ascontiguousarray(angle, dtype=np.float64),
+        damping_ratio=np.ascontiguousarray(damping_ratio, dtype=np.float64),
+        transition=transition,
+        moments=moments,
+    )
+
+
+@lru_cache(maxsize=512)
+def _unit_step(w: float, zeta: float) -> tuple[Array, Array]:
+    if w < _SMALL or zeta > _NEARLY_CRITICAL:
+        return _by_exponential(w, zeta)
+    a, damped = zeta * w, w * np.sqrt(1.0 - zeta**2)
+    decay = np.exp(-a)
+    g, cos = decay * np.sin(damped) / damped, decay * np.cos(damped)
+    transition = np.array((cos + a * g, g, -(w**2) * g, cos - a * g))
+    if w < _LONG:
+        return transition, _by_exponential(w, zeta)[1]
+    integrals = [g, (1.0 - cos - a * g) / w**2]
+    factorial = 1.0
+    for j in range(1, ORDERS):
+        # by parts; errors shrink from one to the next, as the angle is large
+        factorial *= j
+        integrals.append((1.0 / factorial - integrals[-2] - 2.0 * a * integrals[-1]) / w**2)
+    return transition, w**2 * np.array(integrals)
+
+
+def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
+    """The same from the exponential of the matrix of (z, z', f, f', f'' ...).
+
+    C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395. The rate z' is scaled with the
+    angle where that is large, and left alone where it is small, so that neither loses digits.
+    """
+    from scipy.linalg import expm
+
+    scale = max(1.0, w)
+    matrix = np.zeros((2 + ORDERS, 2 + ORDERS))
+    matrix[0, 1] = scale
+    matrix[1, 0] = -(w**2) / scale
+    matrix[1, 1] = -2.0 * zeta * w
+    matrix[1, 2] = 1.0 / scale
+    matrix[range(2, 1 + ORDERS), range(3, 2 + ORDERS)] = 1.0
+    e = np.asarray(expm(matrix), dtype=np.float64)
+    transition = np.array((e[0, 0], e[0, 1] / scale, scale * e[1, 0], e[1, 1]))
+    integrals = np.append(e[0, 1] / scale, e[0, 2:])
+    return transition, w**2 * integrals
+
+
+def modes_along_lines(
+    x: Array, last: float, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
+) -> None:
+    """Step modes along straight lines, and add their readings.
+
+    Parameters
+    ----------
+    x : numpy.ndarray
+        Force at the samples, shape (n,).
+    last : float
+        Force one step before the first of them.
+    step : UnitStep
+        The modes.
+    z : numpy.ndarray
+        Deflections, updated, shape (k,).
+    v : numpy.ndarray
+        Their rates [per sample], updated, shape (k,).
+    reader : numpy.ndarray
+        Weights of z in the first k columns and of z' in the others, one row a reading,
+        shape (p, 2 k).
+    y : numpy.ndarray
+        Readings, added to, shape (p, n).
+    """
+    _along_lines(x, last, step.transition, step.moments, z, v, reader, y)
+
+
+def modes_through_segments(
+    force: Segments, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
+) -> None:
+    """Step modes through a force that is known between the samples, and add their readings.
+
+    Parameters
+    ----------
+    force : Segments
+        The force, n + 1 samples; the modes are at the first of them.
+    step : UnitStep
+        The modes.
+    z : numpy.ndarray
+        Deflections, updated, shape (k,).
+    v : numpy.ndarray
+        Their rates [per sample], updated, shape (k,).
+    reader : numpy.ndarray
+        Weights of z in the first k columns and of z' in the others, one row a reading,
+        shape (p, 2 k).
+    y : numpy.ndarray
+        Readings after the first sample, added to, shape (p, n).
+    """
+    if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
+        z[0], v[0] = _one_through(
+            force.start,
+            force.constant,
+            force.slope,
+            force.amplitude,
+            force.rate,
+            float(step.angle[0]),
+            float(step.damping_ratio[0]),
+            np.ascontiguousarray(step.transition[:, 0]),
+            np.ascontiguousarray(step.moments[:, 0]),
+            float(z[0]),
+            float(v[0]),
+            float(reader[0, 0]),
+            y[0],
+        )
+        return
+    _through(
+        force.start,
+        force.constant,
+        force.slope,
+        force.amplitude,
+        force.rate,
+        step.angle,
+        step.damping_ratio,
+        step.transition,
+        step.moments,
+        z,
+        v,
+        reader,
+        y,
+    )
+
+
+@compiled
+def _along_lines(
+    x: Array,
+    last: float,
+    transition: Array,
+    moments: Array,
+    z: Array,
+    v: Array,
+    reader: Array,
+    y: Array,
+) -> None:
+    k = z.size
+    for n in range(x.size):
+        rise = x[n] - last
+        for i in range(k):
+            at, speed = z[i], v[i]
+            z[i] = (transition[0, i] * at + transition[1, i] * speed) + (
+                moments[1, i] * last + moments[2, i] * rise
+            )
+            v[i] = (transition[2, i] * at + transition[3, i] * speed) + (
+                moments[0, i] * last + moments[1, i] * rise
+            )
+        last = x[n]
+        _read(z, v, reader, y, n)
+
+
+@compiled
+def _read(z: Array, v: Array, reader: Array, y: Array, n: int) -> None:
+    k = z.size
+    for p in range(y.shape[0]):
+        total = y[p, n]
+        for i in range(k):
+            total += reader[p, i] * z[i] + reader[p, k + i] * v[i]
+        y[p, n] = total
+
+
+@compiled
+def _through(
+    start: Array,
+    constant: Array,
+    slope: Array,
+    amplitude: Array,
+    rate: Array,
+    angle: Array,
+    zeta: Array,
+    transition: Array,
+    moments: Array,
+    z: Array,
+    v: Array,
+    reader: Array,
+    y: Array,
+) -> None:
+    terms = terms_needed(amplitude, rate)
+    i, last = 0, start.size - 1
+    for n in range(y.shape[1]):
+        here, following = float(n), n + 1.0
+        while here < following:
+            while i < last and start[i + 1] <= here:
+                i += 1
+            end = following
+            if i < last and start[i + 1] < end:
+                end = start[i + 1]
+            since = here - start[i]
+            a, b, c, mu = constant[i] + slope[i] * since, slope[i], amplitude[i], rate[i]
+            if since != 0.0 and c != 0.0:
+                c *= np.exp(-mu * since)
+            if end - here == 1.0 and (c == 0.0 or abs(mu) <= LARGEST_RATE):
+                for m in range(z.size):
+                    # derivatives of the exponential, by Horner; highest first
+                    by_z = 0.0
+                    if c != 0.0:
+                        for j in range(terms, 0, -1):
+                            by_z = moments[j, m] - mu * by_z
+                    by_v = moments[0, m] - mu * by_z
+                    at, speed = z[m], v[m]
+                    z[m] = (transition[0, m] * at + transition[1, m] * speed) + (
+                        moments[1, m] * a + moments[2, m] * b + c * by_z
+                    )
+                    v[m] = (transition[2, m] * at + transition[3, m] * speed) + (
+                        moments[0, m] * a + moments[1, m] * b + c * by_v
+                    )
+            else:
+                for m in range(z.size):
+                    z[m], v[m] = piece_of_step(
+                        z[m], v[m], angle[m], zeta[m], end - here, a, b, c, mu
+                    )
+            here = end
+        _read(z, v, reader, y, n)
+
+
+@compiled
+def _one_through(
+    start: Array,
+    constant: Array,
+    slope: Array,
+    amplitude: Array,
+    rate: Array,
+    w: float,
+    zeta: float,
+    transition: Array,
+    moments: Array,
+    z: float,
+    v: float,
+    weight: float,
+    y: Array,
+) -> tuple[float, float]:
+    """The same for one mode and its deflection alone, whose state stays in registers."""
+    terms = terms_needed(amplitude, rate)
+    zz, zv, vz, vv = transition[0], transition[1], transition[2], transition[3]
+    m0, m1, m2 = moments[0], moments[1], moments[2]
+    i, last = 0, start.size - 1
+    for n in range(y.size):
+        here, following = float(n), n + 1.0
+        while here < following:
+            while i < last and start[i + 1] <= here:
+                i += 1
+            end = following
+            if i < last and start[i + 1] < end:
+                end = start[i + 1]
+            since = here - start[i]
+            a, b, c, mu = constant[i] + slope[i] * since, slope[i], amplitude[i], rate[i]
+            if since != 0.0 and c != 0.0:
+                c *= np.exp(-mu * since)
+            if end - here == 1.0 and (c == 0.0 or abs(mu) <= LARGEST_RATE):
+                by_z = 0.0
+                for j in range(terms, 0, -1):
+                    by_z = moments[j] - mu * by_z
+                by_v = m0 - mu * by_z
+                at = (zz * z + zv * v) + (m1 * a + m2 * b + c * by_z)
+                v = (vz * z + vv * v) + (m0 * a + m1 * b + c * by_v)
+                z = at
+            else:
+                z, v = piece_of_step(z, v, w, zeta, end - here, a, b, c, mu)
+            here = end
+        y[n] += weight * z
+    return z, v

@@ -1,0 +1,206 @@
+"""A sensor: gain, offset, lag, and what it adds by itself."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.element import (
+    ChainElement,
+    Complex,
+    checked_state,
+    positive_step,
+)
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.model import Array, Response, samples
+
+__all__ = ["Sensor"]
+
+# Noise is drawn in blocks of samples, each from a stream of its own: a record does not depend on
+# how it is cut.
+_BLOCK = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor(ChainElement):
+    r"""A sensor whose reading is a line, delayed by a first-order lag, with noise and steps.
+
+    .. math:: y_k = q\,\mathrm{round}\left(\frac{1}{q}\left[g\,l(t_k) + o + \sigma \nu_k
+              + m \sin(2\pi f_m t_k + \varphi)\right]\right), \qquad
+              T \dot l + l = x
+
+    Validity: the noise is white and normal, of unit :math:`\nu`, and is added after the lag.
+
+    Parameters
+    ----------
+    gain : float
+        Reading over input g [unit of y / unit of x].
+    offset : float
+        Reading at no input o [unit of y].
+    bandwidth_hz : float, optional
+        Frequency at which a small sine has fallen by 3 dB [Hz]; no lag where not given.
+    noise_rms : float
+        Standard deviation of the noise of a sample [unit of y].
+    quantisation : float
+        Smallest step of the reading q [unit of y]; 0 for none.
+    mains_amplitude : float
+        Amplitude of the pick-up of the mains m [unit of y].
+    mains_frequency_hz : float
+        Frequency of the mains [Hz].
+    mains_phase : float
+        Phase of the pick-up at the first sample [rad].
+    seed : int
+        Seed of the noise; two sensors need two.
+
+    Raises
+    ------
+    ModelError
+        The gain is 0, or a quantity that must not be is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sensor = Sensor(gain=1.003, offset=2e-8, noise_rms=5e-9, quantisation=1e-9, seed=7)
+    >>> y = sensor.simulate(np.full(20000, 3.1e-6), 1e-4).values
+    >>> round(float(y.mean()) * 1e9, 1), round(float(y.std()) * 1e9, 1)
+    (3129.3, 5.0)
+    """
+
+    validity: ClassVar[str] = "white, normal noise after one pole"
+
+    gain: float = 1.0
+    offset: float = 0.0
+    bandwidth_hz: float | None = None
+    noise_rms: float = 0.0
+    quantisation: float = 0.0
+    mains_amplitude: float = 0.0
+    mains_frequency_hz: float = 50.0
+    mains_phase: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.gain == 0.0 or not math.isfinite(self.gain):
+            raise ModelError(f"the gain of a sensor must be finite, not 0, got {self.gain!r}")
+        for name in ("noise_rms", "quantisation", "mains_frequency_hz"):
+            value = getattr(self, name)
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise ModelError(
+                    f"the {name} of a sensor must be finite and not negative, got {value!r}"
+                )
+        if self.bandwidth_hz is not None and not 0.0 < self.bandwidth_hz < math.inf:
+            raise ModelError(
+                f"the bandwidth of a sensor must be positive and finite, got {self.bandwidth_hz!r}"
+                " Hz: leave it out for none"
+            )
+        if self.seed < 0:
+            raise ModelError(f"the seed of a sensor must not be negative, got {self.seed!r}")
+
+    def settled(self, x: float, dt: float) -> Array:
+        """Return the state after a constant input for a long time.
+
+        Parameters
+        ----------
+        x : float
+            The input.
+        dt : float
+            Step between samples [s]; the state does not depend on it.
+
+        Returns
+        -------
+        numpy.ndarray
+            The input, the lag, and the number of the next sample, shape (3,).
+        """
+        del dt
+        return np.array([x, x, 0.0])
+
+    def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the readings for a sequence of inputs.
+
+        Parameters
+        ----------
+        x : array_like
+            Inputs, shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The readings, and the state at the last sample.
+        """
+        given = samples(x, "input of a sensor")
+        h = positive_step(dt)
+        now = self._start(given[0], h, state)
+        lagged = self._lag().simulate(given, h, now[:2])
+        count = int(now[2])
+        y = self.gain * lagged.values + self.offset
+        if self.mains_amplitude != 0.0:
+            t = h * np.arange(count, count + given.size)
+            turn = 2.0 * math.pi * self.mains_frequency_hz * t + self.mains_phase
+            y += self.mains_amplitude * np.sin(turn)
+        if self.noise_rms > 0.0:
+            y += self.noise_rms * self._noise(count, given.size)
+        if self.quantisation > 0.0:
+            y = self.quantisation * np.round(y / self.quantisation)
+        return Response(values=y, state=np.append(lagged.state, float(count + given.size)))
+
+    def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the input that gives a sequence of readings, as if they had no noise.
+
+        Parameters
+        ----------
+        y : array_like
+            Readings, shape (n,).
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State one step before the first of them; settled at the first where not given.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state at the last sample.
+        """
+        lagged = (samples(y, "reading of a sensor") - self.offset) / self.gain
+        now = self._start(lagged[0], positive_step(dt), state)
+        found = self._lag().inverse(lagged, dt, now[:2])
+        return Response(values=found.values, state=np.append(found.state, now[2] + lagged.size))
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the ratio of reading to input for a steady sine, without offset and noise.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies [Hz], shape (k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Complex ratio, shape (k,).
+        """
+        return self.gain * self._lag().frequency_response(frequency_hz)
+
+    def _lag(self) -> Lag:
+        if self.bandwidth_hz is None:
+            return Lag()
+        return Lag(time_constant=1.0 / (2.0 * math.pi * self.bandwidth_hz))
+
+    def _noise(self, first: int, count: int) -> Array:
+        blocks = range(first // _BLOCK, (first + count - 1) // _BLOCK + 1)
+        drawn = [
+            np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(b,))).normal(
+                size=_BLOCK
+            )
+            for b in blocks
+        ]
+        offset = first - blocks[0] * _BLOCK
+        return np.concatenate(drawn)[offset : offset + count]
+
+    def _start(self, first: float, dt: float, state: ArrayLike | None) -> Array:
+        return self.settled(first, dt) if state is None else checked_state(state, 3, "a sensor")
