@@ -1,0 +1,227 @@
+"""A first guess of an oscillator: its equation of motion, taken at its word."""
+
+import math
+
+import numpy as np
+
+from flexstage.errors import ConvergenceError
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.oscillator import BoucWenOscillator
+
+__all__ = ["EquationError", "force_of_motion"]
+
+#: Where the search begins, in parts of 1 / (twice the standard deviation of the displacement).
+GAMMAS = (0.3, 1.0, 3.0, 9.0)
+DELTAS = (-3.0, -1.0, 0.0, 1.0, 3.0)
+
+
+class EquationError:
+    """The error of the equation of motion with the measured displacement in it.
+
+    ``F u = m F y'' + c F y' + k F y + alpha F h(y; beta gamma, beta delta)`` where h is the
+    hysteretic force for alpha = 1, which the displacement determines, and F a low pass that keeps
+    the frequencies at which the mass moves and drops the rest, which is noise.
+
+    Parameters
+    ----------
+    force : numpy.ndarray
+        Force [N], shape (n,).
+    displacement : numpy.ndarray
+        Displacement [m], shape (n,).
+    sample_rate_hz : float
+        Sampling rate [Hz].
+    mass : float, optional
+        The mass [kg] where it is known.
+    exponent : float
+        The exponent nu.
+
+    Notes
+    -----
+    Validity: noise in the displacement biases what it finds, by percents where it is percents; it
+    is where a search begins, not where it ends.
+
+    Examples
+    --------
+    >>> truth = BoucWenOscillator(
+    ...     mass=1.7, damping=8.0, stiffness=4.1e4, alpha=5.3e4,
+    ...     beta_gamma=870.0, beta_delta=-420.0,
+    ... )
+    >>> rng = np.random.default_rng(3)
+    >>> drive = 70.0 * np.convolve(rng.standard_normal(3000), np.hanning(9), "same")
+    >>> record = truth.simulate(drive, 800.0).displacement
+    >>> found = EquationError(drive, record, 800.0, None, 1.0).search(None)
+    >>> print(f"{found.mass:.2f} kg")
+    1.70 kg
+    """
+
+    def __init__(
+        self,
+        force: Array,
+        displacement: Array,
+        sample_rate_hz: float,
+        mass: float | None,
+        exponent: float,
+    ) -> None:
+        n = displacement.size
+        self.displacement, self.mass, self.exponent = displacement, mass, exponent
+        self.omega = 2.0 * np.pi * sample_rate_hz / n * np.arange(n // 2 + 1, dtype=np.float64)
+        self.low_pass = _low_pass(displacement, self.omega)
+        edge = max(32, n // 50)
+        self.inside = slice(edge, n - edge)
+        derivatives = [self.filtered(displacement, power) for power in (2, 1, 0)]
+        self.target = self.filtered(force, 0)
+        if mass is not None:
+            self.target = self.target - mass * derivatives.pop(0)
+        self.columns = np.stack(derivatives, axis=1)
+        self.unit = 1.0 / (2.0 * float(np.std(displacement)))
+        self.scale = self.unit**exponent
+
+    def filtered(self, values: Array, derivative: int) -> Array:
+        """Return a derivative of a sequence after the low pass, without its ends.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            The sequence, shape (n,).
+        derivative : int
+            Which derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        numpy.ndarray
+            The derivative [per second to that power].
+        """
+        spectrum = np.fft.rfft(values) * self.low_pass * (1j * self.omega) ** derivative
+        return np.fft.irfft(spectrum, values.size)[self.inside]
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Return the best linear parameters for given nonlinear ones.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            beta gamma and beta delta, in parts of the unit of this record, shape (2,).
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            m (unless known), c, k and alpha; and the error in parts of the force.
+        """
+        hysteretic = np.empty(self.displacement.size)
+        scaled = x * self.scale
+        force_of_motion(self.displacement, scaled[0], scaled[1], self.exponent, hysteretic)
+        size = float(np.sqrt(np.mean(self.target**2))) * math.sqrt(self.target.size)
+        if not np.all(np.abs(hysteretic) < 1e3 / self.unit):
+            return np.zeros(0), np.full(self.target.size, 10.0 / math.sqrt(self.target.size))
+        matrix = np.column_stack([self.columns, self.filtered(hysteretic, 0)])
+        norms = np.linalg.norm(matrix, axis=0)
+        linear = np.linalg.lstsq(matrix / norms, self.target, rcond=None)[0] / norms
+        return linear, (matrix @ linear - self.target) / size
+
+    def search(self, start: tuple[float, float] | None) -> BoucWenOscillator:
+        """Return the oscillator of least error.
+
+        Parameters
+        ----------
+        start : tuple of float, optional
+            beta gamma and beta delta for alpha = 1 to start from; the best of a grid where not
+            given, or where the start leads to no oscillator.
+
+        Returns
+        -------
+        BoucWenOscillator
+            The oscillator.
+
+        Raises
+        ------
+        ConvergenceError
+            The best fit has a mass or a hysteretic stiffness below zero.
+        """
+        found = None if start is None else self._from([np.array(start) / self.scale])
+        if found is None:
+            grid = [np.array([a, b]) for a in GAMMAS for b in DELTAS]
+            grid.sort(key=lambda x: float(np.sum(self.project(x)[1] ** 2)))
+            found = self._from(grid[:3])
+        if found is None:
+            raise ConvergenceError(
+                "the record fits no oscillator with a mass and a hysteretic stiffness above zero: "
+                "check that the force is in N and the displacement in m and of the same sign"
+            )
+        return found
+
+    def _from(self, starts: list[Array]) -> BoucWenOscillator | None:
+        """Return the best that some starts lead to, None where it is no oscillator."""
+        from scipy.optimize import least_squares
+
+        results = [
+            least_squares(lambda x: self.project(x)[1], x, xtol=1e-6, ftol=1e-8, diff_step=1e-5)
+            for x in starts
+        ]
+        best = min(results, key=lambda result: float(result.cost)).x
+        values = self.project(best)[0].tolist()
+        if self.mass is not None:
+            values = [self.mass, *values]
+        if len(values) < 4 or values[0] <= 0.0 or values[3] <= 0.0:
+            return None
+        gamma, delta = (best * self.scale).tolist()
+        # h is z / alpha: |z|**nu brings alpha**nu, of which one alpha is in front.
+        shrink = values[3] ** (1.0 - self.exponent)
+        return BoucWenOscillator(
+            mass=values[0],
+            damping=values[1],
+            stiffness=values[2],
+            alpha=values[3],
+            beta_gamma=gamma * shrink,
+            beta_delta=delta * shrink,
+            exponent=self.exponent,
+        )
+
+
+def _low_pass(displacement: Array, omega: Array) -> Array:
+    """Return a low pass: all up to where 99.5 % of the power is, nothing beyond twice that."""
+    spectrum = np.abs(np.fft.rfft(displacement - np.mean(displacement))) ** 2
+    power = np.cumsum(spectrum) / np.sum(spectrum)
+    edge = max(float(omega[np.searchsorted(power, 0.995)]), float(omega[-1]) / 50.0)
+    return 0.5 + 0.5 * np.cos(np.pi * np.clip(omega / edge - 1.0, 0.0, 1.0))
+
+
+@compiled
+def force_of_motion(
+    displacement: Array, beta_gamma: float, beta_delta: float, exponent: float, force: Array
+) -> None:
+    """Find the hysteretic force for alpha = 1 along a sampled motion.
+
+    ``dh = dy (1 - (beta gamma sign(dy h) + beta delta) |h|**nu)``, from h = 0, by one Runge–Kutta
+    step a sample.
+
+    Parameters
+    ----------
+    displacement : numpy.ndarray
+        Displacement [m], shape (n,).
+    beta_gamma : float
+        Product beta gamma, for alpha = 1.
+    beta_delta : float
+        Product beta delta, for alpha = 1.
+    exponent : float
+        Exponent nu.
+    force : numpy.ndarray
+        Takes the force in parts of alpha [m], shape (n,).
+    """
+    h = 0.0
+    force[0] = h
+    for i in range(1, displacement.size):
+        d = displacement[i] - displacement[i - 1]
+        gamma = math.copysign(beta_gamma, d * beta_gamma)
+        k1 = d * _stiffness(h, gamma, beta_delta, exponent)
+        k2 = d * _stiffness(h + 0.5 * k1, gamma, beta_delta, exponent)
+        k3 = d * _stiffness(h + 0.5 * k2, gamma, beta_delta, exponent)
+        k4 = d * _stiffness(h + k3, gamma, beta_delta, exponent)
+        h += (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        force[i] = h
+
+
+@compiled
+def _stiffness(h: float, gamma: float, delta: float, exponent: float) -> float:
+    power = abs(h) if exponent == 1.0 else abs(h) ** exponent
+    return 1.0 - (math.copysign(gamma, gamma * h) + delta) * power
