@@ -1,0 +1,309 @@
+"""The drive record that a hysteresis model is identified from: the design of the experiment."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.excitation_limits import (
+    checked_range,
+    checked_rest,
+    require_positive,
+    safe_slope,
+    usable_rates,
+)
+from flexstage.hysteresis.excitation_plan import NEAREST_RATES, Plan, Section, fitted, shortest
+from flexstage.hysteresis.excitation_record import Excitation, ExcitationPart
+from flexstage.hysteresis.excitation_shapes import SHAPES, Movement, multisine
+from flexstage.hysteresis.memory_coverage import memory_coverage
+from flexstage.hysteresis.model import Array
+
+__all__ = ["Excitation", "ExcitationPart", "excitation"]
+
+#: No loop repeats more often than this part of the lowest natural frequency.
+_QUASI_STATIC = 0.1
+#: The speed rises and falls over this many periods of it: the stage does not ring.
+_RAMP_PERIODS = 2.0
+#: Band of the multisine about it, its peak as a share of the range, and the least that is of use.
+_BAND = (0.4, 1.6)
+_SHARE = 0.009
+_LEAST_SHARE = 1e-4
+#: Less than this is worth a warning.
+_GOOD_COVERAGE = 0.8
+_MOST_SAMPLES = 20_000_000
+#: Voltages have this many decimals more than the range has digits: a file holds them exactly.
+_DIGITS = 8
+
+
+def excitation(
+    voltage_range: tuple[float, float],
+    *,
+    sample_rate_hz: float,
+    duration: float | None = None,
+    rates_hz: Sequence[float] | None = None,
+    shape: str = "smooth",
+    slope_limit: float | None = None,
+    current_limit: float | None = None,
+    capacitance: float | None = None,
+    natural_frequency_hz: float | None = None,
+    resonance: bool = True,
+    hold: float | None = None,
+    rest_voltage: float | None = None,
+    seed: int = 0,
+) -> Excitation:
+    r"""Design the drive record that identifies hysteresis, lag, creep and the lowest resonance.
+
+    At each rate: major loops, reversal curves from both ends of the range (Mayergoyz 1986, Phys.
+    Rev. Lett. 56:1518: they hold the whole Preisach density) and nested loops of falling range
+    about three means. Before them, two slow major loops wipe out what the stage remembers; after
+    them come a step up and down with waits for creep, and a small multisine for the resonance.
+
+    Where the time is too short, the rates are raised: those that were asked for up to an eighth of
+    the fastest, others up to what the limits allow. Then parts are left out, the least useful
+    first; `Excitation.left_out` names them.
+
+    Parameters
+    ----------
+    voltage_range : tuple of float
+        Lowest and highest voltage of the stack [V].
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    duration : float, optional
+        Longest time that the record may take [s]; as long as its content takes where not given.
+    rates_hz : sequence of float, optional
+        How often a major loop repeats [Hz], one rate or more; two, a factor of 10 apart, where not
+        given.
+    shape : str
+        ``smooth`` (the speed has no jumps), ``sine`` or ``triangle``.
+    slope_limit : float, optional
+        Largest slope of the voltage [V/s].
+    current_limit : float, optional
+        Largest current of the amplifier [A], which is the capacitance times the slope.
+    capacitance : float, optional
+        Capacitance of the stack [F].
+    natural_frequency_hz : float, optional
+        Lowest natural frequency of the stage with its drives in place [Hz]. Loops stay below a
+        tenth of it, smooth movements begin and end over two of its periods, and the multisine is
+        around it.
+    resonance : bool
+        Whether to add that multisine.
+    hold : float, optional
+        Time of the step and hold [s], 0 for none; 12 s or a fifth of `duration` where not given.
+    rest_voltage : float, optional
+        Voltage before and after [V]; 0 V, or the end of the range next to it, where not given.
+    seed : int
+        Seed of the phases of the multisine.
+
+    Returns
+    -------
+    Excitation
+        The record, its parts, and what it asks of the amplifier.
+
+    Raises
+    ------
+    ModelError
+        A number is impossible, the rates need more slope, current, samples or bandwidth than there
+        is, or not even the least content fits into the time.
+
+    Notes
+    -----
+    Validity: slope and current are those of the straight lines between the samples; a converter
+    that holds each sample makes small steps instead, which its amplifier has to filter. The
+    capacitance of a stack is larger at full voltage than in the data sheet's small-signal figure,
+    by up to about a factor of two: give the large-signal one. Rates are those of a stage that
+    follows quasi-statically.
+
+    Examples
+    --------
+    >>> made = excitation(
+    ...     (0.0, 120.0), sample_rate_hz=2000.0, rates_hz=(0.5, 5.0), slope_limit=1500.0
+    ... )
+    >>> round(made.duration, 1), round(made.largest_slope), round(made.coverage, 2)
+    (68.4, 1333, 1.0)
+    """
+    low, high = checked_range(voltage_range)
+    rest = checked_rest(rest_voltage, low, high)
+    require_positive(
+        {
+            "sample rate": (sample_rate_hz, "Hz"),
+            "duration": (duration, "s"),
+            "slope limit": (slope_limit, "V/s"),
+            "current limit": (current_limit, "A"),
+            "capacitance": (capacitance, "F"),
+            "natural frequency": (natural_frequency_hz, "Hz"),
+        }
+    )
+    if hold is not None and not 0.0 <= hold < math.inf:
+        raise ModelError(f"the time of the hold must be 0 s or more and finite, got {hold!r} s")
+    if shape not in SHAPES:
+        raise ModelError(f"the shape must be one of {', '.join(SHAPES)}, got '{shape}'")
+    decimals = _DIGITS - math.floor(math.log10(high - low))
+    movement = Movement(
+        shape=shape,
+        span=high - low,
+        sample_rate_hz=sample_rate_hz,
+        slope_limit=safe_slope(
+            slope_limit, current_limit, capacitance, 1.01 * 0.1**decimals * sample_rate_hz
+        ),
+        turn_time=_RAMP_PERIODS / natural_frequency_hz if natural_frequency_hz else 0.0,
+        highest_frequency_hz=_QUASI_STATIC * natural_frequency_hz
+        if natural_frequency_hz
+        else math.inf,
+    )
+    warnings: list[str] = []
+    tones = _tones(natural_frequency_hz if resonance else None, movement, seed, warnings)
+    asked = Plan(
+        voltage_range=(low, high),
+        rest_voltage=rest,
+        rates_hz=usable_rates(rates_hz, movement),
+        hold=(12.0 if duration is None else min(12.0, 0.2 * duration)) if hold is None else hold,
+        multisine=tones.size / sample_rate_hz,
+    )
+    most = None if duration is None else math.floor(duration * sample_rate_hz * (1 + 1e-12)) + 1
+    free = movement.highest_rate() if rates_hz is None else 0.0
+    plan = fitted(asked, movement, most, free)
+    if plan is None:
+        least = shortest(asked, movement, free) / sample_rate_hz
+        raise ModelError(
+            f"major loops at every rate and nested loops take at least {least:.3g} s within these "
+            f"limits, got a duration of {duration:g} s: give it more time, or raise the rates or "
+            "the limits"
+        )
+    size = plan.samples(movement)
+    if size > _MOST_SAMPLES:
+        raise ModelError(
+            f"the record would have {size} samples, and at most {_MOST_SAMPLES} are allowed: lower "
+            "the sample rate, raise the slowest rate, or limit the duration"
+        )
+    if plan.rates_hz != asked.rates_hz:
+        before, after = (", ".join(f"{r:.3g}" for r in p.rates_hz) for p in (asked, plan))
+        warnings.append(f"the rates were raised from {before} Hz to {after} Hz to fit the time")
+    voltage, parts = _run(plan, movement, tones, decimals)
+    slopes = np.abs(np.diff(voltage)) * sample_rate_hz
+    coverage = _coverage(plan)
+    warnings += _shortcomings(plan, movement, coverage)
+    return Excitation(
+        time=np.arange(voltage.size) / sample_rate_hz,
+        voltage=voltage,
+        parts=parts,
+        shape=shape,
+        sample_rate_hz=float(sample_rate_hz),
+        rates_hz=plan.rates_hz,
+        rest_voltage=rest,
+        largest_slope=float(slopes.max()),
+        largest_current=None if capacitance is None else capacitance * float(slopes.max()),
+        rms_current=None
+        if capacitance is None
+        else capacitance * float(np.sqrt(np.mean(slopes**2))),
+        coverage=coverage,
+        left_out=plan.left_out,
+        warnings=tuple(warnings),
+    )
+
+
+def _tones(natural: float | None, movement: Movement, seed: int, warnings: list[str]) -> Array:
+    """Return the multisine at the resonance [V]; empty where there is none."""
+    nothing = np.empty(0)
+    if natural is None:
+        return nothing
+    band = (_BAND[0] * natural, _BAND[1] * natural)
+    if band[1] > 0.2 * movement.sample_rate_hz:
+        warnings.append(
+            f"no multisine at the resonance: up to {band[1]:.4g} Hz it needs a sample rate of at "
+            f"least {5.0 * band[1]:.4g} Hz"
+        )
+        return nothing
+    # long enough to resolve a damping ratio of a quarter of a percent
+    tones = multisine(band, min(max(400.0 / natural, 1.0), 20.0), movement.sample_rate_hz, seed)
+    steepest = float(np.abs(np.diff(tones, prepend=0.0)).max()) * movement.sample_rate_hz
+    peak = min(_SHARE * movement.span, movement.slope_limit / steepest)
+    if peak < _LEAST_SHARE * movement.span:
+        warnings.append(
+            f"no multisine at the resonance: slope and current allow {1e3 * peak:.2g} mV, which "
+            "is too small to be seen"
+        )
+        return nothing
+    return peak * tones
+
+
+def _run(
+    plan: Plan, movement: Movement, tones: Array, decimals: int
+) -> tuple[Array, tuple[ExcitationPart, ...]]:
+    """Put the parts one after the other."""
+    at = plan.rest_voltage
+    pieces: list[Array] = [np.array([at])]
+    parts: list[ExcitationPart] = []
+    first = 0
+    for section in plan.sections():
+        own: list[Array] = []
+        for target, moved, waited in section.steps(at, movement):
+            own += [movement.samples(at, target, moved), np.full(waited, target)]
+            at = target
+        if section.multisine:
+            own.append(at + tones)
+        values = _rounded(np.concatenate(own), decimals, plan)
+        before = pieces[-1][-1]
+        pieces.append(values)
+        parts.append(_part(section, np.concatenate(([before], values)), first, movement))
+        first += values.size
+    return np.concatenate(pieces), tuple(parts)
+
+
+def _rounded(values: Array, decimals: int, plan: Plan) -> Array:
+    rounded = np.round(values, decimals)
+    at_rest = rounded == np.round(plan.rest_voltage, decimals)
+    rounded = np.clip(rounded, *plan.voltage_range)
+    # the rest voltage itself is met, however many digits it has
+    rounded[at_rest] = plan.rest_voltage
+    return rounded
+
+
+def _part(section: Section, voltage: Array, first: int, movement: Movement) -> ExcitationPart:
+    """Describe a part from its samples, with the one before it."""
+    steps = np.diff(voltage)
+    moving = np.sign(steps[steps != 0.0])
+    rate = movement.sample_rate_hz
+    return ExcitationPart(
+        name=section.name,
+        first=first + 1,
+        last=first + voltage.size,
+        start=first / rate,
+        duration=steps.size / rate,
+        rate_hz=section.rate_hz,
+        voltage_range=(float(voltage.min()), float(voltage.max())),
+        turning_points=int(np.count_nonzero(np.diff(moving))),
+        largest_slope=float(np.abs(steps).max()) * rate,
+    )
+
+
+def _coverage(plan: Plan) -> float:
+    # the multisine is no part of the quasi-static loops
+    targets = [t for section in plan.sections() for t in section.targets]
+    seen = memory_coverage([plan.rest_voltage, *targets])
+    cells = seen.shape[0]
+    return float(seen.sum()) / (cells * (cells + 1))
+
+
+def _shortcomings(plan: Plan, movement: Movement, coverage: float) -> list[str]:
+    """Say what the record cannot tell."""
+    found: list[str] = []
+    slowest, fastest = plan.rates_hz[0], plan.rates_hz[-1]
+    if slowest == fastest:
+        found.append(
+            "one rate only: lag, creep and hysteresis cannot be told apart; give a second one, ten "
+            "times slower or faster"
+        )
+    elif fastest < NEAREST_RATES * slowest * (1.0 - 1e-9):
+        found.append(
+            f"the rates are only a factor of {fastest / slowest:.3g} apart: lag and creep are told "
+            f"apart poorly; at least {NEAREST_RATES:g} is better"
+        )
+    if coverage < _GOOD_COVERAGE:
+        found.append(
+            f"only {100.0 * coverage:.0f} % of the memory is looked at: a model is uncertain in "
+            "loops that are not in the record; give it more time"
+        )
+    if math.isinf(movement.slope_limit):
+        found.append("no limit of slope or current was given: the amplifier's are not checked")
+    return found

@@ -1,0 +1,320 @@
+"""What a record for identification holds, in which order, and what is left out first."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from flexstage.hysteresis.excitation_shapes import Movement
+
+__all__ = ["HOLD", "NEAREST_RATES", "RESONANCE", "Plan", "Section", "fitted", "shortest"]
+
+#: Numbers of reversal curves, of which the largest that fits is taken.
+_LEVELS = (16, 13, 10, 8, 6, 5, 4)
+_USUAL_LEVELS = 10
+#: Fewer are taken only when slower rates have been raised.
+_ENOUGH_LEVELS = 6
+#: The loops of the fastest rate are twice as many where it is so many times as fast.
+_CHEAP = 4.0
+#: Rates are raised no nearer to the fastest one than this.
+NEAREST_RATES = 8.0
+#: Time at rest before the first movement and after the last one [s].
+_AT_REST = 0.25
+
+#: Means of the nested loops and their largest range, as shares of the whole range.
+_MIDDLE = (0.49, 0.9)
+_LOW = (0.26, 0.46)
+_HIGH = (0.73, 0.5)
+
+# Kinds of sections at each rate, in the order in which they are run.
+_MAJOR = "major loops"
+_FALLING = "reversal curves down"
+_RISING = "reversal curves up"
+_NESTED = "nested loops about the middle"
+_NESTED_LOW = "nested loops about a low mean"
+_NESTED_HIGH = "nested loops about a high mean"
+HOLD = "step and hold"
+RESONANCE = "multisine at the resonance"
+_REPEATED = "repeated major loops"
+_LOOPS = "all loops"
+_SLOW_START = "conditioning at the slowest rate, which is at the fastest instead"
+
+#: What is left out where time is short, the least useful first: what, and at which rates.
+_LEFT_OUT = (
+    (_RISING, "slower"),
+    (_FALLING, "slower"),
+    (_NESTED_HIGH, "slower"),
+    (_NESTED_LOW, "slower"),
+    (_REPEATED, "all"),
+    (_LOOPS, "middle"),
+    (_SLOW_START, ""),
+    (_NESTED, "slower"),
+    (RESONANCE, ""),
+    (_NESTED_HIGH, "fastest"),
+    (_NESTED_LOW, "fastest"),
+    (HOLD, ""),
+    (_RISING, "fastest"),
+    (_FALLING, "fastest"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section:
+    """One part of a plan.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    rate_hz : float
+        Rate at which it moves [Hz].
+    targets : tuple of float
+        Voltages to go to, one after the other [V].
+    waits : tuple of float
+        Time to wait at each of them [s]; empty for none.
+    multisine : float
+        Duration of a multisine at the last of them [s].
+    """
+
+    name: str
+    rate_hz: float
+    targets: tuple[float, ...]
+    waits: tuple[float, ...] = ()
+    multisine: float = 0.0
+
+    def steps(self, start: float, movement: Movement) -> Iterator[tuple[float, int, int]]:
+        """Give each target with the samples of the movement there and of the wait.
+
+        Parameters
+        ----------
+        start : float
+            Voltage before the first movement [V].
+        movement : Movement
+            How it moves.
+
+        Yields
+        ------
+        tuple of float, int and int
+            Target [V], samples of the movement, samples of the wait.
+        """
+        waits = self.waits or (0.0,) * len(self.targets)
+        for target, wait in zip(self.targets, waits, strict=True):
+            moved = movement.count(abs(target - start), self.rate_hz)
+            yield target, moved, round(wait * movement.sample_rate_hz)
+            start = target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What is asked of a record.
+
+    Parameters
+    ----------
+    voltage_range : tuple of float
+        Lowest and highest voltage [V].
+    rest_voltage : float
+        Voltage at which it starts and ends [V].
+    rates_hz : tuple of float
+        Rates of the major loops, rising [Hz].
+    hold : float
+        Time of the step and hold for creep [s]; 0 for none.
+    multisine : float
+        Time of the multisine at the resonance [s]; 0 for none.
+    levels : int
+        Number of reversal curves of each family.
+    dropped : int
+        How much is left out.
+    """
+
+    voltage_range: tuple[float, float]
+    rest_voltage: float
+    rates_hz: tuple[float, ...]
+    hold: float
+    multisine: float
+    levels: int = _USUAL_LEVELS
+    dropped: int = 0
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What is left out of what was asked."""
+        asked = {HOLD: self.hold > 0.0, RESONANCE: self.multisine > 0.0}
+        several = {"": True, "all": True, "fastest": True}
+        several |= {"slower": len(self.rates_hz) > 1, "middle": len(self.rates_hz) > 2}
+        words = {
+            "": "",
+            "all": "",
+            "slower": " at the slower rates",
+            "middle": " between the rates",
+        }
+        words["fastest"] = " at the fastest rate"
+        return tuple(
+            what + words[where]
+            for what, where in _LEFT_OUT[: self.dropped]
+            if several[where] and asked.get(what, True)
+        )
+
+    def sections(self) -> tuple[Section, ...]:
+        """Return its parts in the order in which they are run.
+
+        Returns
+        -------
+        tuple of Section
+            From the rest voltage to the rest voltage.
+        """
+        low, high = self.voltage_range
+        slowest, fastest = self.rates_hz[0], self.rates_hz[-1]
+        rest = self.rest_voltage
+        made = [
+            Section(
+                name="conditioning",
+                rate_hz=fastest if self._without(_SLOW_START, "") else slowest,
+                targets=(rest, high, low, high, low),
+                waits=(_AT_REST, 0.0, 0.0, 0.0, 0.0),
+            )
+        ]
+        for rate in self.rates_hz:
+            if fastest > rate > slowest and self._without(_LOOPS, "middle"):
+                continue
+            where = "fastest" if rate == fastest else "slower"
+            made += self._loops(rate, where)
+        if self.hold and not self._without(HOLD, ""):
+            up, down = low + 0.83 * (high - low), low + 0.22 * (high - low)
+            waits = (self.hold * 2.0 / 3.0, self.hold / 3.0)
+            made.append(Section(name=HOLD, rate_hz=fastest, targets=(up, down), waits=waits))
+        if self.multisine and not self._without(RESONANCE, ""):
+            middle = low + 0.47 * (high - low)
+            made.append(
+                Section(
+                    name=RESONANCE, rate_hz=fastest, targets=(middle,), multisine=self.multisine
+                )
+            )
+        made.append(
+            Section(name="return", rate_hz=fastest, targets=(low, rest), waits=(0.0, _AT_REST))
+        )
+        return tuple(made)
+
+    def samples(self, movement: Movement) -> int:
+        """Return how many samples it takes, with the first.
+
+        Parameters
+        ----------
+        movement : Movement
+            How it moves.
+
+        Returns
+        -------
+        int
+            Number of samples.
+        """
+        count, at = 1, self.rest_voltage
+        for section in self.sections():
+            for target, moved, waited in section.steps(at, movement):
+                count += moved + waited
+                at = target
+            # as many as `multisine` makes
+            count += math.ceil(section.multisine * movement.sample_rate_hz)
+        return count
+
+    def _without(self, what: str, where: str) -> bool:
+        return (what, where) in _LEFT_OUT[: self.dropped]
+
+    def _loops(self, rate: float, where: str) -> Iterator[Section]:
+        """Give the loops of one rate; each kind starts anywhere and ends at an end of the range."""
+        low, high = self.voltage_range
+        repeated = not self._without(_REPEATED, "all")
+        # every loop of the slower rates is among those of the fastest
+        times = 2 if where == "fastest" and rate > _CHEAP * self.rates_hz[0] else 1
+        n = times * (self.levels + 1) - 1
+        inner = [k / (n + 1) for k in range(n, 0, -1)]
+        fewer = times * max(self.levels // 2, 3)
+        kinds: tuple[tuple[str, list[float]], ...] = (
+            (_MAJOR, [1.0, 0.0] * (2 if repeated else 1)),
+            (_FALLING, [x for level in inner for x in (level, 0.0)]),
+            (_NESTED_LOW, [*_nested(_LOW, fewer, first=1.0), 0.0]),
+            (_RISING, [1.0] + [x for level in inner for x in (1.0 - level, 1.0)]),
+            (_NESTED_HIGH, [1.0, *_nested(_HIGH, fewer, first=-1.0), 1.0]),
+            (_NESTED, [1.0, *_nested(_MIDDLE, times * self.levels, first=-1.0), 0.0]),
+        )
+        for name, way in kinds:
+            if not self._without(name, where):
+                # both ends of the range are met exactly
+                targets = tuple(high if x == 1.0 else low + x * (high - low) for x in way)
+                yield Section(name=name, rate_hz=rate, targets=targets)
+
+
+def _nested(loops: tuple[float, float], count: int, first: float) -> list[float]:
+    """Return the turning points of loops of falling range about a mean, as shares of the range."""
+    mean, largest = loops
+    return [
+        mean + side * 0.5 * largest * (1.0 - k / count)
+        for k in range(count)
+        for side in (first, -first)
+    ]
+
+
+def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) -> Plan | None:
+    """Return the richest record that fits.
+
+    First rates are raised: all of them up to `free_up_to`, or the slower ones up to an eighth of
+    the fastest. Then content is left out, in the order of its worth.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    movement : Movement
+        How it moves.
+    most : int, optional
+        Largest number of samples; none where not given.
+    free_up_to : float
+        Rate up to which all rates may be raised [Hz]; 0 where they were asked for.
+
+    Returns
+    -------
+    Plan or None
+        The plan; None where not even the least fits.
+    """
+    if most is None:
+        return plan
+    raised = tuple(replace(plan, rates_hz=rates) for rates in _raised(plan.rates_hz, free_up_to))
+    tries = [(p, 0, _ENOUGH_LEVELS) for p in (plan, *raised[:-1])]
+    tries += [(raised[-1], dropped, 0) for dropped in range(len(_LEFT_OUT) + 1)]
+    for base, dropped, least in tries:
+        for levels in (n for n in _LEVELS if n >= least):
+            found = replace(base, levels=levels, dropped=dropped)
+            if found.samples(movement) <= most:
+                return found
+    return None
+
+
+def shortest(plan: Plan, movement: Movement, free_up_to: float) -> int:
+    """Return how many samples the least record takes.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked.
+    movement : Movement
+        How it moves.
+    free_up_to : float
+        As in `fitted`.
+
+    Returns
+    -------
+    int
+        Number of samples.
+    """
+    rates = _raised(plan.rates_hz, free_up_to)[-1]
+    least = replace(plan, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
+    return least.samples(movement)
+
+
+def _raised(rates: tuple[float, ...], free_up_to: float) -> list[tuple[float, ...]]:
+    if free_up_to > rates[-1]:
+        factors = [f for f in (1.5, 2.0, 3.0, 5.0, 8.0) if f * rates[-1] < free_up_to]
+        return [tuple(f * r for r in rates) for f in (*factors, free_up_to / rates[-1])]
+    slowest, fastest = rates[0], rates[-1]
+    if fastest <= NEAREST_RATES * slowest:
+        return [rates]
+    # the ends of the row of rates are moved together, and those between keep their share
+    exponent = math.log(NEAREST_RATES) / math.log(fastest / slowest)
+    return [tuple(fastest * (r / fastest) ** exponent for r in rates)]
