@@ -1,0 +1,139 @@
+"""Hysteresis of piezo drives: simulated, identified from records, undone, and joined to a stage.
+
+A *hysteresis model* is a frozen set of parameters with an explicit state (`HysteresisModel`); there
+are nine of them, by name in `MODELS`. The *chain* (`Amplifier`, `LogCreep`, `StageModes`, `Lag`,
+`Sensor`) is linear but for the limits of the amplifier. A `DriveModel` is both in a row, as
+`identify` finds it in records and `feedforward` undoes it; `model_text` writes it. A `Plant` joins
+the stacks to every mode of a stage: `stage_plant` builds it. `excitation` designs the experiment,
+and `virtual_experiment` carries it out on a `Plant`.
+Between samples the input moves on straight lines, and every answer to such an input is exact.
+"""
+
+from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.bouc_wen import BoucWen, simulate_bouc_wen_batch
+from flexstage.hysteresis.chain import (
+    Amplifier,
+    ChainElement,
+    JointResponse,
+    Lag,
+    LogCreep,
+    Sensor,
+    StageModes,
+    simulate_with_stage,
+)
+from flexstage.hysteresis.dahl import Dahl
+from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.duhem import Duhem
+from flexstage.hysteresis.excitation import excitation
+from flexstage.hysteresis.excitation_record import Excitation, ExcitationPart
+from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.identification import (
+    Candidate,
+    ChainValues,
+    Cycles,
+    Estimate,
+    FoundAmplifier,
+    FoundChain,
+    Identification,
+    Measurement,
+    Section,
+    cycles,
+    find_chain,
+    identify,
+    identify_amplifier,
+    measurement,
+)
+from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
+from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
+from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.memory_coverage import memory_coverage
+from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
+from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
+from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.oscillator import BoucWenOscillator, OscillatorResponse
+from flexstage.hysteresis.oscillator_identification import (
+    OscillatorIdentification,
+    identify_oscillator,
+)
+from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
+from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.preisach import Preisach
+from flexstage.hysteresis.registry import MODELS
+from flexstage.hysteresis.stage_plant import stage_plant
+from flexstage.hysteresis.virtual_experiment import (
+    AxisExperiment,
+    CompensatedRun,
+    virtual_experiment,
+)
+from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
+
+__all__ = [
+    "MODELS",
+    "Amplifier",
+    "AsymmetricBoucWen",
+    "AxisExperiment",
+    "BoucWen",
+    "BoucWenOscillator",
+    "Candidate",
+    "ChainElement",
+    "ChainValues",
+    "CompensatedRun",
+    "Condition",
+    "Cycles",
+    "Dahl",
+    "DriveChain",
+    "DriveModel",
+    "DriveState",
+    "Duhem",
+    "Estimate",
+    "Excitation",
+    "ExcitationPart",
+    "Feedforward",
+    "FoundAmplifier",
+    "FoundChain",
+    "GeneralisedBoucWen",
+    "GeneralisedMaxwellSlip",
+    "HysteresisModel",
+    "Identification",
+    "JointResponse",
+    "Lag",
+    "LogCreep",
+    "Measurement",
+    "ModelFile",
+    "ModifiedPrandtlIshlinskii",
+    "OscillatorIdentification",
+    "OscillatorResponse",
+    "Plant",
+    "PlantResponse",
+    "PlantState",
+    "PrandtlIshlinskii",
+    "Preisach",
+    "Response",
+    "Section",
+    "Segments",
+    "Sensor",
+    "StageModes",
+    "Tracking",
+    "ValidityRange",
+    "VirtualStack",
+    "cycles",
+    "excitation",
+    "feedforward",
+    "find_chain",
+    "identify",
+    "identify_amplifier",
+    "identify_oscillator",
+    "loop_branches",
+    "loop_width",
+    "measurement",
+    "memory_coverage",
+    "model_text",
+    "read_model_text",
+    "simulate_bouc_wen_batch",
+    "simulate_with_stage",
+    "smoothed",
+    "stage_plant",
+    "tracking",
+    "virtual_experiment",
+    "virtual_stack",
+]

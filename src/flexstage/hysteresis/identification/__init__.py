@@ -1,0 +1,31 @@
+"""From measured records to a model of the drive: hysteresis, lag, creep and resonance."""
+
+from flexstage.hysteresis.identification.amplifier import FoundAmplifier, identify_amplifier
+from flexstage.hysteresis.identification.chain_filter import ChainValues
+from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
+from flexstage.hysteresis.identification.cycles import Cycles, cycles, turning_points
+from flexstage.hysteresis.identification.families import FAMILIES
+from flexstage.hysteresis.identification.identify import Candidate, Identification, identify
+from flexstage.hysteresis.identification.measurement import Measurement, Section, measurement
+from flexstage.hysteresis.identification.parameter_units import parameter_unit
+from flexstage.hysteresis.identification.uncertainty import Estimate
+
+__all__ = [
+    "FAMILIES",
+    "Candidate",
+    "ChainValues",
+    "Cycles",
+    "Estimate",
+    "FoundAmplifier",
+    "FoundChain",
+    "Identification",
+    "Measurement",
+    "Section",
+    "cycles",
+    "find_chain",
+    "identify",
+    "identify_amplifier",
+    "measurement",
+    "parameter_unit",
+    "turning_points",
+]

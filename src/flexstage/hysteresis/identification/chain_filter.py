@@ -1,0 +1,185 @@
+"""What the linear chain makes of the columns of a model."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.identification.measurement import Measurement, Section
+
+__all__ = ["ChainValues", "Rows", "filtered", "rows_of"]
+
+Array = NDArray[np.float64]
+
+#: Samples that a fit looks at, at most; the models themselves see every sample.
+_MOST_ROWS = 30_000
+#: Samples of the columns that are filtered at once, which bounds the memory.
+_BLOCK = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainValues:
+    """Values of the linear chain behind a hysteresis model.
+
+    Parameters
+    ----------
+    delay : float
+        Delay of the output against the input [s].
+    creep_per_decade : float
+        Log-type creep, over the step, in each decade of time [1].
+    resonance_hz : float
+        Frequency of the lowest mode in the output [Hz]; 0 for none.
+    damping_ratio : float
+        Its damping ratio [1].
+    creep_shortest : float
+        Time at which creep begins [s].
+    creep_longest : float
+        Time at which creep ends [s].
+
+    Raises
+    ------
+    ModelError
+        Delay, creep or resonance are negative or not finite.
+    """
+
+    delay: float = 0.0
+    creep_per_decade: float = 0.0
+    resonance_hz: float = 0.0
+    damping_ratio: float = 0.02
+    creep_shortest: float = 0.01
+    creep_longest: float = 1000.0
+
+    def __post_init__(self) -> None:
+        for name in ("delay", "creep_per_decade", "resonance_hz"):
+            value = getattr(self, name)
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise ModelError(
+                    f"the {name} of a chain must be finite and not negative, got {value:g}"
+                )
+
+    @property
+    def creep(self) -> LogCreep:
+        """The creep as an element of the chain."""
+        return LogCreep(
+            rate_per_decade=self.creep_per_decade,
+            shortest=self.creep_shortest,
+            longest=self.creep_longest,
+            per_decade=1,
+        )
+
+    @property
+    def lag(self) -> Lag:
+        """The delay as an element of the chain."""
+        return Lag(delay=self.delay)
+
+    @property
+    def modes(self) -> StageModes | None:
+        """The resonance as an element of the chain; None where there is none."""
+        if self.resonance_hz == 0.0:
+            return None
+        return StageModes(
+            frequency_hz=(self.resonance_hz,),
+            damping_ratio=(self.damping_ratio,),
+            share=(1.0,),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """The samples of a section that a fit looks at.
+
+    Parameters
+    ----------
+    at : numpy.ndarray
+        Samples, shape (r,).
+    cycle : numpy.ndarray
+        Number of the cycle that each lies in, shape (r,).
+    weight : float
+        Samples that one row stands for.
+    """
+
+    at: NDArray[np.intp]
+    cycle: NDArray[np.intp]
+    weight: float
+
+
+def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+    """Choose the samples that a fit looks at: after the warm-up, evenly thinned where too many.
+
+    Parameters
+    ----------
+    data : Measurement
+        The measurement.
+    most : int
+        Number of samples of all sections, at most.
+
+    Returns
+    -------
+    tuple of Rows
+        The samples of each section.
+    """
+    total = sum(s.u.size - s.warm_up for s in data.sections)
+    every = max(1, -(-total // most))
+    chosen = []
+    for s in data.sections:
+        at = np.arange(s.warm_up, s.u.size, every)
+        # rows before the first and after the last cycle belong to their neighbour
+        cycle = np.searchsorted(s.cycles.bounds, at, side="right")
+        cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
+        chosen.append(Rows(at=at, cycle=cycle, weight=float(every)))
+    return tuple(chosen)
+
+
+def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -> Array:
+    """Return columns behind the chain, at some samples.
+
+    Parameters
+    ----------
+    columns : numpy.ndarray
+        Quasi-static columns at every sample, shape (n, m).
+    section : Section
+        The section that they belong to.
+    rows : Rows
+        The samples that are wanted.
+    chain : ChainValues
+        The chain.
+
+    Returns
+    -------
+    numpy.ndarray
+        The columns behind creep, resonance and delay, shape (r, m).
+    """
+    n, m = columns.shape
+    behind = np.empty((rows.at.size, m))
+    at = np.clip(rows.at - chain.delay / section.dt, 0.0, n - 1.0)
+    before = np.minimum(at.astype(np.intp), n - 2)
+    share = (at - before)[:, None]
+    for block in _blocks(n, m):
+        part = columns[:, block]
+        if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
+            part = _dynamic(part, section.dt, chain)
+        behind[:, block] = (1.0 - share) * part[before] + share * part[before + 1]
+    return behind
+
+
+def _blocks(n: int, m: int) -> Iterator[slice]:
+    width = max(1, _BLOCK // n)
+    for start in range(0, m, width):
+        yield slice(start, min(start + width, m))
+
+
+def _dynamic(columns: Array, dt: float, chain: ChainValues) -> Array:
+    made = np.empty(columns.shape, order="F")
+    creep, modes = chain.creep, chain.modes
+    for j in range(columns.shape[1]):
+        column = np.ascontiguousarray(columns[:, j])
+        if chain.creep_per_decade > 0.0:
+            column = creep.simulate(column, dt).values
+        if modes is not None:
+            column = modes.simulate(column, dt).values
+        made[:, j] = column
+    return made

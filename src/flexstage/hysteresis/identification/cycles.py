@@ -1,0 +1,188 @@
+"""Turning points, cycles, rates and minor loops of a drive signal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.compiled import compiled
+
+__all__ = ["Cycles", "cycles", "turning_points"]
+
+Array = NDArray[np.float64]
+
+#: A movement is counted when it is larger than this share of the whole range, ...
+_SMALLEST_SWING = 0.02
+#: ... and larger than this many times the noise of the signal.
+_NOISE_SWINGS = 8.0
+#: A cycle that moves over this share of the range and more is a major one.
+_MAJOR = 0.9
+#: Of a record with fewer lower turning points than this, an end counts as one where it is no higher
+#: than this share of the range.
+_FEW = 3
+_AT_LOW_END = 0.05
+#: Two cycles differ in rate when their frequencies differ by more than this factor.
+_OTHER_RATE = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cycles:
+    """How a drive signal moves.
+
+    Parameters
+    ----------
+    bounds : numpy.ndarray
+        First sample of each whole cycle, and the sample after the last, shape (c + 1,). A cycle
+        leads from one lower turning point to the next.
+    swing : numpy.ndarray
+        Range that is moved over in each cycle, as a share of the whole range, shape (c,).
+    frequency_hz : numpy.ndarray
+        Reciprocal of the time that the signal moves in each cycle [Hz], shape (c,).
+    turning : numpy.ndarray
+        Turning points [samples].
+    range : tuple of float
+        Lowest and highest value.
+    """
+
+    bounds: NDArray[np.intp]
+    swing: Array
+    frequency_hz: Array
+    turning: NDArray[np.intp]
+    range: tuple[float, float]
+
+    @property
+    def rates_hz(self) -> tuple[float, ...]:
+        """Rates of cycles over at least half of the range, that differ by more than half [Hz].
+
+        A smaller loop at the same speed repeats more often, and one of the same period is slower:
+        another rate is one at which both differ.
+        """
+        found: list[tuple[float, float]] = []
+        large = self.swing > 0.5
+        pairs = zip(self.frequency_hz[large], self.swing[large], strict=True)
+        for f, share in sorted(pairs, key=lambda pair: (-pair[1].round(1), pair[0])):
+            speed = f * share
+            if all(_differ(f, g) and _differ(speed, s) for g, s in found):
+                found.append((float(f), float(speed)))
+        return tuple(sorted(f for f, _ in found))
+
+    @property
+    def has_minor_loops(self) -> bool:
+        """Whether at least three cycles, of different size, stay inside the whole range."""
+        minor = self.swing[self.swing < _MAJOR]
+        return minor.size >= 3 and float(np.ptp(minor)) > 0.1
+
+
+def _differ(first: float, second: float) -> bool:
+    return max(first, second) > _OTHER_RATE * min(first, second)
+
+
+@compiled
+def _zigzag(u: Array, threshold: float, out: NDArray[np.intp]) -> int:
+    """Write the turning points of movements that are larger than the threshold; return how many."""
+    count, low, high, direction = 0, 0, 0, 0
+    for k in range(u.size):
+        if u[k] > u[high]:
+            high = k
+        if u[k] < u[low]:
+            low = k
+        if direction >= 0 and u[high] - u[k] > threshold:
+            if direction > 0 or high > 0:
+                out[count] = high
+                count += 1
+            direction, low = -1, k
+            high = k
+        elif direction <= 0 and u[k] - u[low] > threshold:
+            if direction < 0 or low > 0:
+                out[count] = low
+                count += 1
+            direction, high = 1, k
+            low = k
+    return count
+
+
+def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
+    """Return where a signal turns, leaving out movements smaller than a threshold.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        The signal, shape (n,).
+    threshold : float
+        Smallest movement that counts, in its unit.
+
+    Returns
+    -------
+    numpy.ndarray
+        Samples of highest and lowest points in turn; the two ends are none of them.
+
+    Examples
+    --------
+    >>> turning_points(np.array([0.0, 1.0, 2.0, 1.9, 3.0, 0.5, 0.6, 0.0, 2.0]), 0.5)
+    array([4, 7])
+    """
+    found = np.empty(u.size, dtype=np.intp)
+    count = _zigzag(np.ascontiguousarray(u, dtype=np.float64), threshold, found)
+    return found[:count].copy()
+
+
+def cycles(u: Array, dt: float) -> Cycles:
+    """Find the cycles of a drive signal.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        The signal, shape (n,).
+    dt : float
+        Time from one sample to the next [s].
+
+    Returns
+    -------
+    Cycles
+        Its whole cycles. What comes before the first lower turning point and after the last one
+        belongs to no cycle; of a record of one cycle or two, its ends are such points where the
+        signal is low there.
+
+    Examples
+    --------
+    >>> t = np.arange(1000) / 200.0
+    >>> found = cycles(60.0 - 60.0 * np.cos(2.0 * np.pi * t), 1.0 / 200.0)
+    >>> found.bounds, found.frequency_hz.round(2)
+    (array([200, 400, 600, 800]), array([1., 1., 1.]))
+    """
+    low, high = float(u.min()), float(u.max())
+    # differences of second order see noise, and hardly the movement itself
+    noise = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0) if u.size > 4 else 0.0
+    # a command moves by differences of second order as well: noise is what steps at once exceed
+    noise = min(noise, (high - low) / 100.0)
+    turning = turning_points(u, max(_SMALLEST_SWING * (high - low), _NOISE_SWINGS * noise))
+    lower = turning[1:] if turning.size and _is_high(u, turning) else turning
+    bounds = lower[::2]
+    if bounds.size < _FEW:
+        bounds = _with_ends(u, bounds, low + _AT_LOW_END * (high - low))
+    count = max(bounds.size - 1, 0)
+    swing, frequency = np.zeros(count), np.zeros(count)
+    for i in range(count):
+        part = u[bounds[i] : bounds[i + 1] + 1]
+        size = float(np.ptp(part))
+        swing[i] = size / (high - low)
+        # a signal that waits between two cycles is no slower for it
+        moving = np.abs(np.diff(part)) > 1e-3 * np.abs(np.diff(part)).max()
+        frequency[i] = 1.0 / (dt * max(int(moving.sum()), 1))
+    return Cycles(
+        bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
+    )
+
+
+def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:
+    """Add the ends of a short record to its lower turning points, where the signal is low there."""
+    first = [0] if u[0] <= at_most else []
+    last = [u.size - 1] if u[-1] <= at_most else []
+    inner = [int(b) for b in bounds if 0 < b < u.size - 1]
+    return np.array([*first, *inner, *last], dtype=np.intp)
+
+
+def _is_high(u: Array, turning: NDArray[np.intp]) -> bool:
+    if turning.size == 1:
+        return bool(u[turning[0]] > u[0])
+    return bool(u[turning[0]] > u[turning[1]])

@@ -1,0 +1,99 @@
+"""How a Bouc-Wen model on a cubic is fitted."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.bouc_wen import BoucWen
+from flexstage.hysteresis.identification.families.bouc_wen import shape_at
+from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.families.search import SearchFamily
+from flexstage.hysteresis.identification.measurement import Section
+
+__all__ = ["AsymmetricBoucWenFamily"]
+
+Array = NDArray[np.float64]
+
+
+class AsymmetricBoucWenFamily(SearchFamily):
+    """Two parameters are searched for: the model is linear in its cubic and its gain."""
+
+    kind: ClassVar[str] = "asymmetric-bouc-wen"
+    title: ClassVar[str] = "asymmetric Bouc-Wen"
+    grid = (8, 6)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 6
+
+    def free(self, data: Data) -> NDArray[np.bool_]:
+        """Return which linear parameters may be negative.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (4,).
+        """
+        del data
+        return np.array([False, True, True, False])
+
+    def columns(self, section: Section, place: Array, data: Data) -> Array:
+        """Return three powers of the input, and the hysteretic part of unit gain, sign turned.
+
+        Parameters
+        ----------
+        section : Section
+            The section.
+        place : numpy.ndarray
+            The searched parameters, each from 0 to 1, shape (2,).
+        data : Data
+            The data, for what belongs to all sections.
+
+        Returns
+        -------
+        numpy.ndarray
+            Quasi-static columns at every sample, shape (n, 4).
+        """
+        beta, gamma = shape_at(place, data.input_scale)
+        unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
+        u = section.u
+        return np.column_stack((u, u**2, u**3, unit.simulate(u).values))
+
+    def build(self, place: Array, coefficients: Array, data: Data) -> AsymmetricBoucWen:
+        """Return the model that some parameters make.
+
+        Parameters
+        ----------
+        place : numpy.ndarray
+            The searched parameters, each from 0 to 1, shape (2,).
+        coefficients : numpy.ndarray
+            The linear parameters, shape (4,).
+        data : Data
+            The data.
+
+        Returns
+        -------
+        AsymmetricBoucWen
+            The model.
+        """
+        beta, gamma = shape_at(place, data.input_scale)
+        low, high = data.measurement.input_range
+        least = 1e-12 * data.measurement.stroke / data.input_scale
+        return AsymmetricBoucWen(
+            gain=float(coefficients[0]),
+            quadratic=float(coefficients[1]),
+            cubic=float(coefficients[2]),
+            hysteresis_gain=max(float(coefficients[3]), least),
+            beta=beta,
+            gamma=gamma,
+            lowest_input=min(low, 0.0),
+            highest_input=max(high, 0.0),
+        )

@@ -1,0 +1,103 @@
+"""How a Duhem model is fitted."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.duhem import Duhem
+from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.families.search import SearchFamily
+from flexstage.hysteresis.identification.measurement import Section
+
+__all__ = ["DuhemFamily"]
+
+Array = NDArray[np.float64]
+
+#: Range of alpha times the range of the input, in powers of ten.
+_RATE = (-0.5, 2.0)
+#: Coefficients of f and of g.
+_CURVE, _TANGENT = 4, 2
+
+
+class DuhemFamily(SearchFamily):
+    """One parameter, alpha, is searched for: the output is linear in those of f and g."""
+
+    kind: ClassVar[str] = "duhem"
+    title: ClassVar[str] = "Duhem"
+    grid = (16,)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 1 + _CURVE + _TANGENT
+
+    def free(self, data: Data) -> NDArray[np.bool_]:
+        """Return which linear parameters may be negative.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (6,).
+        """
+        del data
+        return np.array([True] * (_CURVE + _TANGENT))
+
+    def columns(self, section: Section, place: Array, data: Data) -> Array:
+        """Return the output for each coefficient of f, then for each of g.
+
+        Parameters
+        ----------
+        section : Section
+            The section.
+        place : numpy.ndarray
+            The searched parameters, each from 0 to 1, shape (1,).
+        data : Data
+            The data, for what belongs to all sections.
+
+        Returns
+        -------
+        numpy.ndarray
+            Quasi-static columns at every sample, shape (n, 6).
+        """
+        made = []
+        for k in range(_CURVE + _TANGENT):
+            one = np.zeros(_CURVE + _TANGENT)
+            one[k] = 1.0
+            made.append(_model(place, one, data).simulate(section.u).values)
+        return np.column_stack(made)
+
+    def build(self, place: Array, coefficients: Array, data: Data) -> Duhem:
+        """Return the model that some parameters make.
+
+        Parameters
+        ----------
+        place : numpy.ndarray
+            The searched parameters, each from 0 to 1, shape (1,).
+        coefficients : numpy.ndarray
+            The linear parameters, shape (6,).
+        data : Data
+            The data.
+
+        Returns
+        -------
+        Duhem
+            The model.
+        """
+        return _model(place, coefficients, data)
+
+
+def _model(place: Array, coefficients: Array, data: Data) -> Duhem:
+    low, high = data.measurement.input_range
+    rate = 10.0 ** (_RATE[0] + place[0] * (_RATE[1] - _RATE[0])) / data.input_scale
+    return Duhem(
+        rate=float(rate),
+        anhysteretic=coefficients[:_CURVE],
+        tangent=coefficients[_CURVE:],
+        input_range=(min(low, 0.0), max(high, 0.0)),
+    )

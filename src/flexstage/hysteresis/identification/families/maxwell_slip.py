@@ -1,0 +1,137 @@
+"""How a generalised Maxwell-slip model is fitted."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import (
+    interior_kinks,
+)
+from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
+    PrandtlIshlinskiiFamily,
+)
+from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
+from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+
+__all__ = ["MaxwellSlipFamily"]
+
+Array = NDArray[np.float64]
+
+#: Weight of the penalty on second differences against the misfit.
+_SMOOTHING = 3e-4
+
+
+class MaxwellSlipFamily(RefinedFamily):
+    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
+
+    Parameters
+    ----------
+    elements : int
+        Number of sliders.
+    kinks : int
+        Number of kinks of the spring that never slides.
+    smoothing : float
+        Weight of the penalty on second differences of stiffnesses and kinks.
+    """
+
+    kind: ClassVar[str] = "maxwell-slip"
+    title: ClassVar[str] = "generalised Maxwell-slip"
+
+    def __init__(self, elements: int = 20, kinks: int = 6, smoothing: float = _SMOOTHING) -> None:
+        self._elements, self._kinks, self._smoothing = elements, kinks, smoothing
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 1 + self._elements + self._kinks
+
+    def begin(self, data: Data) -> Array:
+        """Return the parameters that the search begins with.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
+        """
+        stiffness, _, elements, _ = self._cached(data)
+        return np.concatenate((stiffness, elements, np.zeros(self._kinks)))
+
+    def bounds(self, data: Data) -> tuple[Array, Array]:
+        """Return the lower bounds of the parameters, and by how much each may change at once.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Lowest values, minus infinity for none, and scales; shape (k,) each.
+        """
+        slope = data.input_scale / data.measurement.stroke
+        low = np.zeros(1 + self._elements + self._kinks)
+        low[0] = 1e-3 * slope
+        low[1 + self._elements :] = -np.inf
+        return low, np.full(low.size, slope)
+
+    def penalty(self, data: Data) -> Array:
+        """Return the penalty on stiffnesses and kinks that differ from their neighbours.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Matrix over the parameters, shape (k, k).
+        """
+        del data
+        return self._smoothing * roughness(1, self._elements, self._kinks)
+
+    def build(self, parameters: Array, data: Data) -> GeneralisedMaxwellSlip:
+        """Return the model that some parameters make.
+
+        Parameters
+        ----------
+        parameters : numpy.ndarray
+            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
+        data : Data
+            The data.
+
+        Returns
+        -------
+        GeneralisedMaxwellSlip
+            The model.
+        """
+        _, thresholds, _, kinks = self._cached(data)
+        return GeneralisedMaxwellSlip(
+            stiffness=float(parameters[0]),
+            thresholds=thresholds,
+            element_stiffness=parameters[1 : 1 + self._elements],
+            dead_zones=kinks,
+            dead_zone_weights=parameters[1 + self._elements :],
+        )
+
+    def _cached(self, data: Data) -> list[Array]:
+        """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
+        key = f"{self.kind} start"
+        if key not in data.memo:
+            # those of the first fit, so that they stay where they are when cycles are held out
+            plays = PrandtlIshlinskiiFamily(self._elements).fit(data).model
+            assert isinstance(plays, PrandtlIshlinskii)
+            kinks = interior_kinks(data, plays, self._kinks)
+            gain, thresholds, weights = plays.inverse_plays()
+            # a play is the displacement less a stop, so that negative plays are stops and a spring
+            data.memo[key] = [np.array([gain + weights.sum()]), thresholds, -weights, kinks]
+        return data.memo[key]

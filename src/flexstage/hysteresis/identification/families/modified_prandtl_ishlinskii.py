@@ -1,0 +1,169 @@
+"""How a modified Prandtl-Ishlinskii model is fitted."""
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.identification.families.family import Data
+from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
+    PrandtlIshlinskiiFamily,
+)
+from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
+from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+
+__all__ = ["ModifiedPrandtlIshlinskiiFamily", "interior_kinks"]
+
+Array = NDArray[np.float64]
+
+#: Smallest slope of the line behind the plays, over the mean slope: it must be invertible.
+_FLATTEST = 0.05
+#: Weight of the penalty on second differences against the misfit.
+_SMOOTHING = 3e-4
+
+
+def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
+    """Return where a line behind plays may bend: evenly over the output, and not at zero.
+
+    Parameters
+    ----------
+    data : Data
+        The data.
+    plays : PrandtlIshlinskii
+        The plays.
+    count : int
+        Number of kinks.
+
+    Returns
+    -------
+    numpy.ndarray
+        Kinks in the unit of the output, rising, shape (count,).
+    """
+    ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.measurement.sections]
+    low, high = min(e.min() for e in ends), max(e.max() for e in ends)
+    kinks = np.linspace(low, high, count + 2)[1:-1]
+    distance = (high - low) / (count + 1)
+    near = np.abs(kinks) < 0.05 * distance
+    return np.where(near, 0.05 * distance, kinks)
+
+
+class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
+    """Plays, and the slopes of the line behind them; begun from plays alone.
+
+    Parameters
+    ----------
+    plays : int
+        Number of plays.
+    kinks : int
+        Number of kinks of the line.
+    smoothing : float
+        Weight of the penalty on second differences of weights and slopes.
+    """
+
+    kind: ClassVar[str] = "modified-prandtl-ishlinskii"
+    title: ClassVar[str] = "modified Prandtl-Ishlinskii"
+
+    def __init__(self, plays: int = 20, kinks: int = 8, smoothing: float = _SMOOTHING) -> None:
+        self._plays, self._kinks, self._smoothing = plays, kinks, smoothing
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 1 + self._plays + self._kinks
+
+    def _start(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
+        # that of the first fit, so that the kinks stay where they are when cycles are held out
+        model = PrandtlIshlinskiiFamily(self._plays).fit(data).model
+        assert isinstance(model, PrandtlIshlinskii)
+        return model, interior_kinks(data, model, self._kinks)
+
+    def begin(self, data: Data) -> Array:
+        """Return the parameters that the search begins with.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Gain, weights of plays, then the slopes of the line; shape (k,).
+        """
+        model, kinks = self._cached(data)
+        return np.concatenate(([model.gain], model.weights, np.ones(kinks.size + 1)))
+
+    def bounds(self, data: Data) -> tuple[Array, Array]:
+        """Return the lower bounds of the parameters, and by how much each may change at once.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Lowest values and scales; shape (k,) each.
+        """
+        slope = data.measurement.stroke / data.input_scale
+        low = np.zeros(2 + self._plays + self._kinks)
+        low[0] = 1e-3 * slope
+        low[1 + self._plays :] = _FLATTEST
+        scale = np.full(low.size, slope)
+        scale[1 + self._plays :] = 1.0
+        return low, scale
+
+    def penalty(self, data: Data) -> Array:
+        """Return the penalty on weights and slopes that differ from their neighbours.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Matrix over the parameters, shape (k, k).
+        """
+        del data
+        return self._smoothing * roughness(1, self._plays, self._kinks + 1)
+
+    def build(self, parameters: Array, data: Data) -> ModifiedPrandtlIshlinskii:
+        """Return the model that some parameters make.
+
+        Parameters
+        ----------
+        parameters : numpy.ndarray
+            Gain, weights of plays, then the slopes of the line; shape (k,).
+        data : Data
+            The data.
+
+        Returns
+        -------
+        ModifiedPrandtlIshlinskii
+            The model, with the slope of its line about zero made one.
+        """
+        start, kinks = self._cached(data)
+        gain, weights = parameters[0], parameters[1 : 1 + self._plays]
+        slopes = parameters[1 + self._plays :]
+        about_zero = slopes[int(np.searchsorted(kinks, 0.0))]
+        change = np.diff(slopes) / about_zero
+        return ModifiedPrandtlIshlinskii(
+            gain=gain * about_zero,
+            thresholds=start.thresholds,
+            weights=weights * about_zero,
+            dead_zones=kinks * about_zero,
+            dead_zone_weights=np.where(kinks > 0.0, change, -change),
+        )
+
+    def _cached(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
+        key = f"{self.kind} start"
+        if key not in data.memo:
+            model, kinks = self._start(data)
+            data.memo[key] = [np.array([model.gain]), model.thresholds, model.weights, kinks]
+        gain, thresholds, weights, kinks = data.memo[key]
+        plays = PrandtlIshlinskii(gain=float(gain[0]), thresholds=thresholds, weights=weights)
+        return plays, kinks

@@ -1,0 +1,212 @@
+"""How a Preisach model is fitted."""
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.identification.families.family import Data, Fit, equations
+from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.linear import LinearFamily
+from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.projection import Normal
+from flexstage.hysteresis.preisach import Preisach, preisach_columns
+
+__all__ = ["PreisachFamily"]
+
+Array = NDArray[np.float64]
+
+#: Weights of the penalty on second differences of the density that are tried: for records with
+#: little noise, and with much.
+_SMOOTHING = (3e-8, 3e-7, 3e-6, 3e-5)
+#: Parts of the cycles that are held out in turn to choose the weight.
+_PARTS = 4
+
+
+class PreisachFamily(LinearFamily):
+    """A density of relays on a grid of thresholds and means, smooth and not negative.
+
+    Parameters
+    ----------
+    thresholds : int
+        Number of thresholds of plays.
+    means : int
+        Number of intervals of their outputs.
+    smoothing : float, optional
+        Weight of the penalty on second differences of the density; the one that predicts cycles
+        best which were not fitted, where not given.
+    """
+
+    kind: ClassVar[str] = "preisach"
+    title: ClassVar[str] = "Preisach"
+
+    def __init__(
+        self, thresholds: int = 16, means: int = 16, smoothing: float | None = None
+    ) -> None:
+        self._thresholds, self._means, self._given = thresholds, means, smoothing
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self._thresholds * self._means
+
+    def _grid(self, data: Data) -> tuple[Array, Array]:
+        low, high = data.measurement.input_range
+        # a play of more than half of the range moves once, on the way out of rest
+        thresholds = 0.5 * (high - low) * np.arange(self._thresholds) / self._thresholds
+        return thresholds, np.linspace(low, high, self._means + 1)
+
+    def columns(self, section: Section, data: Data) -> Iterator[Array]:
+        """Give the output per unit of each slope, play by play.
+
+        Parameters
+        ----------
+        section : Section
+            The section.
+        data : Data
+            The data, for what belongs to all sections.
+
+        Yields
+        ------
+        numpy.ndarray
+            Quasi-static columns at every sample, shape (n, some of m).
+        """
+        thresholds, knots = self._grid(data)
+        for threshold in thresholds:
+            yield preisach_columns(section.u, [threshold], knots)
+
+    def build(self, coefficients: Array, data: Data) -> Preisach:
+        """Return the model that some slopes make.
+
+        Parameters
+        ----------
+        coefficients : numpy.ndarray
+            The slopes, shape (m,).
+        data : Data
+            The data.
+
+        Returns
+        -------
+        Preisach
+            The model.
+        """
+        thresholds, knots = self._grid(data)
+        slopes = coefficients.reshape(self._thresholds, self._means)
+        return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
+
+    def names(self, data: Data) -> tuple[str, ...]:
+        """Return what each parameter is called.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        tuple of str
+            The slopes, play by play.
+        """
+        del data
+        return tuple(
+            f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
+        )
+
+    def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
+        """Return the penalty on second differences along thresholds and along means.
+
+        The first threshold, zero, is a gain without memory and no neighbour of the others.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        moving : numpy.ndarray
+            Which columns move in the records, shape (m,).
+
+        Returns
+        -------
+        numpy.ndarray
+            The matrix, shape (m, m).
+        """
+        m, p = self._thresholds, self._means
+        along = np.kron(np.eye(m), _second_difference(p))
+        skip = np.zeros((m - 1, m))
+        skip[:, 1:] = np.eye(m - 1)
+        across = np.kron(_second_difference(m - 1) @ skip, np.eye(p))
+        rows = np.concatenate((along, across))
+        # what no record has reached is no neighbour of what one has
+        rows = rows[~np.any((rows != 0.0) & ~moving, axis=1)]
+        return self._weight(data) * (rows.T @ rows)
+
+    def fit(self, data: Data, start: Array | None = None) -> Fit:
+        """Find the global optimum, with the smoothing that predicts best.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        start : numpy.ndarray, optional
+            Not used: there is nothing to search for.
+
+        Returns
+        -------
+        Fit
+            The fitted model.
+        """
+        key = f"{self.kind} smoothing"
+        if self._given is None and key not in data.memo:
+            data.memo[key] = [np.array(self._best_weight(data))]
+        return super().fit(data, start)
+
+    def _weight(self, data: Data) -> float:
+        if self._given is not None:
+            return self._given
+        chosen = data.memo.get(f"{self.kind} smoothing")
+        return _SMOOTHING[2] if chosen is None else float(chosen[0])
+
+    def _best_weight(self, data: Data) -> float:
+        behind = self._behind(data)
+        # one run each: a density shall also hold a little beyond what it was fitted to
+        folds = folds_of(data, _PARTS, runs=1)
+        if len(folds) < 2:
+            return _SMOOTHING[2]
+        held = [equations(behind, data.with_use(fold)) for fold in folds]
+        whole = equations(behind, data)
+        left = {w: self._held_out(w, whole, held, behind, data) for w in _SMOOTHING}
+        best = min(_SMOOTHING, key=lambda w: left[w].sum())
+        # the smoothest that is as good within what differs from part to part by chance
+        for weight in sorted(_SMOOTHING, reverse=True):
+            worse = left[weight] - left[best]
+            if worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size):
+                return weight
+        return best
+
+    def _held_out(
+        self, weight: float, whole: Normal, held: list[Normal], behind: list[Array], data: Data
+    ) -> Array:
+        """Mean square that is left of each part, fitted to the others."""
+        family = PreisachFamily(self._thresholds, self._means, weight)
+        left = []
+        for part in held:
+            if part.count in (0, whole.count):
+                continue
+            rest = whole - part
+            x = family.coefficients(rest, behind, data)
+            m = rest.columns
+            # the nuisance is what the fitted part says, as it will be in use
+            own = np.linalg.lstsq(
+                rest.gram[m:, m:], rest.right[m:] - rest.gram[m:, :m] @ x, rcond=None
+            )[0]
+            z = np.concatenate((x, own))
+            square = part.square - 2.0 * float(part.right @ z) + float(z @ part.gram @ z)
+            left.append(square / part.count)
+        return np.array(left)
+
+
+def _second_difference(n: int) -> Array:
+    made = np.zeros((max(n - 2, 0), n))
+    for i in range(n - 2):
+        made[i, i : i + 3] = (1.0, -2.0, 1.0)
+    return made

@@ -1,0 +1,326 @@
+"""A measured input and output, prepared for identification."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.records import Channel, Record
+
+__all__ = ["Measurement", "Section", "measurement"]
+
+Array = NDArray[np.float64]
+
+#: The memory of what was before a record is wiped out when both ends of the range were reached,
+#: within this share of the range.
+_END = 0.05
+#: At most this share of a record is given to that.
+_LONGEST_WARM_UP = 0.4
+#: A loop narrower than this share of the stroke says nothing about which column leads.
+_NARROW_LOOP = 0.004
+#: An output whose correlation with the input is less than this does not follow it.
+_UNRELATED = 0.1
+#: Ranges of a column whose squares and products are numbers.
+_SMALLEST, _LARGEST = 1e-60, 1e60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Section:
+    """One record's input and output.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        Input, shape (n,).
+    y : numpy.ndarray
+        Output, counted so that it rises with the input, shape (n,).
+    dt : float
+        Time from one sample to the next [s].
+    cycles : Cycles
+        How the input moves.
+    warm_up : int
+        Number of first samples that still know what was before the record.
+    nuisance : numpy.ndarray
+        Columns that are fitted beside every model and belong to none: the offset, and the settling
+        after what was before the record, shape (n, 2).
+    noise : float
+        Estimated standard deviation of the noise of the output, in its unit.
+    """
+
+    u: Array
+    y: Array
+    dt: float
+    cycles: Cycles
+    warm_up: int
+    nuisance: Array
+    noise: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Measurement:
+    """What a model is identified from.
+
+    Parameters
+    ----------
+    sections : tuple of Section
+        One of each record.
+    sign : float
+        1 if the output rises with the input, -1 if it falls.
+    input_unit : str
+        Unit of the input; empty where nobody has said.
+    output_unit : str
+        Unit of the output; empty where nobody has said.
+    stroke : float
+        Range of the output after the warm-up, in its unit.
+    warnings : tuple of str
+        What the records cannot tell, and which experiment is missing.
+    """
+
+    sections: tuple[Section, ...]
+    sign: float
+    input_unit: str
+    output_unit: str
+    stroke: float
+    warnings: tuple[str, ...]
+
+    @property
+    def input_range(self) -> tuple[float, float]:
+        """Lowest and highest input."""
+        return (
+            min(s.cycles.range[0] for s in self.sections),
+            max(s.cycles.range[1] for s in self.sections),
+        )
+
+    @property
+    def rates_hz(self) -> tuple[float, ...]:
+        """Rates of the cycles of all records, that differ by more than half [Hz]."""
+        found: list[float] = []
+        for f in sorted(f for s in self.sections for f in s.cycles.rates_hz):
+            if not found or f > 1.5 * found[-1]:
+                found.append(f)
+        return tuple(found)
+
+
+def measurement(
+    records: Sequence[Record], input_column: str | int, output_column: str | int
+) -> Measurement:
+    """Prepare records for identification, after checking that they can serve.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Records of the same drive, at any rates.
+    input_column : str or int
+        The column that drives.
+    output_column : str or int
+        The column that follows.
+
+    Returns
+    -------
+    Measurement
+        The prepared sections.
+
+    Raises
+    ------
+    RecordError
+        A column is missing or does not move, the samples are uneven, the output leads the input,
+        or it does not follow it at all.
+    """
+    if not records:
+        raise RecordError("an identification needs at least one record, got none")
+    pairs = [(r, r.channel(input_column), r.channel(output_column)) for r in records]
+    for _, i, o in pairs:
+        if i is o:
+            raise RecordError(
+                f"input and output are the same column, '{i.name}': choose the one that drives and "
+                "the one that follows"
+            )
+    units = {(i.unit, o.unit) for _, i, o in pairs}
+    if len(units) > 1:
+        raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
+    for r, i, o in pairs:
+        _require_usable(r, i.name, i.values)
+        _require_usable(r, o.name, o.values)
+        if not r.uniform:
+            raise RecordError(
+                f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
+            )
+    sign = _sign(pairs)
+    sections = tuple(
+        _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
+    )
+    _require_order(sections, pairs[0][1].name, pairs[0][2].name)
+    stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
+    made = Measurement(
+        sections=sections,
+        sign=sign,
+        input_unit=pairs[0][1].unit,
+        output_unit=pairs[0][2].unit,
+        stroke=stroke,
+        warnings=(),
+    )
+    return Measurement(
+        sections=sections,
+        sign=sign,
+        input_unit=made.input_unit,
+        output_unit=made.output_unit,
+        stroke=stroke,
+        warnings=_warnings(made),
+    )
+
+
+def _require_usable(record: Record, name: str, values: Array) -> None:
+    where = f"column '{name}' of {record.source or 'the record'}"
+    if values.size < 50:
+        raise RecordError(f"{where} has {values.size} samples: at least 50 are needed")
+    if not np.all(np.isfinite(values)):
+        first = int(np.argmin(np.isfinite(values)))
+        raise RecordError(f"{where} holds {values[first]} at sample {first}: mend the record")
+    size = float(np.ptp(values))
+    if not size > 1e-13 * float(np.max(np.abs(values))):
+        raise RecordError(f"{where} is constant at {values[0]:g}: choose a column that moves")
+    if not _SMALLEST < size < _LARGEST:
+        raise RecordError(
+            f"{where} has a range of {size:.3g}: a range of {_SMALLEST:g} to {_LARGEST:g} is "
+            "computed with; give it another unit"
+        )
+
+
+def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
+    """Whether the output rises or falls with the input; refused where it does neither."""
+    found = []
+    for r, i, o in pairs:
+        share = float(np.corrcoef(i.values, o.values)[0, 1])
+        if abs(share) < _UNRELATED:
+            raise RecordError(
+                f"column '{o.name}' of {r.source or 'the record'} does not follow '{i.name}' "
+                f"(correlation {share:.3f}): choose the columns that belong together"
+            )
+        found.append(float(np.sign(share)))
+    if len(set(found)) > 1:
+        raise RecordError("the output rises with the input in one record and falls in another")
+    return found[0]
+
+
+def _section(u: Array, y: Array, dt: float, source: str) -> Section:
+    moves = cycles(u, dt)
+    if moves.bounds.size < 2:
+        raise RecordError(
+            f"the input of {source or 'the record'} makes no whole cycle, from one lower turning "
+            "point to the next: identification needs at least one, and better five, over the range "
+            "that is to be used"
+        )
+    t = np.arange(u.size) * dt
+    # what a drive still does after a change before the record: log-type creep of unknown size
+    slow = np.geomspace(0.1, max(1000.0, 10.0 * t[-1]), 5)
+    settling: Array = np.exp(-t[:, None] / slow).mean(axis=1)
+    # differences of third order pass noise and hardly pass a smooth motion
+    noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
+    return Section(
+        u=np.ascontiguousarray(u),
+        y=np.ascontiguousarray(y),
+        dt=dt,
+        cycles=moves,
+        warm_up=_warm_up(u, moves),
+        nuisance=np.column_stack((np.ones(t.size), settling)).astype(np.float64),
+        noise=noise,
+    )
+
+
+def _warm_up(u: Array, moves: Cycles) -> int:
+    low, high = moves.range
+    reach = _END * (high - low)
+    first_high = int(np.argmax(u >= high - reach))
+    first_low = int(np.argmax(u <= low + reach))
+    # the later of both, and a whole cycle after it where there are many: other memory fades there
+    both = max(first_high, first_low)
+    after = moves.bounds[moves.bounds >= both]
+    more = 1 if after.size > 6 else 0
+    end = int(after[more]) if after.size else both
+    longest = int(_LONGEST_WARM_UP * u.size)
+    if end <= longest:
+        return end
+    return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
+
+
+def _require_order(sections: Sequence[Section], input_name: str, output_name: str) -> None:
+    """Refuse an output that leads: the loop of a drive is always run with the output behind."""
+    widths = np.concatenate([_loop_areas(s) for s in sections])
+    mean = float(widths.mean())
+    error = float(widths.std() / np.sqrt(widths.size))
+    if mean < -_NARROW_LOOP and mean < -3.0 * error:
+        raise RecordError(
+            f"the output leads the input: column '{output_name}' moves before '{input_name}' (the "
+            f"loop is run backwards, {100 * mean:.1f} % of its box); are the columns swapped, or "
+            "does the output lag by half a cycle and more?"
+        )
+
+
+def _loop_areas(section: Section) -> Array:
+    """Signed area of each large loop by that of its box; positive where the output lags."""
+    c = section.cycles
+    areas = []
+    for i in range(c.swing.size):
+        if c.swing[i] < 0.5:
+            continue
+        u = section.u[c.bounds[i] : c.bounds[i + 1] + 1]
+        y = section.y[c.bounds[i] : c.bounds[i + 1] + 1]
+        # closed by a straight line where drift has left a gap
+        area = -float(
+            np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(u)) + 0.5 * (y[-1] + y[0]) * (u[0] - u[-1])
+        )
+        areas.append(area / (np.ptp(u) * max(np.ptp(y), 1e-300)))
+    return np.array(areas) if areas else np.zeros(1)
+
+
+def _warnings(m: Measurement) -> tuple[str, ...]:
+    found: list[str] = []
+    rates = m.rates_hz
+    if len(rates) < 2:
+        at = f"{rates[0]:.3g} Hz" if rates else "one rate"
+        found.append(
+            f"one rate only ({at}): lag, creep and hysteresis cannot be told apart; record the "
+            "same cycles at a second rate, ten times slower or faster"
+        )
+    if not any(s.cycles.has_minor_loops for s in m.sections):
+        found.append(
+            "no minor loops: what happens inside the major loop is not identified; record nested "
+            "loops of falling or rising amplitude as well"
+        )
+    if sum(s.cycles.swing.size for s in m.sections) < 3:
+        found.append(
+            "fewer than three whole cycles: errors on cycles that were held out say little; record "
+            "more"
+        )
+    for s in m.sections:
+        if _clipped(s):
+            found.append(
+                "the output stays at an end of its range for long: is the sensor saturated?"
+            )
+            break
+    if max(_levels(s.u) for s in m.sections) < 10:
+        found.append(
+            "the input jumps between few levels: what lies between them is not identified; drive "
+            "with sines or triangles"
+        )
+    if m.sign < 0:
+        found.append("the output falls where the input rises: the sign of the output was turned")
+    return tuple(found)
+
+
+def _clipped(section: Section) -> bool:
+    """Whether many samples lie at exactly the highest or the lowest value while the input moves."""
+    u, y = section.u, section.y
+    for at_end in (y == y.max(), y == y.min()):
+        many = int(at_end.sum())
+        if many > max(0.02 * y.size, 10) and np.ptp(u[at_end]) > _END * np.ptp(u):
+            return True
+    return False
+
+
+def _levels(u: Array) -> int:
+    """How many twentieths of its range a signal visits."""
+    return np.unique(np.floor(19.999 * (u - u.min()) / np.ptp(u))).size

@@ -1,0 +1,202 @@
+"""The lowest resonance, from a part of a record that excites it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import butter, csd, sosfiltfilt, welch
+
+from flexstage.hysteresis.chain import StageModes
+from flexstage.hysteresis.identification.measurement import Section
+
+__all__ = ["Resonance", "find_resonance"]
+
+Array = NDArray[np.float64]
+
+#: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
+_ABOVE = 5.0
+#: Bins of the spectrum are used where input and output belong together to this degree.
+_COHERENCE = 0.9
+_FEWEST_BINS = 12
+#: The mode is believed where it takes this share of the misfit of a plain gain with delay away.
+_WORTH = 0.75
+_LARGEST_DAMPING = 0.3
+#: A frequency whose standard error is a larger share of it is none.
+_VAGUE = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resonance:
+    """A mode in the output.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Its natural frequency [Hz].
+    damping_ratio : float
+        Its damping ratio [1].
+    frequency_error_hz : float
+        Standard error of the frequency [Hz].
+    delay : float
+        Delay of the output against the input [s].
+    delay_error : float
+        Its standard error [s].
+    """
+
+    frequency_hz: float
+    damping_ratio: float
+    frequency_error_hz: float
+    delay: float = 0.0
+    delay_error: float = 0.0
+
+
+def find_resonance(section: Section) -> Resonance | None:
+    r"""Find the lowest resonance of an output where its input holds content that shows it.
+
+    A small multisine or chirp about the resonance moves no memory: to it the hysteresis is a gain.
+    The ratio of cross to own spectrum (Welch 1967) is fitted by
+
+    .. math:: H = g\, e^{-i\omega t_d} \left(1 - c
+              + \frac{c\,\omega_0^2}{\omega_0^2 - \omega^2 + 2 i \zeta \omega_0 \omega}\right)
+
+    and the result is where the same mode is fitted to the samples themselves, which windows of the
+    spectrum do not blunt.
+
+    Parameters
+    ----------
+    section : Section
+        A record.
+
+    Returns
+    -------
+    Resonance or None
+        The mode; None where the record has no such content, or shows no mode.
+    """
+    rate = 1.0 / section.dt
+    fastest = float(section.cycles.frequency_hz.max(initial=0.0))
+    low = max(_ABOVE * fastest, 20.0 / (section.u.size * section.dt))
+    if low > 0.4 * rate:
+        return None
+    part = _excited(section, low)
+    if part is None:
+        return None
+    f, H, weight = _response(section.u[part], section.y[part], rate, low)
+    if f.size < _FEWEST_BINS:
+        return None
+    rough = _fit(f, H, weight)
+    if rough is None:
+        return None
+    found = _refined(section, part, low, rough)
+    # a hump that is as wide as it may be, or stands anywhere, is the shape of something else
+    sharp = found.damping_ratio < 0.9 * _LARGEST_DAMPING
+    placed = found.frequency_error_hz < _VAGUE * found.frequency_hz
+    return found if sharp and placed else None
+
+
+def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Resonance:
+    """Fit the mode to the samples of the part, both sides without what is slow."""
+    dt = section.dt
+    slow = butter(4, low, "highpass", fs=1.0 / dt, output="sos")
+    margin = int(3.0 / (low * dt))
+    start, stop = max(part.start - margin, 0), min(part.stop + margin, section.u.size)
+    u, y = sosfiltfilt(slow, section.u[start:stop]), sosfiltfilt(slow, section.y[start:stop])
+    inside = slice(part.start - start, part.stop - start)
+    at = np.arange(u.size, dtype=np.float64)
+
+    def left(p: Array) -> Array:
+        stage = StageModes(frequency_hz=(p[0],), damping_ratio=(p[1],), share=(p[2],))
+        moved = stage.simulate(u, dt).values
+        moved = np.interp(at - p[3] / dt, at, moved)[inside]
+        wanted = y[inside]
+        gain = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
+        return (wanted - gain * moved) / max(float(np.std(wanted)), 1e-300)
+
+    begin = np.array([rough.frequency_hz, rough.damping_ratio, 0.98, 0.5 * dt])
+    found = least_squares(
+        left,
+        begin,
+        bounds=(
+            [0.7 * begin[0], 1e-4, 0.02, 0.0],
+            [1.3 * begin[0], _LARGEST_DAMPING, 1.0, 0.1 / low],
+        ),
+        x_scale=[begin[0], 0.02, 1.0, dt],
+        diff_step=1e-6,
+    )
+    J, cost = found.jac, 2.0 * found.cost / max(found.fun.size - 5, 1)
+    scale = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
+    variance = np.diag(np.linalg.pinv((J / scale).T @ (J / scale))) * cost
+    error = np.sqrt(np.maximum(variance, 0.0)) / scale
+    return Resonance(
+        frequency_hz=float(found.x[0]),
+        damping_ratio=float(found.x[1]),
+        frequency_error_hz=float(error[0]),
+        delay=float(found.x[3]),
+        delay_error=float(error[3]),
+    )
+
+
+def _excited(section: Section, low: float) -> slice | None:
+    """The part of a record in which the input moves quickly and little."""
+    filtered = butter(4, low, "highpass", fs=1.0 / section.dt, output="sos")
+    quick = np.abs(sosfiltfilt(filtered, section.u))
+    width = max(1, int(4.0 / (low * section.dt)))
+    envelope = np.convolve(quick, np.ones(width) / width, mode="same")
+    span = float(np.ptp(section.u))
+    # corners of a triangle are quick as well, but only for a moment
+    inside = envelope > max(0.3 * float(envelope.max()), 1e-5 * span)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], inside.astype(np.int8), [0]))))
+    runs = edges.reshape(-1, 2)
+    if runs.size == 0:
+        return None
+    start, stop = max(runs, key=lambda run: run[1] - run[0])
+    if (stop - start) * section.dt * low < 40.0:
+        return None
+    return slice(int(start), int(stop))
+
+
+def _response(u: Array, y: Array, rate: float, low: float) -> tuple[Array, NDArray, Array]:
+    length = int(min(u.size // 4, max(256, 2 ** int(np.log2(12.0 * rate / low)))))
+    settings = {"fs": rate, "nperseg": length, "detrend": "linear"}
+    f, own = welch(u, **settings)
+    _, other = welch(y, **settings)
+    _, cross = csd(u, y, **settings)
+    coherence = np.abs(cross) ** 2 / np.maximum(own * other, 1e-300)
+    used = (f > low) & (coherence > _COHERENCE) & (own > 1e-4 * own[f > low].max())
+    # the variance of a ratio of spectra at a given coherence (Bendat and Piersol 2010)
+    spread = np.sqrt(np.maximum(1.0 - coherence[used], 1e-6) / coherence[used])
+    return f[used], cross[used] / own[used], 1.0 / spread
+
+
+def _fit(f: Array, H: NDArray, weight: Array) -> Resonance | None:
+    omega = 2.0 * np.pi * f
+    size = np.abs(H)
+    level = float(np.median(size))
+
+    def left(p: Array, share: bool = True) -> Array:
+        w0 = 2.0 * np.pi * p[2]
+        mode = w0**2 / (w0**2 - omega**2 + 2j * p[3] * w0 * omega)
+        part = p[4] if share else 0.0
+        model = level * p[0] * np.exp(-1j * omega * p[1] / omega.max()) * (1.0 - part + part * mode)
+        error = (H - model) / size * weight
+        return np.concatenate((error.real, error.imag))
+
+    peak = float(f[int(np.argmax(size))])
+    starts = [np.array([0.5, 0.0, at, 0.02, 1.0]) for at in (peak, 1.02 * peak, 0.97 * peak)]
+    bounds = ([1e-3, -1.0, f[0] * 0.7, 1e-4, 0.02], [1e3, 20.0, f[-1] * 1.3, _LARGEST_DAMPING, 1.0])
+    scale = [1.0, 1.0, peak, 0.02, 1.0]
+    found = [least_squares(left, s, bounds=bounds, x_scale=scale) for s in starts]
+    best = min(found, key=lambda r: r.cost)
+    plain = least_squares(
+        lambda q: left(np.array([q[0], q[1], peak, 0.1, 0.0]), share=False), [1.0, 0.0]
+    )
+    at, damping = float(best.x[2]), float(best.x[3])
+    if best.cost > (1.0 - _WORTH) * plain.cost or not f[0] < at < f[-1]:
+        return None
+    J = best.jac
+    variance = np.linalg.pinv(J.T @ J) * 2.0 * best.cost / max(2 * f.size - 5, 1)
+    return Resonance(
+        frequency_hz=at,
+        damping_ratio=damping,
+        frequency_error_hz=float(np.sqrt(max(variance[2, 2], 0.0))),
+    )

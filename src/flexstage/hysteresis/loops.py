@@ -1,0 +1,140 @@
+"""Figures of a loop: its width, and the error that width does not show."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.model import Array, samples
+
+__all__ = ["Tracking", "loop_branches", "loop_width", "tracking"]
+
+#: Levels at which the two branches of a loop are compared.
+_LEVELS = 401
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracking:
+    """How well an output follows a reference.
+
+    The width of the loop hides every error that both of its branches share; the other two do not.
+
+    Parameters
+    ----------
+    loop_width : float
+        Largest difference between the branches, of the mean cycle.
+    rms : float
+        Root mean square of output less reference.
+    largest : float
+        Largest absolute difference.
+    """
+
+    loop_width: float
+    rms: float
+    largest: float
+
+
+def loop_branches(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> tuple[Array, Array, Array]:
+    """Return the mean rising and falling branch of the cycles of a loop.
+
+    Parameters
+    ----------
+    x : array_like
+        What the loop is drawn over, shape (n,).
+    y : array_like
+        What is drawn, shape (n,).
+    bounds : array_like
+        First sample of each cycle, and the sample after the last, shape (c + 1,); a cycle begins at
+        a lower turning point of x.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Levels of x that all cycles reach, and y on the rising and on the falling branch, averaged
+        over the cycles.
+
+    Raises
+    ------
+    ModelError
+        There is no cycle, or the cycles have no level in common.
+    """
+    given, drawn = samples(x, "abscissa of a loop"), samples(y, "ordinate of a loop")
+    edges = np.asarray(bounds, dtype=np.intp)
+    if edges.size < 2:
+        raise ModelError("a loop needs one whole cycle at least, got none")
+    parts = [(given[a : b + 1], drawn[a : b + 1]) for a, b in itertools.pairwise(edges)]
+    low = max(max(p[0], p[-1]) for p, _ in parts)
+    high = min(float(p.max()) for p, _ in parts)
+    if not low < high:
+        raise ModelError("the cycles of the loop have no level in common")
+    levels = np.linspace(low, high, _LEVELS)
+    rising, falling = np.zeros(_LEVELS), np.zeros(_LEVELS)
+    for p, q in parts:
+        top = int(np.argmax(p))
+        rising += _over(levels, p[: top + 1], q[: top + 1])
+        falling += _over(levels, p[top:][::-1], q[top:][::-1])
+    return levels, rising / len(parts), falling / len(parts)
+
+
+def _over(levels: Array, x: Array, y: Array) -> Array:
+    """Interpolate y over x, of which noise may make single steps fall."""
+    order = np.argsort(x, kind="stable")
+    return np.interp(levels, x[order], y[order])
+
+
+def loop_width(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> float:
+    """Return the largest difference between the branches of the mean cycle.
+
+    Parameters
+    ----------
+    x : array_like
+        What the loop is drawn over, shape (n,).
+    y : array_like
+        What is drawn, shape (n,).
+    bounds : array_like
+        First sample of each cycle, and the sample after the last, shape (c + 1,).
+
+    Returns
+    -------
+    float
+        The width, in the unit of y.
+
+    Examples
+    --------
+    >>> t = np.arange(401) / 100.0
+    >>> x, y = -np.cos(2.0 * np.pi * t), -np.cos(2.0 * np.pi * (t - 0.02))
+    >>> round(loop_width(x, y, [0, 100, 200, 300, 400]), 3)
+    0.251
+    """
+    _, rising, falling = loop_branches(x, y, bounds)
+    return float(np.max(np.abs(falling - rising)))
+
+
+def tracking(reference: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> Tracking:
+    """Compare an output with its reference over whole cycles.
+
+    Parameters
+    ----------
+    reference : array_like
+        What was wanted, shape (n,).
+    y : array_like
+        What came, in the same unit, shape (n,).
+    bounds : array_like
+        First sample of each cycle, and the sample after the last, shape (c + 1,).
+
+    Returns
+    -------
+    Tracking
+        Width of the loop over the reference, and the difference from it.
+    """
+    edges = np.asarray(bounds, dtype=np.intp)
+    wanted, came = samples(reference, "reference"), samples(y, "output")
+    within = slice(int(edges[0]), int(edges[-1]) + 1)
+    error: NDArray[np.float64] = came[within] - wanted[within]
+    return Tracking(
+        loop_width=loop_width(wanted, came, edges),
+        rms=float(np.sqrt(np.mean(error**2))),
+        largest=float(np.max(np.abs(error))),
+    )

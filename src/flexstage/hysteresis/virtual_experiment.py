@@ -1,0 +1,325 @@
+"""Identification and compensation of a piezo stage, carried out on its entire dynamic model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain import LogCreep, Sensor
+from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.excitation import excitation
+from flexstage.hysteresis.identification import FAMILIES, Identification, identify
+from flexstage.hysteresis.inversion import feedforward
+from flexstage.hysteresis.loops import Tracking, loop_width, tracking
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.plant import Plant
+from flexstage.hysteresis.stage_plant import stage_plant
+from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.progress import tell
+from flexstage.records import Channel, Record
+from flexstage.stage import PiezoStack, Stage
+from flexstage.system import MechanicalSystem, modes
+
+__all__ = ["AxisExperiment", "CompensatedRun", "virtual_experiment"]
+
+#: What the virtual bench is like: sampling [Hz], noise of the sensor [m], creep per decade [1],
+#: bandwidth of the amplifier [Hz]. Usual figures of a capacitive sensor and a multilayer stack.
+_SAMPLE_RATE_HZ = 1000.0
+_NOISE = 5e-9
+_CREEP = 0.012
+_BANDWIDTH_HZ = 2000.0
+#: Width of a loop over its stroke where nobody has measured one.
+_USUAL_WIDTH = 0.125
+#: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
+_RATE_HZ = 1.0
+_CYCLES, _FIRST = 6, 3
+#: Share of the stroke that the reference runs over, which leaves the inverse some room.
+_SHARE = 0.99
+#: Models that are tried on the designed record.
+_MODELS = ("bouc-wen", "preisach")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CompensatedRun:
+    """One inverse on the virtual stage.
+
+    Parameters
+    ----------
+    title : str
+        What it is called.
+    identification : Identification
+        The model whose inverse it is.
+    output : numpy.ndarray
+        Reading over the compared cycles [m], shape (n,).
+    tracking : Tracking
+        Width of the loop, and errors [m].
+    reduction_percent : float
+        By how much the loop is narrower than in open loop [%].
+    """
+
+    title: str
+    identification: Identification
+    output: Array
+    tracking: Tracking
+    reduction_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisExperiment:
+    """What the experiment gave on one axis.
+
+    Parameters
+    ----------
+    axis : str
+        The axis.
+    voltage : numpy.ndarray
+        Voltage of the major loop [V], shape (n,).
+    measured : numpy.ndarray
+        Reading of the virtual sensor [m], shape (n,).
+    modelled : numpy.ndarray
+        What the Bouc-Wen model gives there [m], shape (n,).
+    deviation : float
+        Largest difference of the two over the loop [m].
+    stroke : float
+        Range of the reading over the whole range of the voltage [m].
+    width : float
+        Width of that loop [m].
+    time : numpy.ndarray
+        Time of the compared cycles [s], shape (n,).
+    reference : numpy.ndarray
+        What was wanted over them [m], shape (n,).
+    open_output : numpy.ndarray
+        Reading with the voltage in proportion to the reference [m], shape (n,).
+    open_loop : Tracking
+        Width of that loop, and errors [m].
+    runs : tuple of CompensatedRun
+        With the inverse of each model.
+    """
+
+    axis: str
+    voltage: Array
+    measured: Array
+    modelled: Array
+    deviation: float
+    stroke: float
+    width: float
+    time: Array
+    reference: Array
+    open_output: Array
+    open_loop: Tracking
+    runs: tuple[CompensatedRun, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bench:
+    """A virtual stage on its bench, one axis of it wired."""
+
+    plant: Plant
+    drive: str
+    probe: str
+    limits: tuple[float, float]
+    resonance_hz: float
+
+    def run(self, voltage: Array) -> tuple[Array, Array]:
+        """Condition the stage by two cycles, run a command; return reading, and what was said."""
+        before = self.cosine(2)
+        whole = np.concatenate((before, voltage))
+        response = self.plant.simulate({self.drive: whole}, 1.0 / _SAMPLE_RATE_HZ)
+        return response.measured[self.probe][before.size :], voltage
+
+    def cosine(self, cycles: int, share: float = 1.0) -> Array:
+        """Cycles about the middle of the range, begun and ended at their low end."""
+        low, high = self.limits
+        t = np.arange(int(cycles * _SAMPLE_RATE_HZ / _RATE_HZ)) / _SAMPLE_RATE_HZ
+        swing = 0.5 * share * (high - low)
+        return 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * _RATE_HZ * t)
+
+
+def virtual_experiment(
+    stage: Stage, system: MechanicalSystem, axis: str, *, seed: int = 0
+) -> AxisExperiment:
+    """Measure, identify and compensate the hysteresis of one axis of a virtual stage.
+
+    The plant is the entire dynamic model: amplifier, a stack of a class that is not fitted, creep,
+    all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the width of
+    its loop are set to what was measured of the stage, where that is published, since no model
+    knows them; everything else follows. A Bouc-Wen model is identified from loops at one rate, full
+    ones and falling ones, and inverted; beside it the model that is best on a designed record.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage; its axis is driven by a piezo stack with a voltage range.
+    system : MechanicalSystem
+        A model of the stage.
+    axis : str
+        The axis.
+    seed : int
+        Seed of the noise of the sensor.
+
+    Returns
+    -------
+    AxisExperiment
+        The loops, and what the inverses leave of them.
+
+    Raises
+    ------
+    ModelError
+        The axis has no piezo stack with a voltage range, or the stage cannot be driven.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> made = virtual_experiment(stage, lumped_system(stage), "x")
+    >>> made.open_loop.loop_width > 7e-6 and made.runs[0].reduction_percent > 93.0
+    True
+    """
+    bench = _bench(stage, system, axis, seed)
+    first = _study_record(bench)
+    tell(f"hysteresis, {axis}", 0.2)
+    bouc_wen = identify(first, "voltage", axis, model="bouc-wen")
+    tell(f"hysteresis, {axis}", 0.4)
+    best = identify(_designed_record(bench), "voltage", axis, model=_MODELS)
+    voltage = bench.cosine(_CYCLES)
+    measured, _ = bench.run(voltage)
+    late = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
+    modelled = _modelled(bouc_wen.model, bench, voltage)
+    difference = (measured - modelled)[late]
+    runs_of = [(FAMILIES[found.kind].title, found) for found in (bouc_wen, best)]
+    reference = _reference(bench, measured[late])
+    open_voltage = bench.cosine(_CYCLES, _SHARE)
+    open_output = bench.run(open_voltage)[0][late]
+    # what a constant gain, and the best offset, would have given
+    offset = float(np.mean(open_output) - np.mean(reference[late]))
+    open_loop = tracking(reference[late] + offset, open_output, _bounds())
+    runs = []
+    for title, found in runs_of:
+        command = feedforward(
+            found.model, reference, 1.0 / _SAMPLE_RATE_HZ, limits=bench.limits
+        ).command
+        output = bench.run(command)[0][late]
+        errors = tracking(reference[late], output, _bounds())
+        runs.append(
+            CompensatedRun(
+                title=title,
+                identification=found,
+                output=output,
+                tracking=errors,
+                reduction_percent=100.0 * (1.0 - errors.loop_width / open_loop.loop_width),
+            )
+        )
+    return AxisExperiment(
+        axis=axis,
+        voltage=voltage[late],
+        measured=measured[late],
+        modelled=modelled[late] + float(np.mean(difference)),
+        deviation=float(np.max(np.abs(difference - np.mean(difference)))),
+        stroke=float(np.ptp(measured[late])),
+        width=loop_width(voltage[late], measured[late], _bounds()),
+        time=np.arange(open_output.size) / _SAMPLE_RATE_HZ,
+        reference=reference[late],
+        open_output=open_output - offset,
+        open_loop=open_loop,
+        runs=tuple(runs),
+    )
+
+
+def _bounds() -> NDArray[np.int_]:
+    return np.arange(_CYCLES - _FIRST) * int(_SAMPLE_RATE_HZ / _RATE_HZ)
+
+
+def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Bench:
+    port = stage.axis(axis)
+    drive = stage.drive(port.drive)
+    if not isinstance(drive, PiezoStack) or drive.voltage_range is None:
+        raise ModelError(
+            f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: its "
+            "hysteresis cannot be tried"
+        )
+    limits = drive.voltage_range
+    lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
+    stroke = _published(stage, axis, "output_displacement")
+    width = _published(stage, axis, "hysteresis_loop_width")
+    share = _USUAL_WIDTH if stroke is None or width is None else width / stroke
+    free, own = drive.free_stroke, share
+    late = slice(int(_FIRST * _SAMPLE_RATE_HZ / _RATE_HZ), None)
+
+    def wired(free: float, own: float) -> _Bench:
+        plant = stage_plant(
+            stage,
+            system,
+            {drive.name: virtual_stack(limits, free, own)},
+            creep=LogCreep(rate_per_decade=_CREEP),
+            bandwidth_hz=_BANDWIDTH_HZ,
+            sensors={port.probe: Sensor(noise_rms=_NOISE, seed=seed)},
+        )
+        return _Bench(
+            plant=plant, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
+        )
+
+    # creep and the amplifier add to both, so that the stack itself needs a little less
+    for _ in range(2):
+        bench = wired(free, own)
+        reading, voltage = bench.run(bench.cosine(_CYCLES))
+        got = float(np.ptp(reading[late]))
+        got_share = loop_width(voltage[late], reading[late], _bounds()) / got
+        free *= 1.0 if stroke is None else stroke / got
+        own *= share / got_share
+    return wired(free, own)
+
+
+def _published(stage: Stage, axis: str, quantity: str) -> float | None:
+    """What was measured of the stage and is published."""
+    for row in stage.published:
+        if (row.quantity, row.axis, row.origin) == (quantity, axis, "published-measured"):
+            return row.value
+    return None
+
+
+def _study_record(bench: _Bench) -> Record:
+    """Full loops at one rate, then falling ones: what is usually recorded."""
+    low, high = bench.limits
+    t = np.arange(int(10.0 / _RATE_HZ * _SAMPLE_RATE_HZ)) / _SAMPLE_RATE_HZ
+    swing = 0.5 * (high - low) * np.interp(t * _RATE_HZ, [0.0, 4.0, 10.0], [1.0, 1.0, 0.1])
+    voltage = 0.5 * (low + high) - swing * np.cos(2.0 * np.pi * _RATE_HZ * t)
+    return _record(bench, voltage)
+
+
+def _designed_record(bench: _Bench) -> Record:
+    made = excitation(
+        bench.limits,
+        sample_rate_hz=_SAMPLE_RATE_HZ,
+        rates_hz=(0.5, 5.0),
+        natural_frequency_hz=bench.resonance_hz,
+        resonance=False,
+        hold=5.0,
+    )
+    return _record(bench, made.voltage)
+
+
+def _record(bench: _Bench, voltage: Array) -> Record:
+    reading, _ = bench.run(voltage)
+    return Record(
+        channels=(
+            Channel(name="voltage", values=voltage, unit="V"),
+            Channel(name=bench.probe, values=reading, unit="m"),
+        ),
+        time=np.arange(voltage.size) / _SAMPLE_RATE_HZ,
+        source="virtual stage",
+    )
+
+
+def _modelled(model: DriveModel, bench: _Bench, voltage: Array) -> Array:
+    before = bench.cosine(2)
+    whole = np.concatenate((before, voltage))
+    return model.simulate(whole, 1.0 / _SAMPLE_RATE_HZ, model.conditioned())[before.size :]
+
+
+def _reference(bench: _Bench, measured: Array) -> Array:
+    """A cosine over the share of the stroke that the inverse is given, about its middle."""
+    low, high = float(measured.min()), float(measured.max())
+    unit = (bench.cosine(_CYCLES) - bench.limits[0]) / (bench.limits[1] - bench.limits[0])
+    return 0.5 * (low + high) + _SHARE * (high - low) * (unit - 0.5)

@@ -1,0 +1,75 @@
+"""The resonance that a record shows, against the mode that made it."""
+
+import numpy as np
+import pytest
+
+from flexstage.hysteresis import PrandtlIshlinskii
+from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.excitation import excitation
+from flexstage.hysteresis.identification import identify, measurement
+from flexstage.hysteresis.identification.resonance_search import find_resonance
+from flexstage.records import Channel, Record
+
+RATE = 4000.0
+# memory that is wiped out: one that fades, as that of Bouc-Wen, is taken for creep in part
+STACK = PrandtlIshlinskii(
+    gain=0.31e-6,
+    thresholds=np.array([3.0, 9.0, 17.0, 31.0]),
+    weights=np.array([0.06e-6, 0.05e-6, 0.07e-6, 0.04e-6]),
+)
+
+
+def record(*, multisine: bool, mode: StageModes | None, noise: float = 4e-9) -> Record:
+    made = excitation(
+        (0.0, 113.0),
+        sample_rate_hz=RATE,
+        rates_hz=(1.1, 9.0),
+        natural_frequency_hz=412.0,
+        resonance=multisine,
+        hold=2.0,
+        duration=25.0,
+    )
+    y = LogCreep(rate_per_decade=0.011).simulate(STACK.simulate(made.voltage).values, 1.0 / RATE)
+    moved = y.values if mode is None else mode.simulate(y.values, 1.0 / RATE).values
+    moved = Lag(delay=0.00031).simulate(moved, 1.0 / RATE).values
+    moved = moved + noise * np.random.default_rng(8).standard_normal(moved.size)
+    return Record(
+        channels=(
+            Channel(name="u", values=made.voltage, unit="V"),
+            Channel(name="y", values=moved, unit="m"),
+        ),
+        time=made.time,
+    )
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(412.7, 0.0131), (431.0, 0.045)])
+def test_frequency_and_damping_are_found(frequency: float, damping: float) -> None:
+    mode = StageModes(frequency_hz=(frequency,), damping_ratio=(damping,))
+    section = measurement([record(multisine=True, mode=mode)], "u", "y").sections[0]
+    found = find_resonance(section)
+    assert found is not None
+    # the memory that the multisine moves a little, and creep, are in what is left: 0.2 %
+    assert found.frequency_hz == pytest.approx(frequency, rel=2e-3)
+    assert found.damping_ratio == pytest.approx(damping, rel=0.04)
+    assert 0.0 < found.frequency_error_hz < 0.5
+
+
+def test_nothing_is_found_where_nothing_rings_or_nothing_is_shown() -> None:
+    without_mode = measurement([record(multisine=True, mode=None)], "u", "y").sections[0]
+    assert find_resonance(without_mode) is None
+    mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
+    unexcited = measurement([record(multisine=False, mode=mode)], "u", "y").sections[0]
+    assert find_resonance(unexcited) is None
+
+
+def test_the_chain_holds_what_was_found() -> None:
+    mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
+    found = identify(record(multisine=True, mode=mode), "u", "y", model="preisach")
+    chain = {e.name: e for e in found.chain}
+    assert chain["resonance_hz"].value == pytest.approx(412.7, rel=2e-3)
+    assert found.model.modes is not None
+    # the phase of the multisine tells the delay to some hundredths of a sample
+    assert chain["delay"].value == pytest.approx(0.00031, abs=1.5e-5)
+    assert chain["creep_per_decade"].value == pytest.approx(0.011, abs=1.5e-3)
+    # the plays of the grid lie between those of the stack
+    assert found.rms_percent < 0.08

@@ -1,0 +1,139 @@
+"""A measured piezo stack: identified on one part of its record, judged on the other.
+
+The records are of a PICMA P-885.91 stack at 200 Hz (Y. N. Aye, W. T. Ang, ICSTSD 2018; files of the
+repository yan9a/DiscreteBacklashOperator). Nothing here ran on that bench: the figures of an
+inverse are what it would leave if the measured motion were the reference.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.identification import Identification, identify
+from flexstage.hysteresis.inversion import feedforward
+from flexstage.hysteresis.loops import loop_width
+from flexstage.records import Record, read_record
+
+Array = NDArray[np.float64]
+
+FILE = Path(__file__).resolve().parents[3] / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"
+pytestmark = pytest.mark.skipif(
+    not FILE.is_file(), reason="the measured files of ../shared/data are absent"
+)
+
+#: Held-out rms that each model may leave, over the stroke [%]: what the choice of a model for this
+#: stack rests on. The noise of the sensor is 0.18 %.
+ALLOWED = {"preisach": 0.40, "modified-prandtl-ishlinskii": 0.55, "bouc-wen": 0.75}
+#: First sample of the published runs without and with an inverse; each has 1000.
+WITHOUT, WITH = 5052, 11152
+RUN = 1000
+#: The record holds three drives one after the other: fitted are the two before the last one, of
+#: which the published run with an inverse is a part; or all but the first one and a half, for the
+#: run without.
+BEFORE_THE_LAST, AFTER_WITHOUT = (0, 10_900), (7000, 14_155)
+#: Range of the command, by the description of the file [V].
+LIMITS = (0.0, 3.6)
+
+
+@cache
+def _record() -> Record:
+    return read_record(FILE, sample_rate_hz=200.0, units={"0": "V", "4": "um", "8": "um"})
+
+
+@cache
+def _identified(model: str, train: tuple[int, int] | None) -> Identification:
+    return identify(_record(), "0", "4", model=model, train=train)
+
+
+def _first_half() -> tuple[int, int]:
+    return 0, _record().size // 2
+
+
+@cache
+def _fed_with_the_measured_motion(train: tuple[int, int]) -> tuple[Array, Array]:
+    """Voltages of the inverse, with the whole measured motion as reference, and how far off.
+
+    Of a Preisach model of a part of the record. The second is the error of the voltage times the
+    gain of the stack.
+    """
+    found = _identified("preisach", train)
+    record = _record()
+    made = feedforward(
+        found.model, record.channel("4").values, 1.0 / record.sample_rate_hz, limits=LIMITS
+    )
+    voltage = record.channel("0").values
+    return made.command, found.stroke / np.ptp(voltage) * (made.command - voltage)
+
+
+def _rms(error):
+    return float(np.sqrt(np.mean((error - error.mean()) ** 2)))
+
+
+@pytest.mark.parametrize("model", ALLOWED)
+def test_cycles_that_were_held_out(model: str) -> None:
+    whole = _identified(model, None)
+    assert whole.heldout_rms_percent is not None
+    assert whole.rms_percent <= whole.heldout_rms_percent <= ALLOWED[model]
+    # neither is below what the sensor's noise alone leaves (its estimate is good to a tenth)
+    assert whole.rms_percent > 0.9 * whole.noise_percent
+
+
+@pytest.mark.parametrize("model", ALLOWED)
+def test_the_other_half_was_held_out(model: str) -> None:
+    found = _identified(model, _first_half())
+    assert found.heldout_rms_percent is not None
+    assert found.heldout_rms_percent <= ALLOWED[model]
+    # worked out again, and stricter: offset and settling are extrapolated from the first half too
+    section = found.measurement.sections[0]
+    rows = np.arange(section.u.size) >= section.warm_up
+    second = np.arange(section.u.size) >= section.u.size // 2
+    left = section.y - found.measurement.sign * found.predicted[0]
+    percent = 100.0 / found.stroke
+    assert percent * np.sqrt(np.mean(left[second] ** 2)) <= ALLOWED[model]
+    # the reported figure takes these two of all rows, as they are the record's and not the model's
+    columns = section.nuisance
+    own = np.linalg.lstsq(columns[rows], left[rows], rcond=None)[0]
+    left = (left - columns @ own)[second]
+    assert percent * np.sqrt(np.mean(left**2)) == pytest.approx(found.heldout_rms_percent, rel=1e-6)
+
+
+def test_the_loop_of_the_inverse_is_narrow() -> None:
+    found = _identified("preisach", BEFORE_THE_LAST)
+    section = found.measurement.sections[0]
+    command, error = _fed_with_the_measured_motion(BEFORE_THE_LAST)
+    last = section.cycles.bounds >= BEFORE_THE_LAST[1]
+    bounds = section.cycles.bounds[last]
+    full = section.cycles.swing[last[:-1]] > 0.98
+    assert full.sum() == 10
+    bounds = bounds[np.flatnonzero(full)[0] :]
+    # 22.6 % of the range, by the description of the file
+    before = loop_width(section.u, section.y, bounds)
+    assert before / np.ptp(section.y[bounds[0] :]) == pytest.approx(0.226, abs=0.004)
+    gain = found.stroke / np.ptp(section.u)
+    after = loop_width(section.u, gain * command, bounds)
+    assert 1.0 - after / before >= 0.97
+    # The width hides what both branches share, and an average over cycles what differs from one to
+    # the next: all of it together, over the last run. The mean is slow settling, fitted beside.
+    assert _rms(error[bounds[0] : bounds[-1]]) < 0.16e-6
+
+
+def test_beside_the_published_inverse() -> None:
+    """Published on the bench: 1.68 um rms without an inverse, 0.58 um with one."""
+    record = _record()
+    measured, desired = record.channel("4").values, record.channel("8").values
+    published = {}
+    for start in (WITHOUT, WITH):
+        # one sample lies between what is wanted and what is read
+        published[start] = _rms(measured[start + 1 :][:RUN] - desired[start:][:RUN])
+    assert published[WITHOUT] == pytest.approx(1.679e-6, abs=0.5e-9)
+    assert published[WITH] == pytest.approx(0.577e-6, abs=0.5e-9)
+    # No run on the bench: what the inverse would leave if the measured motion were the reference,
+    # as error of the voltage times the gain. Neither run is in what the model was fitted to.
+    for start, train in ((WITHOUT, AFTER_WITHOUT), (WITH, BEFORE_THE_LAST)):
+        assert not train[0] < start + RUN < train[1]
+        left = _rms(_fed_with_the_measured_motion(train)[1][start:][:RUN])
+        assert left <= 0.30e-6
+        assert left < 0.30 * published[WITH]
