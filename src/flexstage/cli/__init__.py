@@ -13,8 +13,11 @@ import typer
 import flexstage
 from flexstage.cli.analyse import analyse
 from flexstage.cli.check import check
+from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
+from flexstage.cli.excite import excite
 from flexstage.cli.hinges import hinges
+from flexstage.cli.identify import identify
 from flexstage.cli.part import part
 from flexstage.cli.show import show
 from flexstage.cli.study import study
@@ -31,13 +34,24 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: The commands. Their modules import what is heavy only when a command runs.
 app = typer.Typer(
     name="flexstage",
-    help="Design and verify flexure-based micropositioning stages.",
+    help="Design, verify, identify and drive flexure-based micropositioning stages.",
     no_args_is_help=False,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (study, show, check, analyse, equations, hinges, part):
+for _command in (
+    study,
+    show,
+    check,
+    analyse,
+    equations,
+    hinges,
+    part,
+    excite,
+    identify,
+    compensate,
+):
     app.command()(_command)
 
 
@@ -46,7 +60,7 @@ def _root(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
-    """Design and verify flexure-based micropositioning stages."""
+    """Design, verify, identify and drive flexure-based micropositioning stages."""
     if version:
         typer.echo(f"flexstage {flexstage.__version__}")
         raise typer.Exit

@@ -47,6 +47,13 @@ def study(
             help="Where the report goes; out/NAME where not given.",
         ),
     ] = None,
+    hysteresis: Annotated[
+        bool,
+        typer.Option(
+            "--hysteresis/--no-hysteresis",
+            help="Identify and compensate piezo drives on the virtual stage.",
+        ),
+    ] = True,
     json: JsonOption = False,
 ) -> None:
     """Run the models of a stage, compare them with what was published, write a report.
@@ -68,7 +75,7 @@ def study(
     directory = out if out is not None else Path("out") / name_for_files(described.name)
     require_writable(directory)
     with progress_bar():
-        result = run_study(described, names, plane=plane)  # type: ignore[arg-type]
+        result = run_study(described, names, plane=plane, hysteresis=hysteresis)  # type: ignore[arg-type]
     files = write_files(
         directory,
         {

@@ -1,0 +1,281 @@
+"""`flexstage compensate`: the command that makes a drive follow a reference."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    output_path,
+    print_json,
+    write_file,
+)
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    read_records,
+)
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from flexstage.hysteresis.drive_model import DriveModel
+    from flexstage.hysteresis.inversion import Feedforward
+
+__all__ = ["compensate"]
+
+_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+
+
+def compensate(
+    model: Annotated[
+        Path,
+        typer.Argument(metavar="MODEL", help="A model that `flexstage identify --out` wrote."),
+    ],
+    reference: Annotated[
+        Path, typer.Option(metavar="FILE", help="Readings that are wanted, over time.")
+    ],
+    column_: Annotated[
+        str,
+        typer.Option("--column", metavar="COLUMN", help="Number or name of their column."),
+    ] = "0",
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
+    ] = None,
+    relative: Annotated[
+        bool,
+        typer.Option(
+            "--relative/--absolute",
+            help="Count the reference from the lowest reading that the drive reaches, or as the "
+            "sensor does.",
+        ),
+    ] = False,
+    limits: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOW:HIGH",
+            help='Range of the command, such as "0:120"; the one that the model was identified on '
+            "where not given.",
+        ),
+    ] = None,
+    slew: Annotated[
+        str | None, typer.Option(metavar="SLOPE", help='Largest slope, such as "2000 V/s".')
+    ] = None,
+    current: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CURRENT", help="Largest current of the amplifier; needs capacitance."
+        ),
+    ] = None,
+    capacitance: Annotated[
+        str | None, typer.Option(metavar="CAPACITANCE", help='Capacitance, such as "6.4 uF".')
+    ] = None,
+    band: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FREQUENCY",
+            help="Band that the reference is smoothed to; a quarter of the model's resonance where "
+            "not given.",
+        ),
+    ] = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="conditioned|rest",
+            help="What was before: cycles over all of the range, ended at its low end, or nothing.",
+        ),
+    ] = "conditioned",
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Write time, command, reference and prediction there: .csv, .npz, .h5 or .mat.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
+    from flexstage.hysteresis.inversion import feedforward
+    from flexstage.hysteresis.model_file import read_model_text
+
+    kind = _format(out)
+    file = read_model_text(_text(model), f"'{model}'")
+    drive = file.model
+    wanted = column(column_)
+    record = read_records(
+        [reference],
+        [wanted],
+        units=[unit],
+        sample_rate=sample_rate,
+        time=time,
+        format=format,
+        dataset=dataset,
+        rows=rows,
+        skip_lines=skip_lines,
+        delimiter=delimiter,
+        decimal=decimal,
+    )[0]
+    channel = record.channel(wanted)
+    if drive.output_unit and channel.unit and channel.unit != drive.output_unit:
+        raise ModelError(
+            f"the reference is in {channel.unit}, the model gives {drive.output_unit}: name the "
+            "unit with --unit, or choose another column"
+        )
+    if drive.output_unit and not channel.unit:
+        raise ModelError(
+            f"the reference has no unit and the model gives {drive.output_unit}: name it with "
+            '--unit, such as --unit "um"'
+        )
+    from flexstage.records import require_uniform
+
+    require_uniform(record)
+    if start not in ("conditioned", "rest"):
+        raise ModelError(f"--start is conditioned or rest, got '{start}'")
+    bounds = _limits(limits)
+    made = feedforward(
+        drive,
+        channel.values + (_lowest(drive) if relative else 0.0),
+        1.0 / record.sample_rate_hz,
+        limits=bounds,
+        largest_rate=_largest_rate(slew, current, capacitance),
+        state=drive.hysteresis.rest() if start == "rest" else None,
+        band_hz=None if band is None else _number(band, "frequency", "Hz"),
+    )
+    if out is not None:
+        write_file(out, _bytes(made, drive, kind))
+    result = _result(made, drive, (*file.warnings, *made.notes), out)
+    if json:
+        print_json(result)
+        return
+    _print(result)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelError(f"'{path}' is no drive model: it is not text") from error
+    except IsADirectoryError as error:
+        raise ModelError(f"'{path}' is a directory: name the model file in it") from error
+    except FileNotFoundError as error:
+        raise ModelError(
+            f"there is no model file '{path}': `flexstage identify --out` writes one"
+        ) from error
+
+
+def _number(text: str, dimension: str, bare_unit: str | None) -> float:
+    from flexstage.units import parse
+
+    return parse(text, dimension, bare_unit=bare_unit)
+
+
+def _format(out: Path | None) -> str:
+    if out is None:
+        return "csv"
+    if out.suffix.lower() not in _FORMATS:
+        raise ModelError(
+            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
+            "the format"
+        )
+    return _FORMATS[out.suffix.lower()]
+
+
+def _limits(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    words = text.split(":")
+    if len(words) != 2:
+        raise ModelError(f"--limits must be a range such as \"0:120\", got '{text}'")
+    low, high = (_number(word, "voltage", "V") for word in words)
+    return low, high
+
+
+def _largest_rate(slew: str | None, current: str | None, capacitance: str | None) -> float | None:
+    """Rate that the amplifier can follow: its own, and its current over the capacitance."""
+    rates = [] if slew is None else [_number(slew, "slew rate", "V/s")]
+    if current is not None:
+        if capacitance is None:
+            raise ModelError("--current needs --capacitance: a current charges the stack")
+        farads = _number(capacitance, "capacitance", None)
+        if not farads > 0.0:
+            raise ModelError(f"--capacitance must be positive, got '{capacitance}'")
+        rates.append(_number(current, "current", None) / farads)
+    elif capacitance is not None:
+        raise ModelError("--capacitance needs --current: both together limit the slope")
+    return min(rates) if rates else None
+
+
+def _lowest(drive: "DriveModel") -> float:
+    """Lowest reading that the drive was seen at."""
+    if drive.validity is None:
+        raise ModelError("--relative needs a model that says on which range it was identified")
+    return drive.validity.output_range[0]
+
+
+def _bytes(made: "Feedforward", drive: "DriveModel", kind: str) -> bytes:
+    from flexstage.records import Channel, Record, record_bytes
+
+    record = Record(
+        channels=(
+            Channel(name="command", values=made.command, unit=drive.input_unit),
+            Channel(name="reference", values=made.reference, unit=drive.output_unit),
+            Channel(name="predicted", values=made.predicted, unit=drive.output_unit),
+        ),
+        time=made.time,
+        source="flexstage compensate",
+    )
+    return record_bytes(record, kind)
+
+
+def _result(
+    made: "Feedforward", drive: "DriveModel", notes: tuple[str, ...], out: Path | None
+) -> dict[str, Any]:
+    return {
+        "model": drive.hysteresis.kind,
+        "samples": int(made.time.size),
+        "command_range": [float(made.command.min()), float(made.command.max())],
+        "input_unit": drive.input_unit,
+        "output_unit": drive.output_unit,
+        "predicted_rms_error": made.rms_error,
+        "predicted_max_error": made.largest_error,
+        "smoothing": made.smoothing,
+        "limited_samples": made.limited,
+        "notes": list(notes),
+        "file": None if out is None else str(out),
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    screen = console()
+    low, high = result["command_range"]
+    unit, output = result["input_unit"], result["output_unit"]
+    screen.print(
+        f"{result['samples']} samples of {low:.5g} to {high:.5g} {unit}, by the inverse of "
+        f"{result['model']}"
+    )
+    screen.print(
+        f"predicted error: {result['predicted_rms_error']:.3g} {output} rms, "
+        f"{result['predicted_max_error']:.3g} {output} at most (the model with itself: what it "
+        "leaves of a measured drive adds to it)"
+    )
+    for note in result["notes"]:
+        screen.print(f"note: {note}", style="yellow", markup=False)
+    if result["file"]:
+        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)

@@ -1,0 +1,305 @@
+"""`flexstage excite`: the drive record that a piezo stage is identified from."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    count,
+    load_stage,
+    make_table,
+    output_path,
+    print_json,
+    write_file,
+)
+from flexstage.errors import ModelError, StageError
+
+if TYPE_CHECKING:
+    from flexstage.hysteresis.excitation import Excitation
+
+__all__ = ["excite"]
+
+_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class _Plant:
+    """What is driven."""
+
+    stage: str | None = None
+    axis: str | None = None
+    voltage_range: tuple[float, float] | None = None
+    capacitance: float | None = None
+    natural_frequency_hz: float | None = None
+
+
+def excite(
+    stage: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[STAGE]",
+            help="A stage file, or the name of a built-in design: voltage range and capacitance of "
+            "its stack, and its lowest natural frequency, are the limits.",
+            show_default=False,
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Axis of STAGE; the first one where not given."),
+    ] = None,
+    voltage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOW:HIGH",
+            help='Range of the drive, such as "0:120" V; that of the stack where not given.',
+        ),
+    ] = None,
+    rates: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help='How often a major loop repeats, such as "0.5,5" Hz; chosen where not given.',
+        ),
+    ] = None,
+    duration: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help='Longest time that the record may take, such as "60 s".'),
+    ] = None,
+    sample_rate: Annotated[
+        str, typer.Option(metavar="FREQUENCY", help='Samples in a second, such as "10 kHz".')
+    ] = "10 kHz",
+    slew: Annotated[
+        str | None, typer.Option(metavar="SLOPE", help='Largest slope, such as "2000 V/s".')
+    ] = None,
+    current: Annotated[
+        str | None,
+        typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
+    ] = None,
+    capacitance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CAPACITANCE",
+            help='Capacitance of the stack, such as "6.4 uF"; that of STAGE where not given.',
+        ),
+    ] = None,
+    frequency: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FREQUENCY",
+            help="Lowest natural frequency with the drives in place; that of the lumped model of "
+            "STAGE where not given.",
+        ),
+    ] = None,
+    shape: Annotated[
+        str,
+        typer.Option(
+            metavar="smooth|sine|triangle", help="How the voltage goes from turn to turn."
+        ),
+    ] = "smooth",
+    hold: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help='Time of the step and hold for creep; "0 s" for none.'),
+    ] = None,
+    rest: Annotated[
+        str | None,
+        typer.Option(metavar="VOLTAGE", help="Voltage before and after; 0 V where allowed."),
+    ] = None,
+    resonance: Annotated[
+        bool,
+        typer.Option(
+            "--resonance/--no-resonance", help="Add a small multisine at the natural frequency."
+        ),
+    ] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the phases of the multisine.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Write the record there: .csv, .npz, .h5 or .mat.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Write the drive record that identifies hysteresis, lag, creep and resonance of a stage.
+
+    Major loops, reversal curves and nested loops at two rates, a step and hold, and a small
+    multisine at the resonance, within the limits of stack and amplifier.
+    """
+    from flexstage.hysteresis.excitation import excitation
+
+    format = _format(out)
+    plant = _plant(stage, axis, needs_frequency=frequency is None)
+    made = excitation(
+        _voltage_range(voltage, plant),
+        sample_rate_hz=_number(sample_rate, "frequency", "Hz") or 0.0,
+        duration=_number(duration, "time", "s"),
+        rates_hz=_rates(rates),
+        shape=shape,
+        slope_limit=_number(slew, "slew rate", "V/s"),
+        current_limit=_number(current, "current", None),
+        capacitance=_number(capacitance, "capacitance", None) or plant.capacitance,
+        natural_frequency_hz=_number(frequency, "frequency", "Hz") or plant.natural_frequency_hz,
+        resonance=resonance,
+        hold=_number(hold, "time", "s"),
+        rest_voltage=_number(rest, "voltage", "V"),
+        seed=seed,
+    )
+    if out is not None:
+        from flexstage.records import record_bytes
+
+        write_file(out, record_bytes(made.record(), format))
+    result = _result(made, plant, out)
+    if json:
+        print_json(result)
+    else:
+        _print(result)
+
+
+def _number(text: str | None, dimension: str, bare_unit: str | None) -> float | None:
+    from flexstage.units import parse
+
+    return None if text is None else parse(text, dimension, bare_unit=bare_unit)
+
+
+def _format(out: Path | None) -> str:
+    if out is None:
+        return "csv"
+    if out.suffix.lower() not in _FORMATS:
+        raise ModelError(
+            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
+            "the format"
+        )
+    return _FORMATS[out.suffix.lower()]
+
+
+def _rates(text: str | None) -> list[float] | None:
+    if text is None:
+        return None
+    return [_number(word, "frequency", "Hz") or 0.0 for word in text.split(",")]
+
+
+def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
+    """Read a range such as "0:120", and refuse one that the stack does not take."""
+    allowed = plant.voltage_range
+    if text is None:
+        if allowed is None:
+            raise ModelError('--voltage is needed, such as "0:120": no stack gives a range')
+        return allowed
+    words = text.split(":")
+    if len(words) != 2:
+        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
+    low, high = (_number(word, "voltage", "V") or 0.0 for word in words)
+    if allowed is not None and not allowed[0] <= low < high <= allowed[1]:
+        raise ModelError(
+            f"--voltage must be within {allowed[0]:g} V to {allowed[1]:g} V, which the stack of "
+            f"axis '{plant.axis}' of {plant.stage} allows, got {low:g} V to {high:g} V"
+        )
+    return low, high
+
+
+def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Plant:
+    """Read what a stage says about its stack and its lowest natural frequency."""
+    if text is None:
+        if axis is not None:
+            raise ModelError("--axis needs a STAGE: name it before the options")
+        return _Plant()
+    from flexstage.stage import PiezoStack
+
+    stage = load_stage(text)
+    if not stage.axes:
+        raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
+    chosen = stage.axis(axis) if axis is not None else stage.axes[0]
+    drive = stage.drive(chosen.drive)
+    if not isinstance(drive, PiezoStack):
+        raise StageError(
+            f"axis '{chosen.name}' of {stage.name} is driven by a {drive.kind}, and a piezo stack "
+            "is needed: choose another axis, or leave STAGE out"
+        )
+    return _Plant(
+        stage=stage.name,
+        axis=chosen.name,
+        voltage_range=drive.voltage_range,
+        capacitance=drive.capacitance,
+        natural_frequency_hz=_lowest(stage) if needs_frequency else None,
+    )
+
+
+def _lowest(stage: Any) -> float | None:
+    """Return the lowest natural frequency with the drives in place [Hz], by the lumped model."""
+    from flexstage.lumped import lumped_system
+    from flexstage.system import modes
+
+    lowest = float(modes(lumped_system(stage), drives="in place", count=1).frequency_hz[0])
+    return lowest if lowest > 0.0 else None
+
+
+def _result(made: "Excitation", plant: _Plant, out: Path | None) -> dict[str, Any]:
+    """Return everything that is shown, as plain data in SI units."""
+    return {
+        "stage": plant.stage,
+        "axis": plant.axis,
+        "natural_frequency_hz": plant.natural_frequency_hz,
+        "shape": made.shape,
+        "sample_rate_hz": made.sample_rate_hz,
+        "samples": int(made.time.size),
+        "duration": made.duration,
+        "rates_hz": list(made.rates_hz),
+        "voltage_range": [float(made.voltage.min()), float(made.voltage.max())],
+        "rest_voltage": made.rest_voltage,
+        "largest_slope": made.largest_slope,
+        "largest_current": made.largest_current,
+        "rms_current": made.rms_current,
+        "coverage": made.coverage,
+        "parts": [dataclasses.asdict(part) for part in made.parts],
+        "left_out": list(made.left_out),
+        "warnings": list(made.warnings),
+        "file": None if out is None else str(out),
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    """Print the table for people."""
+    low, high = result["voltage_range"]
+    where = f"{result['stage']}, axis {result['axis']}: " if result["stage"] else ""
+    screen = console()
+    table = make_table(
+        f"{where}{low:g} V to {high:g} V in {result['duration']:.4g} s, {result['shape']}, "
+        f"{count(result['samples'], 'sample')} at {result['sample_rate_hz']:g} Hz",
+        "part",
+        "start, s",
+        "time, s",
+        "rate, Hz",
+        "from, V",
+        "to, V",
+        "turns",
+        "slope, V/s",
+    )
+    for part in result["parts"]:
+        table.add_row(
+            part["name"],
+            f"{part['start']:.2f}",
+            f"{part['duration']:.2f}",
+            f"{part['rate_hz']:.3g}",
+            *(f"{v:.1f}" for v in part["voltage_range"]),
+            str(part["turning_points"]),
+            f"{part['largest_slope']:.4g}",
+        )
+    screen.print(table)
+    screen.print(f"largest slope   {result['largest_slope']:.4g} V/s")
+    if result["largest_current"] is not None:
+        screen.print(
+            f"current         {1e3 * result['largest_current']:.3g} mA at most, "
+            f"{1e3 * result['rms_current']:.3g} mA rms"
+        )
+    screen.print(f"memory visited  {100.0 * result['coverage']:.0f} %")
+    if result["left_out"]:
+        screen.print(f"left out: {'; '.join(result['left_out'])}", markup=False)
+    for warning in result["warnings"]:
+        screen.print(f"warning: {warning}", style="yellow", markup=False)
+    if result["file"]:
+        screen.print(f"wrote {result['file']}", markup=False, soft_wrap=True)

@@ -1,0 +1,367 @@
+"""`flexstage identify`: a model of a drive from measured records."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    make_table,
+    output_path,
+    print_json,
+    progress_bar,
+    write_file,
+)
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    read_records,
+    row_range,
+)
+from flexstage.errors import ModelError, RecordError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.hysteresis.identification import Identification
+    from flexstage.records import Record
+
+__all__ = ["identify"]
+
+_IMAGES = (".svg", ".png", ".pdf")
+
+
+def identify(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORD...",
+            help="Measured files of one drive; those at two or more rates tell lag and creep from "
+            "hysteresis.",
+        ),
+    ],
+    input: Annotated[
+        str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
+    ],
+    output: Annotated[
+        str, typer.Option(metavar="COLUMN", help="Number or name of the column that follows.")
+    ],
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="A hysteresis model, such as bouc-wen or preisach, or several with commas; auto "
+            "tries all. The simplest is taken that is as good as the best on cycles it was not "
+            "fitted to.",
+        ),
+    ] = "auto",
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    input_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
+    ] = None,
+    output_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um".')
+    ] = None,
+    train: Annotated[
+        str | None,
+        typer.Option(
+            metavar="START:STOP",
+            help="Samples to fit; all others are held out. Where not given, all are fitted, and "
+            "held-out errors come from cross-validation over whole cycles.",
+        ),
+    ] = None,
+    delay: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help='Known delay of the output, such as "5 ms"; the chain is then not searched for.',
+        ),
+    ] = None,
+    creep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SHARE",
+            help='Known creep per decade of time, such as "1.2%"; the chain is then not searched '
+            "for.",
+        ),
+    ] = None,
+    resonance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FREQUENCY",
+            help='Known resonance of the stage with its drives in place, such as "808 Hz"; looked '
+            "for where not given.",
+        ),
+    ] = None,
+    damping: Annotated[
+        float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
+    ] = 0.01,
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path, metavar="FILE", help="Write the model there, as readable text."
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Draw measured and modelled loop there: .svg, .png or .pdf.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
+    from flexstage.hysteresis.identification import identify as run
+
+    _require_image(figure)
+    wanted = [column(input), column(output)]
+    read = read_records(
+        records,
+        wanted,
+        units=[input_unit, output_unit],
+        sample_rate=sample_rate,
+        time=time,
+        format=format,
+        dataset=dataset,
+        rows=rows,
+        skip_lines=skip_lines,
+        delimiter=delimiter,
+        decimal=decimal,
+    )
+    with progress_bar():
+        found = run(
+            read,
+            wanted[0],
+            wanted[1],
+            model=[word.strip() for word in model.split(",") if word.strip()],
+            chain=_chain(delay, creep),
+            resonance=_mode(resonance, damping),
+            train=_train(train, max(r.size for r in read)),
+        )
+    files = _write(found, read, out, figure)
+    result = _result(found, read, files)
+    if json:
+        print_json(result)
+        return
+    _print(console(), found, result)
+
+
+def _chain(delay: str | None, creep: str | None) -> Any:
+    if delay is None and creep is None:
+        return None
+    from flexstage.cli.common import relative
+    from flexstage.hysteresis.identification import ChainValues
+    from flexstage.units import parse
+
+    known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)
+    seconds = 0.0 if delay is None else parse(delay, "time")
+    return ChainValues(delay=seconds, creep_per_decade=known)
+
+
+def _mode(resonance: str | None, damping: float) -> tuple[float, float] | None:
+    if resonance is None:
+        return None
+    from flexstage.errors import ModelError
+    from flexstage.units import parse
+
+    frequency = parse(resonance, "frequency", bare_unit="Hz")
+    if not frequency > 0.0:
+        raise ModelError(f"--resonance must be a positive frequency, got '{resonance}'")
+    return frequency, damping
+
+
+def _train(text: str | None, size: int) -> tuple[int, int] | None:
+    given = row_range(text, "--train")
+    if given is None:
+        return None
+    first = given[0] or 0
+    if first >= size:
+        raise RecordError(f"--train begins at sample {first}, the longest record has {size}")
+    return first, size if given[1] is None else given[1]
+
+
+def _write(
+    found: "Identification", read: "list[Record]", out: Path | None, figure: Path | None
+) -> list[Path]:
+    content: list[tuple[Path, bytes]] = []
+    if out is not None:
+        from flexstage.hysteresis.model_file import model_text
+
+        content.append((out, model_text(_file(found, read)).encode()))
+    if figure is not None:
+        from flexstage.report.figures import draw_identification, encode
+
+        image = encode(draw_identification(found), figure.suffix.lower().lstrip("."))
+        content.append((figure, image))
+    for path, own in content:
+        write_file(path, own)
+    return [path for path, _ in content]
+
+
+def _require_image(figure: Path | None) -> None:
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
+
+
+def _file(found: "Identification", read: "list[Record]") -> Any:
+    import dataclasses
+
+    from flexstage.hysteresis.model_file import ModelFile
+    from flexstage.provenance import content_hash, provenance
+
+    origin = provenance(content_hash(tuple(r.source_hash for r in read)), found.settings)
+    return ModelFile(
+        model=found.model,
+        provenance={
+            **dataclasses.asdict(origin),
+            "records": [{"file": r.source, "sha256": r.source_hash} for r in read],
+        },
+        errors={
+            "rms": found.rms_percent,
+            "max": found.max_percent,
+            "heldout_rms": found.heldout_rms_percent,
+            "heldout_max": found.heldout_max_percent,
+        },
+        warnings=found.warnings,
+    )
+
+
+def _result(found: "Identification", read: "list[Record]", files: list[Path]) -> dict[str, Any]:
+    return {
+        "records": [r.source for r in read],
+        "model": found.kind,
+        "rms_percent": found.rms_percent,
+        "max_percent": found.max_percent,
+        "heldout_rms_percent": found.heldout_rms_percent,
+        "heldout_max_percent": found.heldout_max_percent,
+        "noise_percent": found.noise_percent,
+        "stroke": {"value": found.stroke, "unit": found.model.output_unit},
+        "parameters": _parameters(found),
+        "chain": _chain_values(found),
+        "candidates": [
+            {
+                "model": c.kind,
+                "parameters": c.size,
+                "rms_percent": c.rms_percent,
+                "heldout_rms_percent": c.heldout_rms_percent,
+            }
+            for c in found.candidates
+        ],
+        "warnings": list(found.warnings),
+        "notes": sorted({note for r in read for note in r.notes}),
+        "files": [str(file) for file in files],
+    }
+
+
+def _parameters(found: "Identification") -> dict[str, Any]:
+    """Value, standard error and unit of each parameter; arrays of them for arrays."""
+    import numpy as np
+
+    from flexstage.hysteresis.identification import parameter_unit
+
+    m = found.model
+    made: dict[str, Any] = {}
+    for name, value in m.hysteresis.parameters().items():
+        array = np.asarray(value, dtype=np.float64)
+        error = np.full(array.shape, np.nan)
+        for estimate in found.parameters:
+            base, _, index = estimate.name.partition("[")
+            if base == name:
+                place = tuple(int(i) for i in index.rstrip("]").split(",")) if index else ()
+                error[place] = estimate.standard_error
+        made[name] = {
+            "value": array.tolist(),
+            "standard_error": _without_nan(error.tolist()),
+            "unit": parameter_unit(found.kind, name, m.input_unit, m.output_unit),
+        }
+    return made
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, list):
+        found = [_without_nan(v) for v in value]
+        return found if any(v is not None for v in found) else None
+    return None if math.isnan(value) else value  # JSON has no number that is none
+
+
+def _chain_values(found: "Identification") -> dict[str, Any]:
+    m = found.model
+    errors = {e.name: e.standard_error for e in found.chain}
+    return {
+        "delay": {
+            "value": m.lag.delay if m.lag is not None else 0.0,
+            "standard_error": errors.get("delay"),
+            "unit": "s",
+        },
+        "creep_per_decade": {
+            "value": m.creep.rate_per_decade if m.creep is not None else 0.0,
+            "standard_error": errors.get("creep_per_decade"),
+            "unit": "1",
+        },
+        "resonance": {
+            "value": m.modes.frequency_hz[0] if m.modes is not None else None,
+            "standard_error": errors.get("resonance_hz"),
+            "unit": "Hz",
+        },
+        "offset": {"value": m.offset, "standard_error": None, "unit": m.output_unit},
+        "sign": m.sign,
+    }
+
+
+def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
+    percent = "{:.3f}".format
+    table = make_table(
+        f"{found.kind}: {', '.join(result['records'])}",
+        "model",
+        "parameters",
+        "fitted, % rms",
+        "held out, % rms",
+    )
+    for c in found.candidates:
+        held = "" if c.heldout_rms_percent is None else percent(c.heldout_rms_percent)
+        table.add_row(c.kind, str(c.size), percent(c.rms_percent), held)
+    screen.print(table)
+    unit = found.model.output_unit or "output"
+    screen.print(
+        f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
+        f"about {found.noise_percent:.2f} %"
+    )
+    values = make_table("parameters", "name", "value", "standard error", "<unit")
+    for name, row in {**result["parameters"], **result["chain"]}.items():
+        if isinstance(row, dict) and isinstance(row["value"], float):
+            error = row["standard_error"]
+            values.add_row(
+                name,
+                f"{row['value']:.5g}",
+                "" if error is None else f"{error:.2g}",
+                row["unit"],
+            )
+    screen.print(values)
+    for warning in found.warnings:
+        screen.print(f"warning: {warning}", style="yellow", markup=False)
+    for note in result["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in result["files"]:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)

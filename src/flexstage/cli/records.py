@@ -1,0 +1,212 @@
+"""What commands that read measured files share: options, and how they are understood."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexstage.errors import RecordError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flexstage.records import Record
+
+__all__ = [
+    "DatasetOption",
+    "DecimalOption",
+    "DelimiterOption",
+    "FormatOption",
+    "RowsOption",
+    "SampleRateOption",
+    "SkipLinesOption",
+    "TimeOption",
+    "column",
+    "read_records",
+    "row_range",
+]
+
+SampleRateOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="RATE",
+        help='Samples in a second, such as "200" or "10 kHz"; with commas, one for each file.',
+    ),
+]
+TimeOption = Annotated[
+    str | None, typer.Option(metavar="COLUMN", help="Number or name of the column of time.")
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="text, matlab, hdf5, tdms or numpy, where neither content nor suffix says it.",
+    ),
+]
+DatasetOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Group, variable or array of a file that holds several; several with commas.",
+    ),
+]
+SkipLinesOption = Annotated[
+    int, typer.Option(min=0, help="Lines of a text file to leave out at its start.")
+]
+DelimiterOption = Annotated[
+    str | None, typer.Option(metavar="TEXT", help="What divides the columns of a text file.")
+]
+DecimalOption = Annotated[
+    str | None, typer.Option(metavar=".|,", help="Decimal sign of a text file.")
+]
+RowsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="START:STOP", help="Samples to read, counted from 0; either end may be left out."
+    ),
+]
+
+
+def column(text: str) -> str | int:
+    """Return what names a column: its number, or its name.
+
+    Parameters
+    ----------
+    text : str
+        What the option was given.
+
+    Returns
+    -------
+    str or int
+        A number where it is one.
+
+    Examples
+    --------
+    >>> column("4"), column("position")
+    (4, 'position')
+    """
+    plain = text.strip()
+    return int(plain) if plain.isdecimal() else plain
+
+
+def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | None:
+    """Return a range of samples.
+
+    Parameters
+    ----------
+    text : str or None
+        What the option was given.
+    option : str
+        The option, for the message.
+
+    Returns
+    -------
+    tuple of int or None
+        First sample, and the one before which to stop; None where nothing was given.
+
+    Raises
+    ------
+    RecordError
+        It is no range.
+
+    Examples
+    --------
+    >>> row_range("400:", "--rows")
+    (400, None)
+    """
+    if text is None:
+        return None
+    words = [word.strip() for word in text.split(":")]
+    if len(words) != 2 or not all(word == "" or word.isdecimal() for word in words):
+        raise RecordError(f"{option} must be a range of samples such as 400:7200, got '{text}'")
+    start, stop = (int(word) if word else None for word in words)
+    if start is not None and stop is not None and start >= stop:
+        raise RecordError(f"{option} must rise, got '{text}'")
+    return start, stop
+
+
+def read_records(
+    files: "Sequence[Path]",
+    columns: "Sequence[str | int]",
+    *,
+    units: "Sequence[str | None]",
+    sample_rate: str | None,
+    time: str | None,
+    format: str | None,
+    dataset: str | None,
+    rows: str | None,
+    skip_lines: int,
+    delimiter: str | None,
+    decimal: str | None,
+) -> "list[Record]":
+    """Read the files that a command was given.
+
+    Parameters
+    ----------
+    files : sequence of pathlib.Path
+        The files.
+    columns : sequence of str or int
+        The columns that will be used.
+    units : sequence of str or None
+        Their units, where an option says them.
+    sample_rate : str or None
+        Sample rate, or one for each file with commas.
+    time : str or None
+        Column of time.
+    format : str or None
+        Format of the files.
+    dataset : str or None
+        Dataset of the files.
+    rows : str or None
+        Range of samples.
+    skip_lines : int
+        Lines to leave out.
+    delimiter : str or None
+        What divides the columns.
+    decimal : str or None
+        Decimal sign.
+
+    Returns
+    -------
+    list of Record
+        One record for each file.
+
+    Raises
+    ------
+    RecordError
+        A file cannot be used as it is.
+    """
+    from flexstage.records import read_record
+    from flexstage.units import parse
+
+    rates: Sequence[float | None] = [None] * len(files)
+    if sample_rate is not None:
+        given = [parse(word, "frequency", bare_unit="Hz") for word in sample_rate.split(",")]
+        if len(given) not in (1, len(files)):
+            raise RecordError(
+                f"--sample-rate needs one rate, or one for each of {len(files)} files, got "
+                f"{len(given)}"
+            )
+        rates = given * len(files) if len(given) == 1 else given
+    named = {str(c): u for c, u in zip(columns, units, strict=True) if u is not None}
+    return [
+        read_record(
+            file,
+            format=format,
+            sample_rate_hz=rate,
+            time=None if time is None else column(time),
+            units=named,
+            dataset=dataset,
+            columns=columns,
+            rows=row_range(rows, "--rows"),
+            skip_lines=skip_lines,
+            delimiter=_spelled(delimiter),
+            decimal=decimal,
+        )
+        for file, rate in zip(files, rates, strict=True)
+    ]
+
+
+def _spelled(delimiter: str | None) -> str | None:
+    # a shell passes a backslash and a letter where a tab is meant
+    return None if delimiter is None else delimiter.replace("\\t", "\t")

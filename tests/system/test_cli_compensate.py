@@ -1,0 +1,224 @@
+"""`flexstage compensate`: from a record by a model file to a command that makes a drive follow."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.model_file import read_model_text
+from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.records import read_record
+
+RATE = 250.0
+STACK = virtual_stack((0.0, 120.0), 38e-6, 0.12)
+OFFSET = -17.2e-6
+
+
+def run(capsys, command, *words):
+    with pytest.raises(SystemExit) as ended:
+        main([command, *(str(word) for word in words)])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory):
+    """A Preisach model of the virtual stack, by the command that identifies it."""
+    folder = tmp_path_factory.mktemp("identified")
+    t = np.arange(3000) / RATE
+    share = np.clip(1.25 - t / t[-1], 0.1, 1.0)
+    u = 60.0 * (1.0 - share * np.cos(2.0 * np.pi * 1.25 * t))
+    y = OFFSET + STACK.simulate(u).values + np.random.default_rng(8).normal(0.0, 2e-8, t.size)
+    np.savetxt(
+        folder / "drive.csv", np.column_stack((t, u, y)), delimiter=",",
+        header="time (s),u (V),y (m)", comments="",
+    )  # fmt: skip
+    words = ["--input", "u", "--output", "y", "--model", "preisach", "--delay", "0 s"]
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", str(folder / "drive.csv"), *words, "--out", str(folder / "m.yaml")])
+    assert ended.value.code == 0
+    return folder / "m.yaml"
+
+
+def reference():
+    """Six cycles of sine and one small one, in micrometres of the sensor."""
+    t = np.arange(1600) / RATE
+    turns = np.where(t < 4.8, np.cos(2.0 * np.pi * 1.25 * t), 0.4 + 0.6 * np.cos(5.0 * np.pi * t))
+    return 2.3 - 13.0 * turns
+
+
+@pytest.fixture
+def reference_file(tmp_path):
+    path = tmp_path / "in" / "reference.csv"
+    path.parent.mkdir()
+    np.savetxt(path, reference(), header="wanted (um)", comments="")
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".h5", ".mat"])
+def test_the_drive_follows(capsys, tmp_path, model_file, reference_file, suffix):
+    out_file = tmp_path / "new" / f"command{suffix}"
+    words = (model_file, "--reference", reference_file, "--sample-rate", "250 Hz")
+    status, out, err = run(capsys, "compensate", *words, "--out", out_file, "--json")
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    assert result["file"] == str(out_file)
+    assert (result["samples"], result["limited_samples"]) == (1600, 0)
+    assert result["predicted_max_error"] < 1e-12
+    assert (result["input_unit"], result["output_unit"]) == ("V", "m")
+    record = read_record(out_file)
+    command = record.channel("command").values
+    assert [command.min(), command.max()] == pytest.approx(result["command_range"])
+    assert record.channel("command").unit == "V"
+    assert record.sample_rate_hz == pytest.approx(RATE)
+    wanted = 1e-6 * reference()
+    assert record.channel("reference").values == pytest.approx(wanted, abs=1e-15)
+    # now the stack itself, which is of no class that was fitted, after cycles over its range
+    before = STACK.simulate([120.0, 0.0] * 4).state
+    came = OFFSET + STACK.simulate(command, before).values
+    # the offset of a stack that was cycled differs from that of one that never moved
+    error = came - wanted
+    error -= error.mean()
+    assert np.sqrt(np.mean(error**2)) < 4e-3 * np.ptp(wanted)
+    bounds = np.arange(2, 6) * 200
+    straight = np.interp(wanted, (wanted.min(), wanted.max()), (command.min(), command.max()))
+    opened = loop_width(wanted, STACK.simulate(straight, before).values, bounds)
+    closed = loop_width(wanted, came, bounds)
+    assert opened > 0.08 * np.ptp(wanted)
+    assert closed < 0.05 * opened
+
+
+def test_the_printed_result(capsys, model_file, reference_file):
+    words = (model_file, "--reference", reference_file, "--sample-rate", 250)
+    status, out, err = run(capsys, "compensate", *words)
+    assert (status, err) == (0, "")
+    assert "1600 samples of" in out
+    assert "by the inverse of preisach" in out
+    assert "the model with itself" in out
+    assert "one rate only" in out
+
+
+def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
+    words = (model_file, "--reference", reference_file, "--sample-rate", 250, "--json")
+    more = ("--limits", "20:80", "--slew", "190 V/s", "--out", tmp_path / "c.npz")
+    status, out, err = run(capsys, "compensate", *words, *more)
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    command = read_record(tmp_path / "c.npz").channel("command").values
+    assert command.min() >= 20.0
+    assert command.max() <= 80.0
+    assert np.abs(np.diff(command)).max() <= 190.0 / RATE * (1.0 + 1e-12)
+    assert result["limited_samples"] > 100
+    assert result["predicted_max_error"] > 1e-6
+    assert any("limits changed" in note for note in result["notes"])
+    # 0.9 mA into 5 uF are 180 V/s, which is less
+    more = ("--slew", "190 V/s", "--current", "0.9 mA", "--capacitance", "5 uF")
+    run(capsys, "compensate", *words, *more, "--out", tmp_path / "d.npz")
+    slopes = np.abs(np.diff(read_record(tmp_path / "d.npz").channel("command").values))
+    assert slopes.max() == pytest.approx(180.0 / RATE, rel=1e-9)
+
+
+def test_a_relative_reference_starts_at_the_lowest_reading(capsys, tmp_path, model_file):
+    drive = read_model_text(model_file.read_text("utf-8")).model
+    assert drive.validity is not None
+    lowest = drive.validity.output_range[0]
+    wanted = 8.1e-6 * (1.2 - np.cos(np.arange(500) / 40.0))
+    np.savetxt(tmp_path / "r.txt", wanted)
+    np.savetxt(tmp_path / "a.txt", wanted + lowest)
+    words = ("--sample-rate", 250, "--unit", "m", "--json")
+    relative, absolute = (
+        json.loads(
+            run(capsys, "compensate", model_file, "--reference", tmp_path / n, *words, *w)[1]
+        )
+        for n, w in (("r.txt", ("--relative",)), ("a.txt", ("--absolute",)))
+    )
+    assert relative["command_range"] == pytest.approx(absolute["command_range"], rel=1e-9)
+    rest = run(
+        capsys, "compensate", model_file, "--reference", tmp_path / "a.txt", *words, "--start",
+        "rest",
+    )  # fmt: skip
+    assert rest[0] == 0
+    assert json.loads(rest[1])["command_range"] != absolute["command_range"]
+
+
+def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
+    text = model_file.read_text("utf-8")
+    start = text.index("offset: ")
+    end = text.index(",", start)
+    (tmp_path / "e.yaml").write_text(f"{text[:start]}offset: -17.0e-6{text[end:]}", "utf-8")
+    words = ("--reference", reference_file, "--sample-rate", 250, "--json")
+    result = json.loads(run(capsys, "compensate", tmp_path / "e.yaml", *words)[1])
+    assert "the file was changed since it was written" in result["notes"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--limits", "5"), '--limits must be a range such as "0:120"'),
+        (("--limits", "80:20"), "must rise"),
+        (("--limits", "0:9 m"), "not a unit of voltage"),
+        (("--slew", "5 V"), "slew rate"),
+        (("--slew", "-5 V/s"), "largest rate must be positive"),
+        (("--slew", "0 V/s"), "largest rate must be positive"),
+        (("--current", "5 mA"), "needs --capacitance"),
+        (("--current", "5 mA", "--capacitance", "0 uF"), "--capacitance must be positive"),
+        (("--capacitance", "5 uF"), "--capacitance needs --current"),
+        (("--band", "0 Hz"), "band must be positive"),
+        (("--band", "1e-9 Hz"), "leaves nothing"),
+        (("--band", "low"), "expected a frequency"),
+        (("--start", "warm"), "--start is conditioned or rest"),
+        (("--column", "3"), "no column 3"),
+        (("--unit", "V"), "the model gives m"),
+        (("--unit", "furlong"), "furlong"),
+        (("--sample-rate", "quick"), "expected a frequency"),
+        (("--out", "c.txt"), "--out must end in one of"),
+        (("--rows", "7:3"), "must rise"),
+        (("--reference", "none.csv"), "none.csv"),
+        (("--unit", "mm"), "shift the reference into that range"),
+    ],
+)
+def test_bad_options(capsys, tmp_path, monkeypatch, model_file, reference_file, words, said):
+    monkeypatch.chdir(tmp_path)
+    given = {"--reference": reference_file, "--sample-rate": 250, "--out": "c.csv"}
+    given |= dict(zip(words[::2], words[1::2], strict=True))
+    status, out, err = run(
+        capsys, "compensate", model_file, *(f"{k}={v}" for k, v in given.items())
+    )
+    assert (status, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert [p.name for p in tmp_path.iterdir()] == ["in"]
+
+
+def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
+    np.savetxt(tmp_path / "r.txt", reference())
+    words = ("--reference", tmp_path / "r.txt", "--sample-rate", 250)
+    status, _, err = run(capsys, "compensate", model_file, *words)
+    assert status == 2
+    assert "--unit" in err
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is no drive model"),
+        (b"\xff\xfe\x00\x01", "is not text"),
+        (b"name: vgtu-piezo\n", "is no drive model"),
+        (b"flexstage-drive-model: 3\n", "newer flexstage"),
+        (None, "there is no model file"),
+    ],
+)
+def test_files_that_are_no_models(capsys, tmp_path, reference_file, content, said):
+    if content is not None:
+        (tmp_path / "m.yaml").write_bytes(content)
+    words = ("--reference", reference_file, "--sample-rate", 250)
+    status, out, err = run(capsys, "compensate", tmp_path / "m.yaml", *words)
+    assert (status, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    status, _, err = run(capsys, "compensate", tmp_path, *words)
+    assert status == 2
+    assert "is a directory" in err
