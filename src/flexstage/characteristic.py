@@ -28,6 +28,8 @@ QUANTITIES: dict[str, str] = {
     "straightness": "m",
     "straightness_out_of_plane": "m",
     "hysteresis_loop_width": "m",
+    "compensated_loop_width": "m",
+    "hysteresis_deviation": "m",
 }
 
 #: Where a value can come from.

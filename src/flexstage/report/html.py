@@ -20,6 +20,7 @@ from flexstage.report.figures import (
 )
 from flexstage.report.figures.neck_stress import neck_sampler
 from flexstage.report.figures.style import css_variables
+from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.quantities import display
 from flexstage.report.study import ModelRun, Study
 from flexstage.report.tables import (
@@ -29,7 +30,7 @@ from flexstage.report.tables import (
     published_table,
 )
 
-__all__ = ["MESH_SECTIONS", "SECTIONS", "report_html"]
+__all__ = ["DRIVE_SECTIONS", "MESH_SECTIONS", "SECTIONS", "report_html"]
 
 
 def report_html(study: Study) -> str:
@@ -287,6 +288,10 @@ def _convergence(study: Study) -> str:
     )
 
 
+def _hysteresis(study: Study) -> str:
+    return hysteresis_section(study.stage, study.experiments)
+
+
 def _hinges(study: Study) -> str:
     settings = study.main.provenance.settings
     if not study.stage.hinges:
@@ -364,13 +369,18 @@ MESH_SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     "convergence": ("Convergence of the mesh", _convergence),
 }
 
+#: Section of stages with piezo drives, which stands after those.
+DRIVE_SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
+    "hysteresis": ("Hysteresis and its inverse", _hysteresis),
+}
+
 
 def _in_order() -> dict[str, tuple[str, Callable[[Study], str]]]:
     ordered = {}
     for key, section in SECTIONS.items():
         ordered[key] = section
         if key == "stress":
-            ordered |= MESH_SECTIONS
+            ordered |= MESH_SECTIONS | DRIVE_SECTIONS
     return ordered
 
 

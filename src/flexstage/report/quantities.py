@@ -77,6 +77,8 @@ _SHOWN: dict[str, Display] = {
         label="Straightness out of plane", unit="µm", factor=1e6, zero=1e-15
     ),
     "hysteresis_loop_width": Display(label="Hysteresis loop width", unit="µm", factor=1e6),
+    "compensated_loop_width": Display(label="Loop width, compensated", unit="µm", factor=1e6),
+    "hysteresis_deviation": Display(label="Hysteresis model, largest error", unit="µm", factor=1e6),
 }
 
 

@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from flexstage.characteristic import Characteristic
+from flexstage.report.hysteresis import experiment_results
 from flexstage.report.study import ModelRun, Study
 from flexstage.system import Analysis, load_readings
 
@@ -174,6 +175,7 @@ def study_results(study: Study) -> dict[str, Any]:
             for name, a in study.analyses.items()
         },
         "left_out": dict(study.left_out),
+        "hysteresis": experiment_results(study.experiments),
         "variants": {name: analysis_results(a) for name, a in study.variants.items()},
     }
 

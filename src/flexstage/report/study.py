@@ -11,11 +11,13 @@ from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import StrokePath, lumped_system, mechanism, stroke_path
 from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
+from flexstage.report.hysteresis import run_experiments
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
     from flexstage.fem import FiniteStroke, MeshSettings, Refinement, StageModel
+    from flexstage.hysteresis.virtual_experiment import AxisExperiment
 
 __all__ = [
     "MODELS",
@@ -178,6 +180,9 @@ _BOUNDED = ("lumped", "plane")
 #: Time that the models take beside one another, for the progress that is told.
 _WEIGHTS: Mapping[str, float] = {"lumped": 0.2, "superelement": 1.0, "plane": 2.0, "solid": 25.0}
 
+#: Share of the time that the experiment on the virtual stage takes.
+_EXPERIMENT = 0.1
+
 #: Responses and modes are drawn of the first of these that was run.
 _DRAWN = ("superelement", "plane", "lumped", "solid")
 
@@ -202,6 +207,8 @@ class Study:
         Run of each model, with the mesh behind it.
     left_out : Mapping
         Why a model could not be made of this stage, by model.
+    experiments : Mapping
+        Identification and compensation of hysteresis on the virtual stage, by axis.
     """
 
     stage: Stage
@@ -210,6 +217,7 @@ class Study:
     paths: Mapping[str, StrokePath]
     runs: Mapping[str, ModelRun] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
+    experiments: "Mapping[str, AxisExperiment]" = field(default_factory=dict)
 
     @property
     def characteristics(self) -> Characteristics:
@@ -295,7 +303,13 @@ def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysi
     return run_model(stage, model, Wanted(plane=plane)).analysis
 
 
-def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane = "auto") -> Study:
+def run_study(
+    stage: Stage,
+    models: Sequence[str] = ("lumped",),
+    *,
+    plane: Plane = "auto",
+    hysteresis: bool = False,
+) -> Study:
     """Run the models of a stage.
 
     Parameters
@@ -307,6 +321,8 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck; it
         says nothing to the solid model.
+    hysteresis : bool
+        Whether to identify and compensate piezo drives on the virtual stage.
 
     Returns
     -------
@@ -335,9 +351,10 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
+    whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis else 1.0)
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
-        with share(done / sum(weights), (done + weight) / sum(weights)):
+        with share(done / whole, (done + weight) / whole):
             own: Plane = "auto" if model == "solid" else plane
             try:
                 with share(0.0, 0.5 if model in _BOUNDED else 1.0):
@@ -365,7 +382,7 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
     paths: Mapping[str, StrokePath] = {}
     if "lumped" in analyses:
         paths, analyses["lumped"] = _over_the_stroke(stage, analyses["lumped"], plane)
-    return Study(
+    made = Study(
         stage=stage,
         analyses=analyses,
         variants=variants,
@@ -373,6 +390,10 @@ def run_study(stage: Stage, models: Sequence[str] = ("lumped",), *, plane: Plane
         runs=runs,
         left_out=left_out,
     )
+    if not hysteresis:
+        return made
+    with share(1.0 - _EXPERIMENT, 1.0):
+        return replace(made, experiments=run_experiments(stage, made.main.system))
 
 
 def _over_the_stroke(

@@ -1,9 +1,11 @@
 """Figures of a stage and of what its models give, one file for each."""
 
 from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.compensation import draw_compensation
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.fe_modes import draw_fe_modes
+from flexstage.report.figures.identification import draw_identification
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
 from flexstage.report.figures.neck_stress import draw_neck_stress
 from flexstage.report.figures.static_shape import draw_static_shape, exaggeration
@@ -15,8 +17,10 @@ __all__ = [
     "FORMATS",
     "body_symbols",
     "draw_bode",
+    "draw_compensation",
     "draw_convergence",
     "draw_fe_modes",
+    "draw_identification",
     "draw_neck_stress",
     "draw_stage",
     "draw_static_shape",
