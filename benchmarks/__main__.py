@@ -6,7 +6,14 @@ import platform
 import sys
 from itertools import groupby
 
-from benchmarks import cases, finite_elements, superelements
+from benchmarks import (
+    cases,
+    finite_elements,
+    hysteresis,
+    hysteresis_identification,
+    hysteresis_plant,
+    superelements,
+)
 
 CASES = {
     "analysis": cases.analysis,
@@ -15,6 +22,9 @@ CASES = {
     "elements": finite_elements.hinge,
     "elements-growth": finite_elements.growth,
     "superelements": superelements.superelements,
+    "hysteresis": hysteresis.hysteresis,
+    "identification": hysteresis_identification.identification,
+    "plant": hysteresis_plant.plant,
 }
 
 
