@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 from benchmarks import hysteresis_peers as peers
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.hysteresis.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.chain import StageModes, simulate_with_stage
-from flexstage.hysteresis.dahl import Dahl
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
+from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
 
 __all__ = ["Route", "batch", "growth", "hysteresis", "models", "rows", "stage", "stepping"]
 

@@ -19,7 +19,6 @@ from scipy.optimize import differential_evolution, least_squares, lsq_linear, nn
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import Lag, LogCreep
 from flexstage.hysteresis.identification import find_chain, identify, measurement
 from flexstage.hysteresis.identification.chain_filter import rows_of
@@ -28,7 +27,8 @@ from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily,
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit
-from flexstage.hysteresis.preisach import Preisach
+from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
 

@@ -8,8 +8,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import StageModes
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = [
     "in_30_digits",

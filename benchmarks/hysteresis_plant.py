@@ -20,8 +20,8 @@ from benchmarks.cases import Row
 from benchmarks.hysteresis import Route, rows
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import LogCreep, Sensor
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.stage import Stage

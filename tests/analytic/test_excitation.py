@@ -12,13 +12,13 @@ from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import lfilter
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitation import Excitation, excitation
-from flexstage.hysteresis.excitation_plan import Plan, fitted, shortest
-from flexstage.hysteresis.excitation_shapes import SHAPES, Movement, multisine
+from flexstage.hysteresis.excitations.coverage import memory_coverage
+from flexstage.hysteresis.excitations.design import Excitation, excitation
+from flexstage.hysteresis.excitations.plan import Plan, fitted, shortest
+from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.identification.cycles import cycles
-from flexstage.hysteresis.memory_coverage import memory_coverage
-from flexstage.hysteresis.play import play_columns
-from flexstage.hysteresis.preisach import preisach_columns
+from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.preisach import preisach_columns
 from flexstage.records import Record
 
 RANGE = (-17.0, 113.0)

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.dahl import Dahl
-from flexstage.hysteresis.duhem import Duhem
 from flexstage.hysteresis.identification import (
     FAMILIES,
     ChainValues,
@@ -32,9 +28,13 @@ from flexstage.hysteresis.identification.identify import _choose, _Tried
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, misfit
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.uncertainty import estimates
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
+from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.records import Channel, Record
 

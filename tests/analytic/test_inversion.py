@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.dahl import Dahl
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
-from flexstage.hysteresis.registry import MODELS
+from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.registry import MODELS
 from flexstage.hysteresis.virtual_stack import virtual_stack
 
 LOW, HIGH = 4.0, 116.0

@@ -14,7 +14,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import StageModes, simulate_with_stage
 from flexstage.hysteresis.chain.first_order import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
@@ -24,6 +23,7 @@ from flexstage.hysteresis.chain.panels import (
     panels,
 )
 from flexstage.hysteresis.model import HysteresisModel, Segments
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 Array = NDArray[np.float64]
 D, A, BETA, GAMMA = 0.593, 0.544, 0.05, 0.03

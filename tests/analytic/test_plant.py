@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import Amplifier, LogCreep, Sensor
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.lumped import lumped_system

@@ -8,14 +8,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.dead_zones import dead_zone_line, dead_zones
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.play import play_columns, stop_columns
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach, preisach_columns, preisach_gram
+from flexstage.hysteresis.models.dead_zones import dead_zone_line, dead_zones
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.play import play_columns, stop_columns
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach, preisach_columns, preisach_gram
 
 STROKE = 60e-6
 

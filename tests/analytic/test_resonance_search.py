@@ -5,7 +5,7 @@ import pytest
 
 from flexstage.hysteresis import PrandtlIshlinskii
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.excitation import excitation
+from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification import identify, measurement
 from flexstage.hysteresis.identification.resonance_search import find_resonance
 from flexstage.records import Channel, Record

@@ -17,11 +17,11 @@ import pytest
 from scipy.signal import firwin, resample
 
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.oscillator import BoucWenOscillator
-from flexstage.hysteresis.oscillator_identification import (
+from flexstage.hysteresis.oscillator.identification import (
     OscillatorIdentification,
     identify_oscillator,
 )
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "bouc-wen-benchmark"
 RATE = 750.0

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.oscillator import BoucWenOscillator, parameter_row
-from flexstage.hysteresis.oscillator_input import input_pieces
-from flexstage.hysteresis.oscillator_steps import _first_zero, advance
+from flexstage.hysteresis.oscillator.input import input_pieces
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, parameter_row
+from flexstage.hysteresis.oscillator.steps import _first_zero, advance
 
 RATE = 800.0
 N = 260

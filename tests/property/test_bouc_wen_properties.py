@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.bouc_wen import BoucWen, simulate_bouc_wen_batch
-from flexstage.hysteresis.bouc_wen_steps import simulate_samples
-from flexstage.hysteresis.dahl import Dahl
-from flexstage.hysteresis.decay import decayed
-from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.model import Condition, HysteresisModel
-from flexstage.hysteresis.power_law import flow, power_table, time_to_zero
+from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
+from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.decay import decayed
+from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.models.power_law import flow, power_table, time_to_zero
 
 # A compiled loop is slow the first time.
 settings.register_profile("compiled", deadline=None, max_examples=40)

@@ -5,7 +5,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import (
     Amplifier,
     Lag,
@@ -14,6 +13,7 @@ from flexstage.hysteresis.chain import (
     simulate_with_stage,
 )
 from flexstage.hysteresis.chain.element import ChainElement
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 Array = NDArray[np.float64]
 

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.dahl import Dahl
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
-from flexstage.hysteresis.registry import MODELS
+from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.registry import MODELS
 
 FEW = settings(max_examples=12, deadline=None, derandomize=True)
 slopes = st.floats(1e-9, 1e-5)

@@ -12,10 +12,10 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from flexstage.errors import ConvergenceError, ModelError
-from flexstage.hysteresis.oscillator import BoucWenOscillator
-from flexstage.hysteresis.oscillator_identification import identify_oscillator
-from flexstage.hysteresis.oscillator_input import input_pieces
-from flexstage.hysteresis.oscillator_start import EquationError, force_of_motion
+from flexstage.hysteresis.oscillator.identification import identify_oscillator
+from flexstage.hysteresis.oscillator.input import input_pieces
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
+from flexstage.hysteresis.oscillator.start import EquationError, force_of_motion
 
 RATE = 730.0
 MODEL = BoucWenOscillator(

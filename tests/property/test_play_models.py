@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
 
 STROKE = 60e-6
 RANGE = (-20.0, 130.0)

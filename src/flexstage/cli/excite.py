@@ -19,7 +19,7 @@ from flexstage.cli.common import (
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.excitation import Excitation
+    from flexstage.hysteresis.excitations.design import Excitation
 
 __all__ = ["excite"]
 
@@ -130,7 +130,7 @@ def excite(
     Major loops, reversal curves and nested loops at two rates, a step and hold, and a small
     multisine at the resonance, within the limits of stack and amplifier.
     """
-    from flexstage.hysteresis.excitation import excitation
+    from flexstage.hysteresis.excitations.design import excitation
 
     format = _format(out)
     plant = _plant(stage, axis, needs_frequency=frequency is None)

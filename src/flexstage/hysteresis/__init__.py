@@ -9,8 +9,6 @@ and `virtual_experiment` carries it out on a `Plant`.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
-from flexstage.hysteresis.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.chain import (
     Amplifier,
     ChainElement,
@@ -21,12 +19,10 @@ from flexstage.hysteresis.chain import (
     StageModes,
     simulate_with_stage,
 )
-from flexstage.hysteresis.dahl import Dahl
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-from flexstage.hysteresis.duhem import Duhem
-from flexstage.hysteresis.excitation import excitation
-from flexstage.hysteresis.excitation_record import Excitation, ExcitationPart
-from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.excitations.coverage import memory_coverage
+from flexstage.hysteresis.excitations.design import excitation
+from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
 from flexstage.hysteresis.identification import (
     Candidate,
     ChainValues,
@@ -45,20 +41,24 @@ from flexstage.hysteresis.identification import (
 )
 from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
 from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.memory_coverage import memory_coverage
 from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.oscillator import BoucWenOscillator, OscillatorResponse
-from flexstage.hysteresis.oscillator_identification import (
+from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.preisach import Preisach
+from flexstage.hysteresis.models.registry import MODELS
+from flexstage.hysteresis.oscillator.identification import (
     OscillatorIdentification,
     identify_oscillator,
 )
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
 from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.preisach import Preisach
-from flexstage.hysteresis.registry import MODELS
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_experiment import (
     AxisExperiment,

@@ -14,7 +14,7 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.registry import MODELS
+from flexstage.hysteresis.models.registry import MODELS
 
 __all__ = ["ModelFile", "model_text", "read_model_text"]
 

@@ -168,7 +168,7 @@ class Plant:
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.hysteresis.bouc_wen import BoucWen
+    >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
     >>> from flexstage.system import DrivePort, ProbePort
     >>> stage = MechanicalSystem(
     ...     name="a mass on a spring",

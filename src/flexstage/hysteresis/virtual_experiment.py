@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import LogCreep, Sensor
 from flexstage.hysteresis.drive_model import DriveModel
-from flexstage.hysteresis.excitation import excitation
+from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification import FAMILIES, Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking

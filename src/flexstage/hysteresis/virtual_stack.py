@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.duhem import Duhem
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import (
     Array,
@@ -18,7 +17,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 
 __all__ = ["VirtualStack", "virtual_stack"]
 

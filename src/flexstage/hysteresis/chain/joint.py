@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.chain.bouc_wen_stage import bouc_wen_with_mode
 from flexstage.hysteresis.chain.element import checked_state, positive_step
 from flexstage.hysteresis.chain.first_order import lags_through_segments
@@ -18,6 +17,7 @@ from flexstage.hysteresis.chain.panels import (
 )
 from flexstage.hysteresis.chain.resonance import StageModes, values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel, Segments, samples
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = [
     "Forcing",
@@ -186,7 +186,7 @@ def simulate_with_stage(
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.hysteresis.bouc_wen import BoucWen
+    >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
     >>> model = BoucWen(gain=0.59, hysteresis_gain=0.54, beta=0.05, gamma=0.03)
     >>> stage = StageModes(frequency_hz=[339.0], damping_ratio=[0.012])
     >>> u = 60.0 - 60.0 * np.cos(2.0 * np.pi * 37.0 * np.arange(400) * 1e-4)

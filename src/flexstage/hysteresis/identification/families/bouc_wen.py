@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.bouc_wen import BoucWen
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = ["BoucWenFamily", "shape_at"]
 

@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.dahl import Dahl
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.models.dahl import Dahl
 
 __all__ = ["DahlFamily"]
 

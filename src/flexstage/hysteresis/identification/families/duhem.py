@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.duhem import Duhem
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.models.duhem import Duhem
 
 __all__ = ["DuhemFamily"]
 

@@ -5,11 +5,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.bouc_wen import BoucWen
-from flexstage.hysteresis.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
+from flexstage.hysteresis.models.bouc_wen import BoucWen
+from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
 
 __all__ = ["GeneralisedBoucWenFamily"]
 

@@ -13,8 +13,8 @@ from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
-from flexstage.hysteresis.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["MaxwellSlipFamily"]
 

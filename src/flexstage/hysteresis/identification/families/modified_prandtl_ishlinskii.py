@@ -10,8 +10,8 @@ from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
-from flexstage.hysteresis.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["ModifiedPrandtlIshlinskiiFamily", "interior_kinks"]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.play import play_columns
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["PrandtlIshlinskiiFamily", "play_thresholds"]
 

@@ -11,7 +11,7 @@ from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal
-from flexstage.hysteresis.preisach import Preisach, preisach_columns
+from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
 
 __all__ = ["PreisachFamily"]
 

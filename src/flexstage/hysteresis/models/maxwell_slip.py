@@ -7,8 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis import play_sum
-from flexstage.hysteresis.dead_zones import Line, dead_zone_line
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -17,8 +15,10 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.play import ROUNDING, fixed, play_state, rising
-from flexstage.hysteresis.play_model import Sum, least_slope, sampled, segments_of, terms
+from flexstage.hysteresis.models import play_sum
+from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
+from flexstage.hysteresis.models.play_model import Sum, least_slope, sampled, segments_of, terms
 
 __all__ = ["GeneralisedMaxwellSlip"]
 

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis import play_sum
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -15,7 +14,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.play import play_state
+from flexstage.hysteresis.models import play_sum
+from flexstage.hysteresis.models.play import play_state
 
 __all__ = ["PlayModel", "Sum", "least_slope", "sampled", "segments_of", "terms"]
 

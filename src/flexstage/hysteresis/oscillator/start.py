@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.errors import ConvergenceError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.oscillator import BoucWenOscillator
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
 
 __all__ = ["EquationError", "force_of_motion"]
 

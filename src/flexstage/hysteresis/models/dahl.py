@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen import segments_of
-from flexstage.hysteresis.bouc_wen_common import check_numbers, classical_law, state_after
-from flexstage.hysteresis.bouc_wen_runs import simulate_runs
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.decay import decayed
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -21,7 +17,11 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.power_law import power_table
+from flexstage.hysteresis.models.bouc_wen import segments_of
+from flexstage.hysteresis.models.bouc_wen_common import check_numbers, classical_law, state_after
+from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
+from flexstage.hysteresis.models.decay import decayed
+from flexstage.hysteresis.models.power_law import power_table
 
 __all__ = ["Dahl"]
 

@@ -12,8 +12,8 @@ sample needs the one before, and a loop over the samples of a run becomes vector
 from numba import prange
 
 from flexstage.hysteresis.compiled import compiled, compiled_parallel
-from flexstage.hysteresis.decay import decayed, distance_to_zero, saturating
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.models.decay import decayed, distance_to_zero, saturating
 
 __all__ = ["simulate_batch", "simulate_runs"]
 

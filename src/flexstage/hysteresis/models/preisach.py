@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.play import Indices, fixed, play_columns, rising
-from flexstage.hysteresis.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play import Indices, fixed, play_columns, rising
+from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
 
 __all__ = ["Preisach", "preisach_columns", "preisach_gram"]
 

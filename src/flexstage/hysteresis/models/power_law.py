@@ -19,8 +19,8 @@ import math
 import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
-from flexstage.hysteresis.decay import distance_to_zero, grown, saturating
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.models.decay import distance_to_zero, grown, saturating
 
 __all__ = ["flow", "power_table", "time_to_zero"]
 

@@ -17,8 +17,8 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.play import ROUNDING, fixed
-from flexstage.hysteresis.play_model import sampled
+from flexstage.hysteresis.models.play import ROUNDING, fixed
+from flexstage.hysteresis.models.play_model import sampled
 
 __all__ = ["Duhem"]
 

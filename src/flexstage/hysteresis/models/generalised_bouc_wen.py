@@ -8,9 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen import segments_of
-from flexstage.hysteresis.bouc_wen_common import check_exponent, check_numbers, state_after
-from flexstage.hysteresis.bouc_wen_steps import inverse_samples, law_of, simulate_samples
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -19,7 +16,10 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.power_law import power_table
+from flexstage.hysteresis.models.bouc_wen import segments_of
+from flexstage.hysteresis.models.bouc_wen_common import check_exponent, check_numbers, state_after
+from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, law_of, simulate_samples
+from flexstage.hysteresis.models.power_law import power_table
 
 __all__ = ["GeneralisedBoucWen"]
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.play import fixed, rising
-from flexstage.hysteresis.play_model import PlayModel, Sum, terms
+from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
 
 __all__ = ["PrandtlIshlinskii"]
 

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitation_limits import (
+from flexstage.hysteresis.excitations.coverage import memory_coverage
+from flexstage.hysteresis.excitations.limits import (
     checked_range,
     checked_rest,
     require_positive,
     safe_slope,
     usable_rates,
 )
-from flexstage.hysteresis.excitation_plan import NEAREST_RATES, Plan, Section, fitted, shortest
-from flexstage.hysteresis.excitation_record import Excitation, ExcitationPart
-from flexstage.hysteresis.excitation_shapes import SHAPES, Movement, multisine
-from flexstage.hysteresis.memory_coverage import memory_coverage
+from flexstage.hysteresis.excitations.plan import NEAREST_RATES, Plan, Section, fitted, shortest
+from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
+from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.model import Array
 
 __all__ = ["Excitation", "ExcitationPart", "excitation"]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.excitation_shapes import Movement
+from flexstage.hysteresis.excitations.shapes import Movement
 
 __all__ = ["checked_range", "checked_rest", "require_positive", "safe_slope", "usable_rates"]
 

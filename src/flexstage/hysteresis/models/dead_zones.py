@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.play import fixed, rising
-from flexstage.hysteresis.play_sum import offsets_of
+from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.models.play_sum import offsets_of
 
 __all__ = ["Line", "dead_zone_line", "dead_zones"]
 

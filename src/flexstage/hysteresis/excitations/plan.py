@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from flexstage.hysteresis.excitation_shapes import Movement
+from flexstage.hysteresis.excitations.shapes import Movement
 
 __all__ = ["HOLD", "NEAREST_RATES", "RESONANCE", "Plan", "Section", "fitted", "shortest"]
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen_steps import law_of
 from flexstage.hysteresis.model import Array, Condition
+from flexstage.hysteresis.models.bouc_wen_steps import law_of
 
 __all__ = [
     "check_exponent",

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.oscillator_input import Interpolation, input_pieces
-from flexstage.hysteresis.oscillator_steps import advance
+from flexstage.hysteresis.oscillator.input import Interpolation, input_pieces
+from flexstage.hysteresis.oscillator.steps import advance
 
 __all__ = ["BoucWenOscillator", "OscillatorResponse"]
 

@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.dead_zones import Line, dead_zone_line
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -15,8 +14,9 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.play import fixed, rising
-from flexstage.hysteresis.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.models.play import fixed, rising
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["ModifiedPrandtlIshlinskii"]
 

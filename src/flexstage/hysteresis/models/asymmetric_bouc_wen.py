@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen_common import (
+from flexstage.hysteresis.model import Array, Condition, HysteresisModel, Response, samples
+from flexstage.hysteresis.models.bouc_wen_common import (
     check_exponent,
     check_numbers,
     classical_conditions,
     classical_law,
     state_after,
 )
-from flexstage.hysteresis.bouc_wen_runs import simulate_runs
-from flexstage.hysteresis.bouc_wen_steps import inverse_samples, simulate_samples
-from flexstage.hysteresis.model import Array, Condition, HysteresisModel, Response, samples
-from flexstage.hysteresis.power_law import power_table
+from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
+from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, simulate_samples
+from flexstage.hysteresis.models.power_law import power_table
 
 __all__ = ["AsymmetricBoucWen"]
 

@@ -19,7 +19,7 @@ from numba import prange
 
 from flexstage.hysteresis.compiled import compiled, compiled_parallel
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.power_law import flow, time_to_zero
+from flexstage.hysteresis.models.power_law import flow, time_to_zero
 
 __all__ = [
     "advance",

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
-from flexstage.hysteresis.play import Indices
+from flexstage.hysteresis.models.play import Indices
 
 __all__ = ["invert", "offsets_of", "pieces", "simulate"]
 

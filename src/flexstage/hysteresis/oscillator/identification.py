@@ -9,10 +9,14 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.model import Array, samples
-from flexstage.hysteresis.oscillator import BoucWenOscillator, parameter_row, prepared_input
-from flexstage.hysteresis.oscillator_input import Interpolation
-from flexstage.hysteresis.oscillator_start import EquationError
-from flexstage.hysteresis.oscillator_steps import advance_each
+from flexstage.hysteresis.oscillator.input import Interpolation
+from flexstage.hysteresis.oscillator.oscillator import (
+    BoucWenOscillator,
+    parameter_row,
+    prepared_input,
+)
+from flexstage.hysteresis.oscillator.start import EquationError
+from flexstage.hysteresis.oscillator.steps import advance_each
 
 __all__ = ["OscillatorIdentification", "identify_oscillator"]
 

@@ -8,21 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.bouc_wen_common import (
-    check_exponent,
-    check_numbers,
-    classical_conditions,
-    classical_law,
-    state_after,
-)
-from flexstage.hysteresis.bouc_wen_runs import simulate_batch, simulate_runs
-from flexstage.hysteresis.bouc_wen_steps import (
-    advance,
-    inverse_samples,
-    law_segments,
-    simulate_many,
-    simulate_samples,
-)
 from flexstage.hysteresis.model import (
     Array,
     Condition,
@@ -31,7 +16,22 @@ from flexstage.hysteresis.model import (
     Segments,
     samples,
 )
-from flexstage.hysteresis.power_law import power_table
+from flexstage.hysteresis.models.bouc_wen_common import (
+    check_exponent,
+    check_numbers,
+    classical_conditions,
+    classical_law,
+    state_after,
+)
+from flexstage.hysteresis.models.bouc_wen_runs import simulate_batch, simulate_runs
+from flexstage.hysteresis.models.bouc_wen_steps import (
+    advance,
+    inverse_samples,
+    law_segments,
+    simulate_many,
+    simulate_samples,
+)
+from flexstage.hysteresis.models.power_law import power_table
 
 __all__ = ["BoucWen", "segments_of", "simulate_bouc_wen_batch"]
 

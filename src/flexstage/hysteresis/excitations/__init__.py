@@ -1,0 +1,7 @@
+"""The design of the experiment: a drive record that identifies a stage, within its limits."""
+
+from flexstage.hysteresis.excitations.coverage import memory_coverage
+from flexstage.hysteresis.excitations.design import excitation
+from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
+
+__all__ = ["Excitation", "ExcitationPart", "excitation", "memory_coverage"]

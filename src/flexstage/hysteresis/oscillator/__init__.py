@@ -1,0 +1,14 @@
+"""A mass on a spring with Bouc-Wen hysteresis: simulated exactly, identified from records."""
+
+from flexstage.hysteresis.oscillator.identification import (
+    OscillatorIdentification,
+    identify_oscillator,
+)
+from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
+
+__all__ = [
+    "BoucWenOscillator",
+    "OscillatorIdentification",
+    "OscillatorResponse",
+    "identify_oscillator",
+]
