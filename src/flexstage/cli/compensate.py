@@ -23,6 +23,7 @@ from flexstage.cli.records import (
     TimeOption,
     column,
     read_records,
+    record_format,
 )
 from flexstage.errors import ModelError
 
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.inversion import Feedforward
 
 __all__ = ["compensate"]
-
-_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 
 def compensate(
@@ -115,7 +114,7 @@ def compensate(
     from flexstage.hysteresis.inversion import feedforward
     from flexstage.hysteresis.model_file import read_model_text
 
-    kind = _format(out)
+    kind = record_format(out)
     file = read_model_text(_text(model), f"'{model}'")
     drive = file.model
     wanted = column(column_)
@@ -184,17 +183,6 @@ def _number(text: str, dimension: str, bare_unit: str | None) -> float:
     from flexstage.units import parse
 
     return parse(text, dimension, bare_unit=bare_unit)
-
-
-def _format(out: Path | None) -> str:
-    if out is None:
-        return "csv"
-    if out.suffix.lower() not in _FORMATS:
-        raise ModelError(
-            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
-            "the format"
-        )
-    return _FORMATS[out.suffix.lower()]
 
 
 def _limits(text: str | None) -> tuple[float, float] | None:

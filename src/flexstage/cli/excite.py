@@ -16,14 +16,13 @@ from flexstage.cli.common import (
     print_json,
     write_file,
 )
+from flexstage.cli.records import record_format
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.excitations.design import Excitation
 
 __all__ = ["excite"]
-
-_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +131,7 @@ def excite(
     """
     from flexstage.hysteresis.excitations.design import excitation
 
-    format = _format(out)
+    format = record_format(out)
     plant = _plant(stage, axis, needs_frequency=frequency is None)
     made = excitation(
         _voltage_range(voltage, plant),
@@ -164,17 +163,6 @@ def _number(text: str | None, dimension: str, bare_unit: str | None) -> float | 
     from flexstage.units import parse
 
     return None if text is None else parse(text, dimension, bare_unit=bare_unit)
-
-
-def _format(out: Path | None) -> str:
-    if out is None:
-        return "csv"
-    if out.suffix.lower() not in _FORMATS:
-        raise ModelError(
-            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
-            "the format"
-        )
-    return _FORMATS[out.suffix.lower()]
 
 
 def _rates(text: str | None) -> list[float] | None:

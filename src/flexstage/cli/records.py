@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.errors import RecordError
+from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +23,11 @@ __all__ = [
     "TimeOption",
     "column",
     "read_records",
+    "record_format",
     "row_range",
 ]
+
+_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 SampleRateOption = Annotated[
     str | None,
@@ -205,6 +208,39 @@ def read_records(
         )
         for file, rate in zip(files, rates, strict=True)
     ]
+
+
+def record_format(out: Path | None) -> str:
+    """Return the format that a record is written in.
+
+    Parameters
+    ----------
+    out : pathlib.Path or None
+        Where it goes.
+
+    Returns
+    -------
+    str
+        The format that the suffix says; CSV where nothing is written.
+
+    Raises
+    ------
+    ModelError
+        The suffix says none.
+
+    Examples
+    --------
+    >>> record_format(Path("drive.h5"))
+    'hdf5'
+    """
+    if out is None:
+        return "csv"
+    if out.suffix.lower() not in _FORMATS:
+        raise ModelError(
+            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
+            "the format"
+        )
+    return _FORMATS[out.suffix.lower()]
 
 
 def _spelled(delimiter: str | None) -> str | None:
