@@ -9,6 +9,9 @@ import tempfile
 # threads each are five times slower than one after the other. Read when the library is loaded.
 os.environ.setdefault("NGS_NUM_THREADS", "1")
 
+# The matrix library's threads wait the same way; many small least squares are faster without them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # What tests condense stays out of the user's own store.
 _CACHE = tempfile.mkdtemp(prefix="flexstage-tests-")
 os.environ["FLEXSTAGE_CACHE"] = _CACHE

@@ -229,7 +229,7 @@ HOSTILE = {
     "no chain": (replaced("chain:", "chains:"), "'chain' is missing"),
     "no output": (replaced("\noutput:", "\noutputs:"), "'output' is missing"),
     "unknown model": (replaced("model: preisach", "model: ising"), "'ising' is not known"),
-    "no model": (replaced("model: preisach", "modul: preisach"), "None is not known"),
+    "no model": (replaced("model: preisach", "modle_x: preisach"), "None is not known"),
     "a list as model": (
         replaced("model: preisach", "model: [preisach]"),
         "['preisach'] is not known",

@@ -14,7 +14,7 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section
+from flexstage.hysteresis.identification.measurement import Measurement, Section, thinned
 from flexstage.hysteresis.identification.projection import solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
@@ -146,7 +146,9 @@ class _Search:
     """Misfit of a chain, with the best density of a coarse dictionary."""
 
     def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
-        data = replace(whole, sections=tuple(_thinned(s) for s in whole.sections))
+        data = replace(
+            whole, sections=tuple(thinned(s, _SAMPLES, _CYCLE_SAMPLES) for s in whole.sections)
+        )
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
@@ -206,24 +208,6 @@ def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.b
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
     return (rows.at * every >= train[0]) & (rows.at * every < train[1])
-
-
-def _thinned(section: Section) -> Section:
-    """Leave samples out of a long record, so many that its fastest cycles keep their shape."""
-    fastest = max(section.cycles.frequency_hz.max(initial=0.0), 1e-9)
-    by_shape = int(1.0 / (_CYCLE_SAMPLES * fastest * section.dt))
-    every = min(-(-section.u.size // _SAMPLES), by_shape)
-    if every < 2:
-        return section
-    return replace(
-        section,
-        u=np.ascontiguousarray(section.u[::every]),
-        y=np.ascontiguousarray(section.y[::every]),
-        dt=section.dt * every,
-        cycles=replace(section.cycles, bounds=section.cycles.bounds // every),
-        warm_up=-(-section.warm_up // every),
-        nuisance=section.nuisance[::every],
-    )
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:

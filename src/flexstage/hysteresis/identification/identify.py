@@ -12,7 +12,7 @@ from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_o
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.measurement import Measurement, measurement
+from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, cross_validate, misfit
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
 from flexstage.progress import tell
@@ -22,6 +22,9 @@ __all__ = ["Candidate", "Identification", "identify"]
 
 #: Stages ring at some 100 Hz: faster cycles than these may show it.
 _SHOWS_MODES_HZ = 10.0
+#: Samples of all records that models are fitted with, where the cycles keep so many each.
+_MOST_SAMPLES = 120_000
+_CYCLE_SAMPLES = 400
 
 Array = NDArray[np.float64]
 
@@ -89,7 +92,8 @@ class Identification:
     candidates : tuple of Candidate
         All models that were tried, the chosen one first.
     measurement : Measurement
-        What it was identified from.
+        What it was identified from. Records of more than 120 000 samples are thinned evenly, as far
+        as the fastest cycle keeps 400 of its samples.
     predicted : tuple of numpy.ndarray
         Output of the model beside each section, with its offset and settling, shape (n,).
     settings : Mapping
@@ -186,6 +190,8 @@ def identify(
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     found = find_chain(data, chain, train=train, resonance=resonance)
+    if train is None:  # whose samples are counted as they were recorded
+        every = _data(_thinned(data, found), found.values, None)
     every = replace(every, chain=found.values)
     tried: dict[str, _Tried] = {}
     for i, name in enumerate(names):
@@ -195,8 +201,18 @@ def identify(
         except ModelError:
             if len(names) == 1:
                 raise
+    if not tried:
+        raise ModelError("none of the models could be fitted to the records: name one to see why")
     chosen, candidates = _choose(tried, every, train)
     return _result(tried[chosen], candidates, every, found, train)
+
+
+def _thinned(data: Measurement, found: FoundChain) -> Measurement:
+    """Leave samples of long records out, which models would take minutes with and gain nothing."""
+    share = max(1, _MOST_SAMPLES // len(data.sections))
+    mode = found.values.resonance_hz if found.resonance is not None else 0.0
+    sections = tuple(thinned(s, share, _CYCLE_SAMPLES, mode) for s in data.sections)
+    return replace(data, sections=sections)
 
 
 def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:
