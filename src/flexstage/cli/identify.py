@@ -107,6 +107,13 @@ def identify(
     damping: Annotated[
         float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
     ] = 0.01,
+    temperature: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOW:HIGH",
+            help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
+        ),
+    ] = None,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -155,6 +162,7 @@ def identify(
             model=[word.strip() for word in model.split(",") if word.strip()],
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
+            temperature=_temperature(temperature),
             train=_train(train, max(r.size for r in read)),
         )
     files = _write(found, read, out, figure)
@@ -187,6 +195,19 @@ def _mode(resonance: str | None, damping: float) -> tuple[float, float] | None:
     if not frequency > 0.0:
         raise ModelError(f"--resonance must be a positive frequency, got '{resonance}'")
     return frequency, damping
+
+
+def _temperature(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    from flexstage.errors import ModelError
+    from flexstage.units import parse
+
+    words = text.split(":")
+    if len(words) > 2:
+        raise ModelError(f"--temperature must be one, or a range such as 294.5:296, got '{text}'")
+    numbers = [parse(word, "temperature", bare_unit="K") for word in words]
+    return numbers[0], numbers[-1]
 
 
 def _train(text: str | None, size: int) -> tuple[int, int] | None:

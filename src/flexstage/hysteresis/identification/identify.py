@@ -136,6 +136,7 @@ def identify(
     chain: ChainValues | None = None,
     train: tuple[int, int] | None = None,
     resonance: tuple[float, float] | None = None,
+    temperature: tuple[float, float] | None = None,
 ) -> Identification:
     """Identify the hysteresis of a drive and the linear chain behind it.
 
@@ -163,6 +164,8 @@ def identify(
     resonance : tuple of float, optional
         Frequency [Hz] and damping ratio of a mode that is known, as from a model of the stage with
         its drives in place; looked for where not given.
+    temperature : tuple of float, optional
+        Lowest and highest temperature while it was recorded [K], for the validity of the model.
 
     Returns
     -------
@@ -204,7 +207,19 @@ def identify(
     if not tried:
         raise ModelError("none of the models could be fitted to the records: name one to see why")
     chosen, candidates = _choose(tried, every, train)
-    return _result(tried[chosen], candidates, every, found, train)
+    made = _result(tried[chosen], candidates, every, found, train)
+    return made if temperature is None else _at(made, temperature)
+
+
+def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
+    """Say at which temperature a model was identified."""
+    if not 0.0 < temperature[0] <= temperature[1] < 2000.0:
+        raise ModelError(
+            f"the temperature must be a rising range in K, such as 294 to 297, got {temperature!r}"
+        )
+    assert made.model.validity is not None
+    validity = replace(made.model.validity, temperature=temperature)
+    return replace(made, model=replace(made.model, validity=validity))
 
 
 def _thinned(data: Measurement, found: FoundChain) -> Measurement:
