@@ -73,3 +73,26 @@ def test_the_chain_holds_what_was_found() -> None:
     assert chain["creep_per_decade"].value == pytest.approx(0.011, abs=1.5e-3)
     # the plays of the grid lie between those of the stack
     assert found.rms_percent < 0.08
+
+
+def test_jumps_show_it_as_well() -> None:
+    rate, mode = 5000.0, StageModes(frequency_hz=(287.0,), damping_ratio=(0.014,))
+    t = np.arange(int(6.0 * rate)) / rate
+    slow = 55.0 - 52.0 * np.cos(2.0 * np.pi * 1.1 * t)
+    jumps = np.repeat([0.0, 40.0, 12.0, 71.0, 33.0, 96.0, 3.0], int(0.4 * rate))
+    u = np.concatenate((slow, jumps, slow))
+    y = mode.simulate(STACK.simulate(u).values, 1.0 / rate).values
+    y = Lag(delay=0.0007).simulate(y, 1.0 / rate).values
+    y = y + 4e-9 * np.random.default_rng(3).standard_normal(y.size)
+    whole = Record(
+        channels=(Channel(name="u", values=u), Channel(name="y", values=y)),
+        time=np.arange(u.size) / rate,
+    )
+    found = identify(whole, "u", "y", model="preisach")
+    assert found.model.modes is not None
+    assert found.model.modes.frequency_hz[0] == pytest.approx(287.0, rel=5e-3)
+    # a jump takes one sample, and is no rate; slow motion up to a jump may count as one
+    assert found.measurement.rates_hz[0] == pytest.approx(1.1, rel=0.02)
+    assert found.measurement.rates_hz[-1] < 4.0
+    # that the frequency is 0.2 % off leaves some of the ringing, and nothing else
+    assert found.rms_percent < 0.5

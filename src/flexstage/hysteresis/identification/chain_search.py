@@ -1,5 +1,6 @@
 """The linear chain behind a hysteresis that is not known yet."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,14 +123,17 @@ def find_chain(
             delay=seen.delay,
         )
         search.fix_modes(start)
-        best = _creep(search, start)
-        return FoundChain(
-            values=best, searched=("creep_per_decade",), rms=search.rms(best), resonance=seen
-        )
+        if math.isfinite(seen.delay_error):
+            best = _creep(search, start)
+            return FoundChain(
+                values=best, searched=("creep_per_decade",), rms=search.rms(best), resonance=seen
+            )
     most = _LONGEST_DELAY / max(*data.rates_hz, 1e-9) if data.rates_hz else 0.0
     best = _delay_and_creep(search, start, most)
     searched: tuple[str, ...] = ("delay", "creep_per_decade")
     rms = search.rms(best)
+    if seen is not None:
+        return FoundChain(values=best, searched=searched, rms=rms, resonance=seen)
     rung = _resonance(search, best, data, most) if resonance is None else None
     if rung is not None and search.rms(rung) < (1.0 - _WORTH) * rms:
         return FoundChain(values=rung, searched=(*searched, "resonance_hz"), rms=search.rms(rung))

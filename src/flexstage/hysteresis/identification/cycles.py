@@ -17,6 +17,8 @@ _SMALLEST_SWING = 0.02
 _NOISE_SWINGS = 8.0
 #: A cycle that moves over this share of the range and more is a major one.
 _MAJOR = 0.9
+#: Cycles that take fewer samples to move are jumps from one level to another.
+_FEWEST_STEPS = 8
 #: Of a record with fewer lower turning points than this, an end counts as one where it is no higher
 #: than this share of the range.
 _FEW = 3
@@ -168,7 +170,9 @@ def cycles(u: Array, dt: float) -> Cycles:
         swing[i] = size / (high - low)
         # a signal that waits between two cycles is no slower for it
         moving = np.abs(np.diff(part)) > 1e-3 * np.abs(np.diff(part)).max()
-        frequency[i] = 1.0 / (dt * max(int(moving.sum()), 1))
+        steps = int(moving.sum())
+        # and one that jumps is no faster: a step has no rate
+        frequency[i] = 1.0 / (dt * (steps if steps >= _FEWEST_STEPS else moving.size))
     return Cycles(
         bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
     )

@@ -371,14 +371,12 @@ def _resonance(found: FoundChain) -> tuple[Estimate, ...]:
     if found.resonance is None:
         return ()
     mode = found.resonance
-    return (
-        Estimate(name="delay", value=mode.delay, standard_error=mode.delay_error),
-        Estimate(
-            name="resonance_hz",
-            value=mode.frequency_hz,
-            standard_error=mode.frequency_error_hz,
-        ),
+    frequency = Estimate(
+        name="resonance_hz", value=mode.frequency_hz, standard_error=mode.frequency_error_hz
     )
+    if "delay" in found.searched:
+        return (frequency,)
+    return Estimate(name="delay", value=mode.delay, standard_error=mode.delay_error), frequency
 
 
 def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:

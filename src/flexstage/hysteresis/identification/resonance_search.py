@@ -1,6 +1,7 @@
 """The lowest resonance, from a part of a record that excites it."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Resonance:
     delay : float
         Delay of the output against the input [s].
     delay_error : float
-        Its standard error [s].
+        Its standard error [s]; infinite where the record does not show the delay in this way.
     """
 
     frequency_hz: float
@@ -78,10 +79,18 @@ def find_resonance(section: Section) -> Resonance | None:
     low = max(_ABOVE * fastest, 20.0 / (section.u.size * section.dt))
     if low > 0.4 * rate:
         return None
+    # a part that was made for it, or, where jumps of the input have made it ring, all of the record
     part = _excited(section, low)
-    if part is None:
-        return None
-    f, H, weight = _response(section.u[part], section.y[part], rate, low)
+    found = None if part is None else _seen_in(section, part, low)
+    if found is not None:
+        return found
+    found = _seen_in(section, slice(0, section.u.size), low)
+    # a jump moves memory, which shifts the phase and not the frequency
+    return None if found is None else replace(found, delay=0.0, delay_error=math.inf)
+
+
+def _seen_in(section: Section, part: slice, low: float) -> Resonance | None:
+    f, H, weight = _response(section.u[part], section.y[part], 1.0 / section.dt, low)
     if f.size < _FEWEST_BINS:
         return None
     rough = _fit(f, H, weight)
