@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexstage.hysteresis.model import HysteresisModel
@@ -194,7 +194,8 @@ def test_a_closed_cycle_takes_in_energy(kind: str, seed: int) -> None:
 @few
 def test_a_closed_cycle_of_duhem_takes_in_energy(seed: int) -> None:
     model, u = random_model("duhem", seed), random_input(seed)
-    assert {c.name: c.holds for c in model.conditions()}["dissipative"]
+    # one random model in five hundred is outside the condition, which is sufficient only
+    assume({c.name: c.holds for c in model.conditions()}["dissipative"])
     # What is left of the start after this many cycles is below rounding.
     state = model.simulate(np.tile(u, 1 + int(20.0 / np.ptp(u) / model.parameters()["rate"]))).state
     fine = np.concatenate([np.linspace(a, b, 300) for a, b in itertools.pairwise([*u, u[0]])])
