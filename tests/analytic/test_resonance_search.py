@@ -99,3 +99,12 @@ def test_jumps_show_it_as_well() -> None:
     assert found.measurement.rates_hz[0] == pytest.approx(1.1, rel=0.02)
     assert found.measurement.rates_hz[-1] < 4.0
     assert found.rms_percent < 0.08
+
+
+def test_what_is_held_out_does_not_show_a_resonance() -> None:
+    mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
+    made = record(multisine=True, mode=mode)
+    # the multisine is at the end of the record
+    found = identify(made, "u", "y", model="dahl", train=(0, int(0.8 * made.size)))
+    assert "resonance_hz" not in {e.name for e in found.chain}
+    assert found.model.modes is None

@@ -163,11 +163,13 @@ def feedforward(
 
 
 def _limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:
-    if limits is not None and not limits[0] < limits[1]:
+    if limits is None:
+        if model.validity is None:
+            raise ModelError("the model has no range of its own: give the limits of the command")
+        limits = model.validity.input_range
+    low, high = limits
+    if not low < high:
         raise ModelError(f"the limits of the command must rise, got {limits!r}")
-    if limits is None and model.validity is None:
-        raise ModelError("the model has no range of its own: give the limits of the command")
-    low, high = limits or model.validity.input_range  # type: ignore[union-attr]
     own = model.hysteresis.input_limits
     if own is not None:
         # a polynomial says nothing beyond its ends, and its inverse keeps to them

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import LogCreep, Sensor
 from flexstage.hysteresis.drive_model import DriveModel
@@ -273,10 +274,8 @@ def _bench(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> _Ben
 
 def _published(stage: Stage, axis: str, quantity: str) -> float | None:
     """What was measured of the stage and is published."""
-    for row in stage.published:
-        if (row.quantity, row.axis, row.origin) == (quantity, axis, "published-measured"):
-            return row.value
-    return None
+    rows = Characteristics(stage.published).select(quantity, axis, "published-measured")
+    return rows[0].value if rows else None
 
 
 def _study_record(bench: _Bench) -> Record:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.progress import share
 from flexstage.report.figures import draw_compensation, inline_svg
@@ -134,10 +135,8 @@ def _row(title: str, width: float, reduction: float | None, errors: Any) -> str:
 
 
 def _published(stage: Stage, axis: str, quantity: str) -> float | None:
-    for row in stage.published:
-        if (row.quantity, row.axis, row.origin) == (quantity, axis, "published-measured"):
-            return row.value
-    return None
+    rows = Characteristics(stage.published).select(quantity, axis, "published-measured")
+    return rows[0].value if rows else None
 
 
 def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:

@@ -98,13 +98,10 @@ class Rows:
         Samples, shape (r,).
     cycle : numpy.ndarray
         Number of the cycle that each lies in, shape (r,).
-    weight : float
-        Samples that one row stands for.
     """
 
     at: NDArray[np.intp]
     cycle: NDArray[np.intp]
-    weight: float
 
 
 def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
@@ -130,7 +127,7 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
-        chosen.append(Rows(at=at, cycle=cycle, weight=float(every)))
+        chosen.append(Rows(at=at, cycle=cycle))
     return tuple(chosen)
 
 

@@ -116,7 +116,7 @@ def find_chain(
     if resonance is not None:
         start = replace(start, resonance_hz=resonance[0], damping_ratio=resonance[1])
         search.fix_modes(start)
-    seen = _seen(data) if resonance is None else None
+    seen = _seen(data, train) if resonance is None else None
     if seen is not None:
         start = replace(
             start,
@@ -149,9 +149,11 @@ def find_chain(
     return FoundChain(values=best, searched=searched, rms=rms)
 
 
-def _seen(data: Measurement) -> Resonance | None:
-    """The best determined of the resonances that records show."""
-    found = [r for r in map(find_resonance, data.sections) if r is not None]
+def _seen(data: Measurement, train: tuple[int, int] | None) -> Resonance | None:
+    """The best determined of the resonances that records show, outside what is held out."""
+    part = slice(*train) if train is not None else slice(None)
+    looked_at = (replace(s, u=s.u[part], y=s.y[part]) for s in data.sections)
+    found = [r for r in map(find_resonance, looked_at) if r is not None]
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
 
 
@@ -225,7 +227,7 @@ def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.b
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
     at = np.arange(columns.shape[0])
-    return filtered(columns, section, Rows(at=at, cycle=at, weight=1.0), chain)
+    return filtered(columns, section, Rows(at=at, cycle=at), chain)
 
 
 def _polished(

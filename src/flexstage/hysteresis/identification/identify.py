@@ -142,8 +142,8 @@ def identify(
 
     Delay, creep and resonance are found first, by projection over a dictionary of hysteresis; then
     the model is fitted behind them. Where the problem is linear its optimum is the global one
-    (non-negative least squares); elsewhere one to six parameters are searched for and the others
-    are projected out (Golub and Pereyra 1973).
+    (non-negative least squares); elsewhere one or two parameters are searched for and the others
+    are projected out (Golub and Pereyra 1973), or all are refined from the best simpler model.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def identify(
                 raise
     if not tried:
         raise ModelError("none of the models could be fitted to the records: name one to see why")
-    chosen, candidates = _choose(tried, every, train)
+    chosen, candidates = _choose(tried, every)
     made = _result(tried[chosen], candidates, every, found, train)
     return made if temperature is None else _at(made, temperature)
 
@@ -265,22 +265,19 @@ def _errors(tried: _Tried, data: Data) -> tuple[float, float, float | None, floa
     return rms, largest, float(np.sqrt(np.mean(other**2))), float(np.max(np.abs(other)))
 
 
-def _choose(
-    tried: Mapping[str, _Tried], data: Data, train: tuple[int, int] | None
-) -> tuple[str, tuple[Candidate, ...]]:
+def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candidate, ...]]:
     """Take the simplest model that is as good as the best on held-out cycles, within noise."""
-    del train
     rows = {name: _errors(t, data) for name, t in tried.items()}
     score = {n: r[2] if r[2] is not None else r[0] for n, r in rows.items()}
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(tried[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
     spread = {n: _by_chance(t.folds, tried[best].folds, data) for n, t in tried.items()}
-    # squares are compared, as they are means over the parts and their difference is normal
-    # one part that a model fails on makes its spread as large as its excess: both are bounded
+    # squares are compared, as they are means over the parts and their difference is normal; a part
+    # that a model fails on makes its spread as large as its excess, so that both are bounded
     close = [
         n
-        for n in score
+        for n in usable
         if score[n] <= _SAME * score[best] + _NOTHING
         and score[n] ** 2 - score[best] ** 2 <= spread[n] + _NOTHING**2
     ]
@@ -428,7 +425,7 @@ def _predicted(tried: _Tried, data: Data) -> tuple[Array, ...]:
     made = []
     for s, own in zip(data.measurement.sections, tried.left.nuisance, strict=True):
         at = np.arange(s.u.size)
-        rows = Rows(at=at, cycle=at, weight=1.0)
+        rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
         made.append(
             data.measurement.sign * (filtered(quasi, s, rows, data.chain)[:, 0] + s.nuisance @ own)

@@ -162,14 +162,7 @@ def measurement(
         stroke=stroke,
         warnings=(),
     )
-    return Measurement(
-        sections=sections,
-        sign=sign,
-        input_unit=made.input_unit,
-        output_unit=made.output_unit,
-        stroke=stroke,
-        warnings=_warnings(made),
-    )
+    return replace(made, warnings=_warnings(made))
 
 
 def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0.0) -> Section:

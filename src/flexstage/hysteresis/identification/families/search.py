@@ -203,9 +203,7 @@ class SearchFamily(Family):
 def _thinned(data: Data) -> Data:
     total = sum(r.at.size for r in data.rows)
     every = max(1, total // _COARSE_ROWS)
-    rows = tuple(
-        Rows(at=r.at[::every], cycle=r.cycle[::every], weight=r.weight * every) for r in data.rows
-    )
+    rows = tuple(Rows(at=r.at[::every], cycle=r.cycle[::every]) for r in data.rows)
     use = tuple(u[::every] for u in data.use)
     return replace(data, rows=rows, use=use, memo={})
 
