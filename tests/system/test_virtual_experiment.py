@@ -1,10 +1,12 @@
 """Identification and compensation of a piezo stage on its entire dynamic model."""
 
+import importlib
+
 import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, RecordError
 from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.virtual_experiment import AxisExperiment, virtual_experiment
@@ -110,3 +112,17 @@ def test_the_report_shows_it_beside_what_was_published() -> None:
     without = run_study(design("vgtu-mechanical"), hysteresis=True)
     assert without.experiments == {}
     assert '<section id="hysteresis">' not in report_html(without)
+
+
+def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(stage: object, system: object, axis: str) -> AxisExperiment:
+        raise RecordError(f"axis {axis} & its <record> cannot serve")
+
+    # the room has a function of the module's name
+    module = importlib.import_module("flexstage.hysteresis.virtual_experiment")
+    monkeypatch.setattr(module, "virtual_experiment", fail)
+    study = run_study(design("vgtu-piezo"), hysteresis=True)
+    assert study.experiments == {}
+    page = report_html(study)
+    assert "Axis x was left out: axis x &amp; its &lt;record&gt; cannot serve." in page
+    assert '<section id="characteristics">' in page

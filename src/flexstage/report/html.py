@@ -289,7 +289,7 @@ def _convergence(study: Study) -> str:
 
 
 def _hysteresis(study: Study) -> str:
-    return hysteresis_section(study.stage, study.experiments)
+    return hysteresis_section(study.stage, study.experiments, study.experiments_left_out)
 
 
 def _hinges(study: Study) -> str:

@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristics
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError
 from flexstage.progress import share
 from flexstage.report.figures import draw_compensation, inline_svg
 from flexstage.report.quantities import number
@@ -20,7 +20,9 @@ __all__ = ["experiment_results", "hysteresis_section", "run_experiments"]
 _UM = 1e6
 
 
-def run_experiments(stage: Stage, system: MechanicalSystem) -> "dict[str, AxisExperiment]":
+def run_experiments(
+    stage: Stage, system: MechanicalSystem
+) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
     """Identify and compensate each axis of a stage that has a piezo stack with a voltage range.
 
     Parameters
@@ -32,20 +34,22 @@ def run_experiments(stage: Stage, system: MechanicalSystem) -> "dict[str, AxisEx
 
     Returns
     -------
-    dict
-        Experiment by axis; empty where no axis has such a stack.
+    tuple of dict
+        Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
+        such a stack.
     """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
     driven = [a.name for a in stage.axes if _has_stack(stage, a.drive)]
     made: dict[str, AxisExperiment] = {}
+    left_out: dict[str, str] = {}
     for i, axis in enumerate(driven):
         with share(i / len(driven), (i + 1) / len(driven)):
             try:
                 made[axis] = virtual_experiment(stage, system, axis)
-            except ModelError:  # a stage that is not held cannot be driven
-                continue
-    return made
+            except FlexstageError as error:  # as of a stage that is not held: the rest stands
+                left_out[axis] = str(error)
+    return made, left_out
 
 
 def _has_stack(stage: Stage, drive: str) -> bool:
@@ -53,7 +57,9 @@ def _has_stack(stage: Stage, drive: str) -> bool:
     return isinstance(found, PiezoStack) and found.voltage_range is not None
 
 
-def hysteresis_section(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
+def hysteresis_section(
+    stage: Stage, experiments: "Mapping[str, AxisExperiment]", left_out: Mapping[str, str]
+) -> str:
     """Write the section.
 
     Parameters
@@ -62,14 +68,19 @@ def hysteresis_section(stage: Stage, experiments: "Mapping[str, AxisExperiment]"
         The stage, for what is published of it.
     experiments : Mapping
         Experiment by axis.
+    left_out : Mapping
+        Why there is none, by axis.
 
     Returns
     -------
     str
-        HTML; empty where there is no experiment.
+        HTML; empty where no axis has a piezo stack.
     """
+    reasons = "".join(
+        f"<p>Axis {escape(axis)} was left out: {escape(why)}.</p>" for axis, why in left_out.items()
+    )
     if not experiments:
-        return ""
+        return reasons
     svg = inline_svg(
         draw_compensation(experiments), "hysteresis", "loops without and with the inverse"
     )
@@ -82,7 +93,7 @@ def hysteresis_section(stage: Stage, experiments: "Mapping[str, AxisExperiment]"
         "model from a designed record at two rates. The width of a loop hides every error that "
         "its two branches share, so the error from the reference stands beside it.</p>"
         f"<p>{_deviations(stage, experiments)}</p>{_table(stage, experiments)}"
-        f'<div class="plots">{svg}</div>'
+        f'<div class="plots">{svg}</div>{reasons}'
     )
 
 

@@ -209,6 +209,8 @@ class Study:
         Why a model could not be made of this stage, by model.
     experiments : Mapping
         Identification and compensation of hysteresis on the virtual stage, by axis.
+    experiments_left_out : Mapping
+        Why that could not be done, by axis.
     """
 
     stage: Stage
@@ -218,6 +220,7 @@ class Study:
     runs: Mapping[str, ModelRun] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     experiments: "Mapping[str, AxisExperiment]" = field(default_factory=dict)
+    experiments_left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def characteristics(self) -> Characteristics:
@@ -393,7 +396,8 @@ def run_study(
     if not hysteresis:
         return made
     with share(1.0 - _EXPERIMENT, 1.0):
-        return replace(made, experiments=run_experiments(stage, made.main.system))
+        experiments, reasons = run_experiments(stage, made.main.system)
+    return replace(made, experiments=experiments, experiments_left_out=reasons)
 
 
 def _over_the_stroke(
