@@ -27,6 +27,17 @@ QUANTITIES: dict[str, str] = {
     "buckling_factor": "1",
     "straightness": "m",
     "straightness_out_of_plane": "m",
+    "linearity": "m",
+    "pitch": "rad",
+    "roll": "rad",
+    "positioning_accuracy": "m",
+    "repeatability": "m",
+    "reversal": "m",
+    "squareness": "rad",
+    "workspace_area": "m^2",
+    "damping_ratio": "1",
+    "noise": "m",
+    "drift": "m/s",
     "hysteresis_loop_width": "m",
     "compensated_loop_width": "m",
     "hysteresis_deviation": "m",
@@ -42,6 +53,7 @@ ORIGINS: tuple[str, ...] = (
     "plane",
     "solid",
     "measured",
+    "virtual",
 )
 
 
@@ -65,6 +77,9 @@ class Characteristic:
         Standard uncertainty, where one is known, in `unit`.
     note : str
         Condition or remark that belongs to the value.
+    degrees_of_freedom : float, optional
+        Degrees of freedom of the uncertainty; None where it is known without doubt, or there is
+        none.
 
     Raises
     ------
@@ -80,6 +95,7 @@ class Characteristic:
     unit: str
     uncertainty: float | None = None
     note: str = ""
+    degrees_of_freedom: float | None = None
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:

@@ -62,6 +62,8 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="expansion", si="1/K", units=("1/K", "um/m/K")),
         Dimension(name="drift", si="m/K", units=("nm/K", "um/K", "m/K")),
         Dimension(name="conductivity", si="W/m/K", units=("W/m/K",)),
+        Dimension(name="area", si="m^2", units=("um^2", "mm^2", "m^2")),
+        Dimension(name="speed", si="m/s", units=("nm/s", "um/s", "mm/s", "m/s")),
     )
 }
 
@@ -76,7 +78,6 @@ _MEASURED: dict[str, Dimension] = {
         Dimension(name="power", si="W", units=("W", "mW")),
         Dimension(name="temperature", si="K", units=("K", "mK")),
         Dimension(name="torque", si="N*m", units=("N*m", "N*mm")),
-        Dimension(name="speed", si="m/s", units=("m/s", "mm/s", "um/s")),
         Dimension(name="acceleration", si="m/s^2", units=("m/s^2", "mm/s^2")),
         Dimension(name="angular speed", si="rad/s", units=("rad/s", "deg/s", "rpm")),
         Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),

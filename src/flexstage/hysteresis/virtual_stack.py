@@ -181,7 +181,9 @@ class VirtualStack(HysteresisModel):
         return (*self.bent.conditions(), *self.fading.conditions())
 
 
-def virtual_stack(voltage_range: tuple[float, float], stroke: float, width: float) -> VirtualStack:
+def virtual_stack(
+    voltage_range: tuple[float, float], stroke: float, width: float, *, plays: int = _PLAYS
+) -> VirtualStack:
     """Return a virtual stack with a stroke and a width of its loop.
 
     Parameters
@@ -192,6 +194,8 @@ def virtual_stack(voltage_range: tuple[float, float], stroke: float, width: floa
         Free displacement over the range [m].
     width : float
         Width of the major loop over the stroke [1], from 0.03 to 0.25.
+    plays : int
+        Number of plays: the loop has a kink for each, which is the smaller the more there are.
 
     Returns
     -------
@@ -212,21 +216,23 @@ def virtual_stack(voltage_range: tuple[float, float], stroke: float, width: floa
     bounds = np.arange(5) * (cycle.size - 1)
 
     def excess(share: float) -> float:
-        y = _stack(voltage_range, 1.0, share).simulate(u).values
+        y = _stack(voltage_range, 1.0, share, plays).simulate(u).values
         late = slice(bounds[2], None)
         return loop_width(u[late], y[late], bounds[2:] - bounds[2]) / np.ptp(y[late]) - width
 
     share = float(brentq(excess, 1e-3, 0.95, xtol=1e-10))  # type: ignore[arg-type]
-    unit = _stack(voltage_range, 1.0, share)
+    unit = _stack(voltage_range, 1.0, share, plays)
     late = unit.simulate(u).values[bounds[2] :]
-    return _stack(voltage_range, stroke / float(np.ptp(late)), share)
+    return _stack(voltage_range, stroke / float(np.ptp(late)), share, plays)
 
 
-def _stack(voltage_range: tuple[float, float], stroke: float, share: float) -> VirtualStack:
+def _stack(
+    voltage_range: tuple[float, float], stroke: float, share: float, plays: int
+) -> VirtualStack:
     """Plays, of which some follow late, beside an exponential part; bent."""
     low, high = voltage_range
     span = high - low
-    r = 0.5 * span * np.arange(1, _PLAYS + 1) / (_PLAYS + 1)
+    r = 0.5 * span * np.arange(1, plays + 1) / (plays + 1)
     weights = np.exp(-r / (0.22 * span)) * (1.0 + 0.3 * np.cos(9.0 * r / span))
     slope = stroke / span
     weights *= share * (1.0 - _FADING) * slope / weights.sum()

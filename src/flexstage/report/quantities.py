@@ -76,6 +76,17 @@ _SHOWN: dict[str, Display] = {
     "straightness_out_of_plane": Display(
         label="Straightness out of plane", unit="µm", factor=1e6, zero=1e-15
     ),
+    "linearity": Display(label="Linearity along the stroke", unit="µm", factor=1e6),
+    "pitch": Display(label="Pitch", unit="µrad", factor=1e6),
+    "roll": Display(label="Roll", unit="µrad", factor=1e6),
+    "positioning_accuracy": Display(label="Accuracy of positioning", unit="µm", factor=1e6),
+    "repeatability": Display(label="Repeatability (standard deviation)", unit="nm", factor=1e9),
+    "reversal": Display(label="Reversal", unit="nm", factor=1e9),
+    "squareness": Display(label="Squareness", unit="µrad", factor=1e6),
+    "workspace_area": Display(label="Area of the workspace", unit="µm²", factor=1e12),
+    "damping_ratio": Display(label="Damping ratio", unit="%", factor=100.0),
+    "noise": Display(label="Noise (rms)", unit="nm", factor=1e9),
+    "drift": Display(label="Drift", unit="nm/s", factor=1e9),
     "hysteresis_loop_width": Display(label="Hysteresis loop width", unit="µm", factor=1e6),
     "compensated_loop_width": Display(label="Loop width, compensated", unit="µm", factor=1e6),
     "hysteresis_deviation": Display(label="Hysteresis model, largest error", unit="µm", factor=1e6),

@@ -19,6 +19,7 @@ from flexstage.stage.field_types import check_name, field_types
 from flexstage.stage.model import Stage
 from flexstage.stage.yaml_reader import Mapping as MappingNode
 from flexstage.stage.yaml_reader import Node, Scalar, Sequence, parse_yaml, read_text
+from flexstage.stage.yaml_writer import yaml_text
 from flexstage.units import DIMENSIONS
 
 __all__ = [
@@ -145,16 +146,12 @@ def stage_to_text(stage: Stage) -> str:
     StageError
         A name could not be read back.
     """
-    import yaml
-
     for thing in (stage, *stage.bodies, *stage.hinges, *stage.drives, *stage.probes, *stage.axes):
         check_name(thing.name, _refuse_name)
     unit = DIMENSIONS["length"].units[0]
     data: dict[str, Any] = {"flexstage": Number(FORMAT_VERSION), "length_unit": unit}
     data.update(encode(Stage, stage, unit))
-    return yaml.dump(
-        _flow(data, 0), Dumper=_dumper(), allow_unicode=True, sort_keys=False, width=100
-    )
+    return yaml_text(data)
 
 
 def write_stage(stage: Stage, path: str | os.PathLike[str]) -> None:
@@ -274,55 +271,3 @@ def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> Flexs
 
 def _refuse_name(message: str) -> None:
     raise StageError(message)
-
-
-class _Row(list):
-    """A list that is written on one line."""
-
-
-class _Line(dict):
-    """A mapping that is written on one line."""
-
-
-def _flow(value: Any, depth: int) -> Any:
-    """Choose what is written on one line: lists of scalars, and what stands deep."""
-    if isinstance(value, dict):
-        inner = {k: _flow(v, depth + 1) for k, v in value.items()}
-        return _Line(inner) if depth >= 3 else inner
-    if isinstance(value, list):
-        rows = [_flow(v, max(depth + 1, 3)) for v in value]
-        scalars = all(not isinstance(v, (list, dict)) for v in rows)
-        return _Row(rows) if scalars or depth >= 4 else rows
-    return value
-
-
-def _dumper() -> type:
-    import yaml
-
-    class Dumper(yaml.SafeDumper):
-        def ignore_aliases(self, data: Any) -> bool:
-            return True
-
-    def number(dumper: Any, data: Number) -> Any:
-        # whatever tag the text would be given, so that none is written
-        tag = dumper.resolve(yaml.ScalarNode, str(data), (True, False))
-        return dumper.represent_scalar(tag, str(data))
-
-    def text(dumper: Any, data: str) -> Any:
-        # line ends of any kind are folded unless they stand escaped between double quotes
-        return dumper.represent_scalar(
-            "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
-        )
-
-    Dumper.add_representer(Number, number)
-    Dumper.add_representer(str, text)
-    Dumper.add_representer(
-        _Row, lambda d, data: d.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
-    )
-    Dumper.add_representer(
-        _Line,
-        lambda d, data: d.represent_mapping(
-            "tag:yaml.org,2002:map", list(data.items()), flow_style=True
-        ),
-    )
-    return Dumper

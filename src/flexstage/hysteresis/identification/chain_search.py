@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -277,7 +278,7 @@ def _polished(
 
 def _creep(search: _Search, start: ChainValues) -> ChainValues:
     """Find the creep where all the rest is known."""
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda x: search.rms(replace(start, creep_per_decade=float(x))),
         bounds=(0.0, _LARGEST_CREEP),
         method="bounded",

@@ -1,0 +1,79 @@
+"""Writes the plain data of a description as YAML that is pleasant to read."""
+
+from typing import Any
+
+from flexstage.stage.encoder import Number
+
+__all__ = ["yaml_text"]
+
+
+def yaml_text(data: Any) -> str:
+    """Write plain data as YAML.
+
+    Parameters
+    ----------
+    data : object
+        Texts, booleans, `Number`, lists and dicts.
+
+    Returns
+    -------
+    str
+        The text; what stands deep is written on one line.
+    """
+    import yaml
+
+    return yaml.dump(
+        _flow(data, 0), Dumper=_dumper(), allow_unicode=True, sort_keys=False, width=100
+    )
+
+
+class _Row(list):
+    """A list that is written on one line."""
+
+
+class _Line(dict):
+    """A mapping that is written on one line."""
+
+
+def _flow(value: Any, depth: int) -> Any:
+    """Choose what is written on one line: lists of scalars, and what stands deep."""
+    if isinstance(value, dict):
+        inner = {k: _flow(v, depth + 1) for k, v in value.items()}
+        return _Line(inner) if depth >= 3 else inner
+    if isinstance(value, list):
+        rows = [_flow(v, max(depth + 1, 3)) for v in value]
+        scalars = all(not isinstance(v, (list, dict)) for v in rows)
+        return _Row(rows) if scalars or depth >= 4 else rows
+    return value
+
+
+def _dumper() -> type:
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        def ignore_aliases(self, data: Any) -> bool:
+            return True
+
+    def number(dumper: Any, data: Number) -> Any:
+        # whatever tag the text would be given, so that none is written
+        tag = dumper.resolve(yaml.ScalarNode, str(data), (True, False))
+        return dumper.represent_scalar(tag, str(data))
+
+    def text(dumper: Any, data: str) -> Any:
+        # line ends of any kind are folded unless they stand escaped between double quotes
+        return dumper.represent_scalar(
+            "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
+        )
+
+    Dumper.add_representer(Number, number)
+    Dumper.add_representer(str, text)
+    Dumper.add_representer(
+        _Row, lambda d, data: d.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
+    )
+    Dumper.add_representer(
+        _Line,
+        lambda d, data: d.represent_mapping(
+            "tag:yaml.org,2002:map", list(data.items()), flow_style=True
+        ),
+    )
+    return Dumper
