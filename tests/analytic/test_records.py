@@ -411,7 +411,9 @@ def test_units_of_columns(unit: str, factor: float, si: str) -> None:
     assert found == (pytest.approx(factor, rel=1e-14), si)
 
 
-@pytest.mark.parametrize("unit", ["", "ch", "ch1", "A1", "d", "c", "dB", "t", "MPA", "m*m", "x/y"])
+@pytest.mark.parametrize(
+    "unit", ["", "ch", "ch1", "A1", "d", "c", "dB", "t", "MPA", "m*m*m", "x/y"]
+)
 def test_what_is_no_unit_of_a_column(unit: str) -> None:
     with pytest.raises(UnitError, match="unknown unit"):
         si_unit(unit)

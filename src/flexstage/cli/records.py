@@ -1,7 +1,7 @@
 """What commands that read measured files share: options, and how they are understood."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,6 +17,7 @@ __all__ = [
     "DecimalOption",
     "DelimiterOption",
     "FormatOption",
+    "LengthUnitOption",
     "RowsOption",
     "SampleRateOption",
     "SkipLinesOption",
@@ -27,6 +28,11 @@ __all__ = [
     "row_range",
 ]
 
+_SUCH = {
+    "time": "samples with their times or their rate",
+    "point": "a report of a measuring machine, or a table of positions",
+    "frequency": "a universal file of frequency responses or spectra",
+}
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
 SampleRateOption = Annotated[
@@ -43,14 +49,16 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="text, matlab, hdf5, tdms or numpy, where neither content nor suffix says it.",
+        help="text, matlab, hdf5, tdms, numpy, universal, gcs or cmm, where neither content nor "
+        "suffix says it.",
     ),
 ]
 DatasetOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Group, variable or array of a file that holds several; several with commas.",
+        help="Group, variable, array, function or feature of a file that holds several; several "
+        "with commas.",
     ),
 ]
 SkipLinesOption = Annotated[
@@ -61,6 +69,14 @@ DelimiterOption = Annotated[
 ]
 DecimalOption = Annotated[
     str | None, typer.Option(metavar=".|,", help="Decimal sign of a text file.")
+]
+LengthUnitOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNIT",
+        help='Unit of all lengths of a measuring machine, such as "mm", where its report does not '
+        "say it.",
+    ),
 ]
 RowsOption = Annotated[
     str | None,
@@ -130,7 +146,7 @@ def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | 
 
 def read_records(
     files: "Sequence[Path]",
-    columns: "Sequence[str | int]",
+    columns: "Sequence[str | int] | None",
     *,
     units: "Sequence[str | None]",
     sample_rate: str | None,
@@ -141,6 +157,8 @@ def read_records(
     skip_lines: int,
     delimiter: str | None,
     decimal: str | None,
+    over: Literal["time", "point", "frequency", "any"] = "time",
+    length_unit: str | None = None,
 ) -> "list[Record]":
     """Read the files that a command was given.
 
@@ -148,8 +166,8 @@ def read_records(
     ----------
     files : sequence of pathlib.Path
         The files.
-    columns : sequence of str or int
-        The columns that will be used.
+    columns : sequence of str or int, optional
+        The columns that will be used; all of them, where not given.
     units : sequence of str or None
         Their units, where an option says them.
     sample_rate : str or None
@@ -168,6 +186,10 @@ def read_records(
         What divides the columns.
     decimal : str or None
         Decimal sign.
+    over : {"time", "point", "frequency", "any"}
+        What the samples must follow one another by. With point, rows of a text need no times.
+    length_unit : str or None
+        Unit of all lengths of a measuring machine, where an option says it.
 
     Returns
     -------
@@ -177,7 +199,7 @@ def read_records(
     Raises
     ------
     RecordError
-        A file cannot be used as it is.
+        A file cannot be used as it is, or is over something else.
     """
     from flexstage.records import read_record
     from flexstage.units import parse
@@ -191,8 +213,10 @@ def read_records(
                 f"{len(given)}"
             )
         rates = given * len(files) if len(given) == 1 else given
-    named = {str(c): u for c, u in zip(columns, units, strict=True) if u is not None}
-    return [
+    named = {str(c): u for c, u in zip(columns or (), units, strict=True) if u is not None}
+    if length_unit is not None:
+        named["length"] = length_unit
+    read = [
         read_record(
             file,
             format=format,
@@ -205,9 +229,17 @@ def read_records(
             skip_lines=skip_lines,
             delimiter=_spelled(delimiter),
             decimal=decimal,
+            over="point" if over == "point" else "time",
         )
         for file, rate in zip(files, rates, strict=True)
     ]
+    for file, record in zip(files, read, strict=True):
+        if over not in ("any", record.over):
+            raise RecordError(
+                f"'{file}' is over {record.over}, and a record over {over} is needed: give "
+                f"{_SUCH[over]}"
+            )
+    return read
 
 
 def record_format(out: Path | None) -> str:

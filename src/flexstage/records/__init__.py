@@ -9,6 +9,7 @@ from flexstage.records.quality import (
 )
 from flexstage.records.read import FORMATS, read_record
 from flexstage.records.record import Channel, Record, column_number
+from flexstage.records.require import require_live, require_unclipped, require_unit
 from flexstage.records.sampling import (
     require_complete,
     require_rising,
@@ -31,8 +32,11 @@ __all__ = [
     "read_record",
     "record_bytes",
     "require_complete",
+    "require_live",
     "require_rising",
+    "require_unclipped",
     "require_uniform",
+    "require_unit",
     "resampled",
     "saturation",
     "selected",

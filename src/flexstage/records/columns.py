@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError, UnitError
 from flexstage.units import si_unit
 
-__all__ = ["Column", "Columns", "as_float", "labelled"]
+__all__ = ["Column", "Columns", "as_float", "labelled", "measured_unit"]
 
 # the last integer up to which every integer is a float
 _LAST_EXACT = 2**53
@@ -27,11 +29,15 @@ class Column:
         Its numbers, in the unit of the file, shape (n,).
     unit : str
         The unit that the file says; empty where it says none that is known.
+    si : tuple, optional
+        How many SI units one `unit` is, and which, where the format says what the unit alone leaves
+        open: ``g`` of an acceleration is no gram.
     """
 
     name: str
     values: NDArray[np.float64]
     unit: str = ""
+    si: tuple[float, str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,6 +60,12 @@ class Columns:
         What was understood and left out.
     attributes : Mapping
         Further text of the file.
+    over : {"time", "frequency", "point"}
+        What the samples follow one another by.
+    axis : numpy.ndarray, optional
+        The frequency of each sample, where they follow by frequency [Hz], shape (n,).
+    groups : Mapping
+        Names that stand for several columns at once, and the numbers of those.
     """
 
     columns: tuple[Column, ...]
@@ -63,6 +75,9 @@ class Columns:
     hint: str = ""
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
+    over: Literal["time", "frequency", "point"] = "time"
+    axis: NDArray[np.float64] | None = None
+    groups: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     def renamed(self, names: Sequence[str]) -> "Columns":
         """Return the same columns with other names.
@@ -88,9 +103,67 @@ class Columns:
                 "one for each"
             )
         named = (
-            labelled(label, c.values, c.unit) for label, c in zip(names, self.columns, strict=True)
+            replace(labelled(label, c.values, c.unit), si=c.si)
+            for label, c in zip(names, self.columns, strict=True)
         )
         return replace(self, columns=tuple(named))
+
+
+@lru_cache(maxsize=256)
+def measured_unit(text: str) -> tuple[float, str]:
+    """Return what a unit is in SI, of a quantity or of one quantity over another.
+
+    Parameters
+    ----------
+    text : str
+        The unit, ``"um"``, ``"(m/s^2)/N"`` or ``"um/N"``.
+
+    Returns
+    -------
+    factor : float
+        The number of SI units that one of it is.
+    unit : str
+        The SI unit, ``"m/s^2/N"``.
+
+    Raises
+    ------
+    UnitError
+        No such unit is known.
+
+    Examples
+    --------
+    >>> measured_unit("(mm/s^2)/N")
+    (0.001, 'm/s^2/N')
+    """
+    try:
+        return si_unit(text)
+    except UnitError as error:
+        unknown = error
+    for above, below in _quotients(text):
+        try:
+            (factor, unit), (divisor, per) = si_unit(above), si_unit(below)
+        except UnitError:
+            continue
+        if unit == per:
+            return factor / divisor, "1"
+        return factor / divisor, f"{unit}/({per})" if "/" in per else f"{unit}/{per}"
+    raise unknown
+
+
+def _quotients(text: str) -> list[tuple[str, str]]:
+    """Return the ways to read a unit as a quotient, that of the last stroke first."""
+    found, depth = [], 0
+    for at in range(len(text) - 1, 0, -1):
+        depth += (text[at] == ")") - (text[at] == "(")
+        if text[at] == "/" and depth == 0:
+            found.append((_unwrapped(text[:at]), _unwrapped(text[at + 1 :])))
+    return found
+
+
+def _unwrapped(text: str) -> str:
+    text = text.strip()
+    whole = text.startswith("(") and text.endswith(")") and text.count("(") == 1
+    return text[1:-1].strip() if whole else text
 
 
 def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
@@ -126,7 +199,7 @@ def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
         # empty brackets say that there is no unit, and are no part of the name
         return Column(name=name or label, values=values)
     try:
-        si_unit(found)
+        measured_unit(found)
     except UnitError:
         return Column(name=label, values=values)
     return Column(name=name or label, values=values, unit=found)

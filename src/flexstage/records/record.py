@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,8 @@ class Record:
     channels : tuple of Channel
         The columns, each with n samples.
     time : numpy.ndarray
-        Time of each sample, rising [s], shape (n,).
+        Time of each sample, rising [s], shape (n,); the frequency [Hz], or the number of the point
+        from 0, where `over` says so.
     source : str
         Where it comes from: a file, an instrument, a simulation.
     source_hash : str
@@ -50,6 +52,9 @@ class Record:
         What a reader should know.
     attributes : Mapping
         Further text from the file.
+    over : {"time", "frequency", "point"}
+        What the samples follow one another by: time, frequency as in a spectrum, or no more than
+        their number, as points of a measuring machine.
     """
 
     channels: tuple[Channel, ...]
@@ -58,6 +63,7 @@ class Record:
     source_hash: str = ""
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
+    over: Literal["time", "frequency", "point"] = "time"
 
     def __post_init__(self) -> None:
         t = self.time

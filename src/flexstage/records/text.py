@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns, labelled
 from flexstage.records.text_heading import COMMENT_MARKS, Heading, heading_of, split_line
+from flexstage.records.text_lines import text_lines
 
 __all__ = ["read_text"]
 
@@ -25,8 +26,6 @@ _NUMBER = re.compile(
 _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#qnan", "-1.#ind"))
 _STAMP = re.compile(r"(?:\d{4}-\d\d-\d\d[ T])?\d\d?:\d\d:\d\d(?:[.,]\d{1,9})?Z?")
 _DELIMITER_NAMES = {"tab": "\t", "comma": ",", "semicolon": ";", "space": None, " ": None}
-# control characters that no text has: a form feed, an escape and the old end of file may occur
-_BINARY = re.compile("[\x00-\x08\x0e-\x19\x1c-\x1f]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +75,7 @@ def read_text(
     if skip_lines < 0:
         raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     delimiters = _delimiters(delimiter)
-    lines = _lines(path)
+    lines = text_lines(path)
     first, layout = _first_row(path, lines, skip_lines, delimiters, decimal)
     heading = heading_of(lines[skip_lines:first], layout.width, layout.delimiter)
     one_name = len(heading.names) != 2 and lines[first - 1].strip().count(",") == 0
@@ -98,26 +97,6 @@ def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
             f"columns are divided by one sign, or {', '.join(_DELIMITER_NAMES)}, got {wanted!r}"
         )
     return (found,)
-
-
-def _lines(path: Path) -> list[str]:
-    data = path.read_bytes()
-    if not data.strip():
-        raise RecordError(f"'{path}' is empty: there is nothing to read")
-    wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
-    encodings = ("utf-16",) if wide else ("utf-8-sig", "latin-1")
-    text = ""
-    for encoding in encodings:
-        try:
-            text = data.decode(encoding)
-            break
-        except UnicodeDecodeError:
-            continue
-    if not text or _BINARY.search(text):
-        raise RecordError(
-            f"'{path}' is not a text file: give its format, or save the columns as CSV"
-        )
-    return text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n\x1a \t").split("\n")
 
 
 def _is_comment(line: str, delimiter: str | None = None) -> bool:

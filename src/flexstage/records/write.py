@@ -25,7 +25,8 @@ def record_bytes(record: Record, format: str) -> bytes:
     r"""Return a record as the content of a file.
 
     Columns, their names and units are written, to the last bit; the time is a column ``time`` in
-    seconds, put first where the record has none that is the same. Equal records give equal bytes.
+    seconds, put first where the record has none that is the same. A record over points has no such
+    column, and is read back as ``over="point"``. Equal records give equal bytes.
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def record_bytes(record: Record, format: str) -> bytes:
     Raises
     ------
     RecordError
-        The format is unknown, or a column is called time and is not the record's.
+        The format is unknown, a column is called time and is not the record's, or the record is
+        over frequency.
 
     Examples
     --------
@@ -115,6 +117,13 @@ def _replace(target: Path, content: bytes) -> None:
 
 def _with_time(record: Record) -> tuple[Channel, ...]:
     """Return the columns, the time among them."""
+    if record.over == "frequency":
+        raise RecordError(
+            "a record over frequency is not written, as none of these formats would say that it is "
+            "one: keep the file it was read from"
+        )
+    if record.over == "point":
+        return record.channels
     called = [c for c in record.channels if c.name == "time"]
     if not called:
         return (Channel(name="time", values=record.time, unit="s"), *record.channels)

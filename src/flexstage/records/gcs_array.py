@@ -1,0 +1,185 @@
+"""Array files of PI's controllers (GCS): a heading of keys, then columns."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Columns, labelled
+from flexstage.records.text_lines import text_lines
+
+__all__ = ["is_gcs_array", "read_gcs_array"]
+
+_KEY = re.compile(r"#\s*(?:REM\s+)?([A-Z_]+[0-9]*)\s*=\s*(.*)")
+_KEYS = re.compile(r"^#\s*(SEPARATOR|DIM|NDATA|SAMPLE_TIME|END_HEADER)\b", re.MULTILINE)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE)
+_SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
+
+
+def is_gcs_array(head: str) -> bool:
+    r"""Say whether a text begins as an array file of a GCS controller does.
+
+    Parameters
+    ----------
+    head : str
+        Its beginning.
+
+    Returns
+    -------
+    bool
+        Whether it begins with comments, and two keys of such a heading are among them.
+
+    Examples
+    --------
+    >>> is_gcs_array("# SEPARATOR = 32\n# DIM = 2\n"), is_gcs_array("# DIM = 2\n1 2")
+    (True, False)
+    """
+    return head.lstrip().startswith("#") and len(set(_KEYS.findall(head[:8192]))) > 1
+
+
+def read_gcs_array(path: Path) -> Columns:
+    r"""Read the columns of an array file of a GCS controller.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    Columns
+        The columns by their ``NAME``; ``SAMPLE_TIME`` gives the sample rate. Units are not part of
+        the format.
+
+    Raises
+    ------
+    RecordError
+        The heading is damaged, or the rows are not as many or not as wide as it says.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> head = "# SEPARATOR = 32\n# DIM = 1\n# SAMPLE_TIME = 0.002\n# NDATA = 2\n# END_HEADER\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "trace.gcs"
+    ...     _ = file.write_text(head + "0.25\n0.75\n")
+    ...     read_gcs_array(file).sample_rate_hz
+    500.0
+    """
+    lines = text_lines(path)
+    keys, first = _heading(lines)
+    width, count = _whole(keys, "DIM"), _whole(keys, "NDATA")
+    if width is None:
+        raise RecordError("the heading has no '# DIM = ...', the number of columns: mend the file")
+    values = _rows(lines, first, width, _separator(keys))
+    if count is not None and len(values) != count:
+        raise RecordError(
+            f"there are {len(values)} rows of numbers where the heading says NDATA = {count}: the "
+            "file is cut short or was put together; record it again"
+        )
+    names = [keys.get(f"NAME{j}") or f"column {j}" for j in range(width)]
+    interval = _sample_time(keys)
+    return Columns(
+        columns=tuple(
+            labelled(name, np.ascontiguousarray(values[:, j])) for j, name in enumerate(names)
+        ),
+        sample_rate_hz=None if interval is None else 1.0 / interval,
+        rate_source="'SAMPLE_TIME'",
+        notes=() if count is not None else ("the heading does not say how many rows there are",),
+        attributes={key: value for key, value in keys.items() if not key.startswith("NAME")},
+    )
+
+
+def _heading(lines: Sequence[str]) -> tuple[dict[str, str], int]:
+    """Return the keys of the heading, and the number of the first line below it."""
+    keys: dict[str, str] = {}
+    for number, line in enumerate(lines):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            break
+        if re.fullmatch(r"#\s*END_HEADER", text):
+            return keys, number + 1
+        found = _KEY.fullmatch(text)
+        if found is not None:
+            key, value = found.groups()
+            if keys.get(key, value) != value:
+                raise RecordError(
+                    f"line {number + 1} says {key} = {value}, a line above {key} = {keys[key]}: "
+                    "the file was put together; take it apart"
+                )
+            keys[key] = value
+    raise RecordError(
+        "the heading has no '# END_HEADER': the file is cut short or is no array file of a GCS "
+        "controller; read it by the format text, if it is another"
+    )
+
+
+def _whole(keys: Mapping[str, str], key: str) -> int | None:
+    text = keys.get(key)
+    if text is None:
+        return None
+    number = int(text) if re.fullmatch(r"\d{1,12}", text) else 0
+    if number < 1:
+        raise RecordError(f"{key} in the heading must be a whole number from 1, got '{text[:30]}'")
+    return number
+
+
+def _separator(keys: Mapping[str, str]) -> str | None:
+    """Return what divides the columns; None is any white space."""
+    text = keys.get("SEPARATOR", "32")
+    code = int(text) if re.fullmatch(r"\d{1,3}", text) else -1
+    if code not in _SEPARATORS:
+        raise RecordError(
+            f"SEPARATOR in the heading must be the code of space (32), tab (9), comma (44) or "
+            f"semicolon (59), got '{text[:30]}'"
+        )
+    return _SEPARATORS[code]
+
+
+def _sample_time(keys: Mapping[str, str]) -> float | None:
+    text = keys.get("SAMPLE_TIME")
+    if text is None:
+        return None
+    interval = float(text) if _NUMBER.fullmatch(text) else 0.0
+    if not (np.isfinite(interval) and interval > 0.0):
+        raise RecordError(
+            f"SAMPLE_TIME in the heading must be a positive number of seconds, got '{text[:30]}'"
+        )
+    return interval
+
+
+def _is_plain(line: str) -> bool:
+    return line.isascii() and "_" not in line
+
+
+def _rows(
+    lines: Sequence[str], first: int, width: int, separator: str | None
+) -> NDArray[np.float64]:
+    rows = []
+    for number, line in enumerate(lines[first:], start=first + 1):
+        fields = line.split(separator)
+        while fields and not fields[-1].strip():
+            fields.pop()
+        if not fields:
+            continue
+        if len(fields) != width:
+            raise RecordError(
+                f"line {number} has {len(fields)} columns where the heading says DIM = {width}: "
+                "the file is cut short or damaged; record it again"
+            )
+        try:
+            # "1_000" and digits of other scripts are numbers to Python
+            rows.append([float(field) for field in fields] if _is_plain(line) else [])
+        except ValueError:
+            rows.append([])
+        if not rows[-1]:
+            bad = next((f.strip() for f in fields if not _NUMBER.fullmatch(f.strip())), line)
+            raise RecordError(
+                f"line {number}: '{bad[:30]}' is not a number: mend the line, or record it again"
+            )
+    if not rows:
+        raise RecordError("there are no rows of numbers below the heading: record it again")
+    return np.array(rows, dtype=np.float64)

@@ -1,0 +1,226 @@
+"""Universal files of modal test systems: functions at points, data set 58, as columns."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.columns import Column, Columns
+from flexstage.records.universal_sets import KINDS, Function, read_sets
+from flexstage.records.universal_units import axis_unit, function_units
+
+__all__ = ["read_universal"]
+
+Array = NDArray[np.float64]
+Domain = Literal["time", "frequency"]
+
+_DOMAINS: dict[int, Domain] = {17: "time", 18: "frequency"}
+# kinds of functions over time or frequency by definition, where the abscissa does not say it
+_BY_KIND: dict[int, Domain] = {1: "time", **dict.fromkeys((2, 3, 4, 6, 9, 10, 12), "frequency")}
+_SI: dict[Domain, str] = {"time": "s", "frequency": "Hz"}
+# kinds that are named by their points alone
+_UNNAMED = frozenset((1, 4))
+# an abscissa is printed with six digits
+_SAME = 2e-6
+
+
+def read_universal(path: Path, dataset: str | None = None) -> Columns:
+    r"""Read functions of a universal file, data sets 58 as text or binary.
+
+    A function of complex values is two columns, ``NAME real`` and ``NAME imaginary``. The name is
+    the point and direction of the response, then those of the reference, ``12:+z/3:+x``; what is
+    neither a time response nor a frequency response function has its kind before it.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    dataset : str, optional
+        Which functions: names, numbers from 0, or ranges of numbers such as ``0-11``, with commas
+        between. All, where not given.
+
+    Returns
+    -------
+    Columns
+        The columns, over time or frequency. Attributes say what each function is.
+
+    Validity
+    --------
+    Functions over time and frequency: not those over order, revolutions or temperature. A step of
+    the abscissa is printed with six digits, and what follows from it is as exact.
+
+    Raises
+    ------
+    RecordError
+        The file is damaged, has no functions, or those chosen do not share their abscissa.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> points = f"{4:5}{0:10}{0:5}{0:10} {'NONE':10}{12:10}{3:4} {'NONE':10}{3:10}{1:4}"
+    >>> stored = "         2         2         1  2.50000E+00  5.00000E-01"
+    >>> axes = [f"{quantity:10}" for quantity in (18, 12, 13, 0)]
+    >>> lines = ["    -1", "    58", *(5 * ["NONE"]), points, stored, *axes]
+    >>> lines += ["  3.12500E-01 -1.75000E+00", "    -1", ""]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "frf.uff"
+    ...     _ = file.write_text("\n".join(lines))
+    ...     columns = read_universal(file)
+    >>> columns.columns[0].name, columns.columns[0].values, columns.axis
+    ('12:+z/3:+x', array([ 0.3125, -1.75  ]), array([2.5, 3. ]))
+    """
+    functions = read_sets(path.read_bytes())
+    if not functions:
+        raise RecordError("there is no function (data set 58) in it: export time data or FRFs")
+    names = _names(functions)
+    chosen = _chosen(names, dataset)
+    tables = {i: _values(functions[i], names[i]) for i in chosen}
+    domain, axis = _abscissa(functions, names, tables)
+    columns: list[Column] = []
+    groups: dict[str, tuple[int, ...]] = {}
+    notes: list[str] = []
+    attributes: dict[str, str] = {}
+    for number in chosen:
+        function, name = functions[number], names[number]
+        units = function_units(function)
+        if units.note:
+            notes.append(f"{name}: {units.note}")
+        values = tables[number][:, 1:]
+        parts = (name,) if values.shape[1] == 1 else (f"{name} real", f"{name} imaginary")
+        groups[name] = tuple(range(len(columns), len(columns) + len(parts)))
+        columns += (
+            Column(name=p, values=np.ascontiguousarray(v), unit=units.text, si=units.si)
+            for p, v in zip(parts, values.T, strict=True)
+        )
+        attributes |= _attributes(function, name, units.output, units.input)
+    even = all(not functions[i].layout.uneven for i in chosen)
+    step = float(axis[1] - axis[0])
+    if domain == "time" and not even:
+        columns.append(Column(name="time", values=axis, unit="s"))
+    return Columns(
+        columns=tuple(columns),
+        sample_rate_hz=1.0 / step if domain == "time" and even else None,
+        start=float(axis[0]) if domain == "time" and even else 0.0,
+        rate_source="the step of the abscissa",
+        notes=tuple(notes),
+        attributes=attributes,
+        over=domain,
+        axis=axis if domain == "frequency" else None,
+        groups=groups,
+    )
+
+
+def _names(functions: Sequence[Function]) -> list[str]:
+    """Return a name for each function, each of them once."""
+    names: list[str] = []
+    for function in functions:
+        name = "/".join(point for point in (function.response, function.reference) if point)
+        if function.kind not in _UNNAMED or not name:
+            name = f"{_kind(function)} {name}".strip()
+        names.append(name)
+    again = {name for name in names if names.count(name) > 1}
+    return [f"{name} #{i}" if name in again else name for i, name in enumerate(names)]
+
+
+def _kind(function: Function) -> str:
+    return KINDS[function.kind] if function.kind < len(KINDS) else f"function {function.kind}"
+
+
+def _listed(names: Sequence[str], most: int = 20) -> str:
+    listed = ", ".join(f"{i}: {name}" for i, name in enumerate(names[:most]))
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _chosen(names: Sequence[str], dataset: str | None) -> list[int]:
+    """Return the numbers of the functions that are asked for."""
+    if dataset is None:
+        return list(range(len(names)))
+    found: list[int] = []
+    for word in (w.strip() for w in dataset.split(",")):
+        span = re.fullmatch(r"(\d{1,7})(?:-(\d{1,7}))?", word)
+        if word in names:
+            found.append(names.index(word))
+        elif span is not None and int(span[2] or span[1]) < len(names):
+            found += range(int(span[1]), int(span[2] or span[1]) + 1)
+        else:
+            raise RecordError(f"there is no function '{word}': the file has {_listed(names)}")
+    chosen = list(dict.fromkeys(found))
+    if not chosen:
+        raise RecordError(f"'{dataset}' are no functions: the file has {_listed(names)}")
+    return chosen
+
+
+def _values(function: Function, name: str) -> Array:
+    try:
+        return function.table()
+    except RecordError as error:
+        raise RecordError(f"function '{name}': {error}") from None
+
+
+def _abscissa(
+    functions: Sequence[Function], names: Sequence[str], tables: Mapping[int, Array]
+) -> tuple[Domain, Array]:
+    """Return what the functions are over, and their common abscissa in SI."""
+    first, *others = tables
+    domain, axis = _one_abscissa(functions[first], names[first], tables[first])
+    for number in others:
+        other, its = _one_abscissa(functions[number], names[number], tables[number])
+        if other != domain or its.size != axis.size or not _same(its, axis):
+            described = (
+                f"{first}: {names[first]} ({_span(domain, axis)}) and {number}: {names[number]} "
+                f"({_span(other, its)})"
+            )
+            raise RecordError(
+                f"its functions do not share their abscissa, such as {described}: choose some by "
+                f"the option dataset, of {_listed(names)}"
+            )
+    if not np.all(np.diff(axis) > 0.0) and domain == "frequency":
+        raise RecordError(f"the frequencies of function '{names[first]}' must rise")
+    return domain, axis
+
+
+def _one_abscissa(function: Function, name: str, table: Array) -> tuple[Domain, Array]:
+    domain = _DOMAINS.get(function.abscissa.quantity)
+    if domain is None and function.abscissa.quantity in (0, 1):
+        domain = _BY_KIND.get(function.kind)
+    if domain is None:
+        raise RecordError(
+            f"function '{name}' is over neither time nor frequency (kind "
+            f"{function.abscissa.quantity}): choose others by the option dataset"
+        )
+    unit = axis_unit(function.abscissa, None) if function.abscissa.label else (1.0, _SI[domain])
+    if unit is None or unit[1] != _SI[domain]:
+        raise RecordError(
+            f"the {domain} of function '{name}' is labelled '{function.abscissa.label}', which is "
+            f"no unit of {domain}: export it in {_SI[domain]}"
+        )
+    axis = table[:, 0] * unit[0]
+    if not np.isfinite(axis).all():
+        raise RecordError(f"the {domain} of function '{name}' is not finite at all of its samples")
+    return domain, axis
+
+
+def _same(one: Array, other: Array) -> bool:
+    scale = float(np.abs(other).max())
+    return bool(np.abs(one - other).max() <= _SAME * scale)
+
+
+def _span(domain: Domain, axis: Array) -> str:
+    return f"{axis.size} samples from {axis[0]:g} to {axis[-1]:g} {_SI[domain]}"
+
+
+def _attributes(function: Function, name: str, output: str, given: str) -> dict[str, str]:
+    said = {
+        "kind": _kind(function),
+        "output": function.response,
+        "input": function.reference,
+        "output unit": output,
+        "input unit": given,
+        "title": function.title,
+        "date": function.date,
+    }
+    return {f"{key} of {name}": text for key, text in said.items() if text}

@@ -1,0 +1,367 @@
+"""The data sets of a universal file: where they begin and end, and the headings of functions."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.universal_values import Layout, binary_end, decoded_values
+
+__all__ = ["KINDS", "Axis", "Function", "UnitSystem", "is_universal", "read_sets"]
+
+#: What a function is, by its number.
+KINDS = (
+    "general function",
+    "time response",
+    "auto spectrum",
+    "cross spectrum",
+    "frequency response function",
+    "transmissibility",
+    "coherence",
+    "auto correlation",
+    "cross correlation",
+    "power spectral density",
+    "energy spectral density",
+    "probability density",
+    "spectrum",
+)
+
+_TAG = re.compile(rb"^ {4}-1[ \t]*\r?$", re.MULTILINE)
+_FIRST = re.compile(rb"\s*^ {4}-1[ \t]*\r?\n {0,5}\d{1,6}[bB]?(?![\d.])", re.MULTILINE)
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
+# lines of a function between its number and its values
+_HEADING = 11
+# lines have 80 characters
+_LONGEST = 160
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """What is on an axis of a function.
+
+    Parameters
+    ----------
+    quantity : int
+        Number of the kind of quantity: 8 displacement, 12 acceleration, 13 force, 17 time...
+    label : str
+        The unit that the file says; empty where it says none.
+    rotational : bool
+        Whether it is of a rotation.
+    """
+
+    quantity: int
+    label: str = ""
+    rotational: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitSystem:
+    """The units of data set 164: how many of each are one SI unit.
+
+    Parameters
+    ----------
+    length, force : float
+        Units of the file in a metre, and in a newton.
+    """
+
+    length: float
+    force: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Function:
+    """One function at a point, data set 58, with its values still as the file has them.
+
+    Parameters
+    ----------
+    title, date : str
+        Its first line of text, and the third, by convention when it was measured.
+    kind : int
+        What it is, as numbered by `KINDS`.
+    response, reference : str
+        Point and direction, ``12:+z``; empty where there is none.
+    abscissa, ordinate, denominator : Axis
+        What is on its axes; the denominator is that of the ordinate.
+    start, step : float
+        First abscissa, and the step, where the samples are even.
+    layout : Layout
+        How its values are stored.
+    content : bytes
+        Its values.
+    system : UnitSystem, optional
+        The units of the file.
+    """
+
+    title: str
+    date: str
+    kind: int
+    response: str
+    reference: str
+    abscissa: Axis
+    ordinate: Axis
+    denominator: Axis
+    start: float
+    step: float
+    layout: Layout
+    content: bytes
+    system: UnitSystem | None = None
+
+    def table(self) -> NDArray[np.float64]:
+        """Return the abscissa, the real part, and the imaginary part where there is one.
+
+        Returns
+        -------
+        numpy.ndarray
+            In the units of the file, shape (n, 2 or 3).
+
+        Raises
+        ------
+        RecordError
+            The values are not those that the heading says.
+        """
+        values = decoded_values(self.content, self.layout)
+        if self.layout.uneven:
+            return values
+        even = self.start + self.step * np.arange(self.layout.count, dtype=np.float64)
+        return np.concatenate([even[:, None], values], axis=1)
+
+
+def is_universal(head: bytes) -> bool:
+    r"""Say whether a file begins as a universal file does.
+
+    Parameters
+    ----------
+    head : bytes
+        Its first bytes.
+
+    Returns
+    -------
+    bool
+        Whether the first lines open a data set.
+
+    Examples
+    --------
+    >>> is_universal(b"    -1\n    58\n"), is_universal(b"    -1\n 0.5 2.5\n")
+    (True, False)
+    """
+    return _FIRST.match(head) is not None
+
+
+def read_sets(data: bytes) -> list[Function]:
+    """Return the functions of a universal file.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+
+    Returns
+    -------
+    list of Function
+        Its data sets 58 in their order.
+
+    Raises
+    ------
+    RecordError
+        A data set is not closed, or a heading is not understood.
+    """
+    functions: list[Function] = []
+    system: UnitSystem | None = None
+    at, number = 0, 0
+    while (opening := _TAG.search(data, at)) is not None:
+        number += 1
+        where = f"data set {number}"
+        line, body = _line(data, opening.end() + 1)
+        kind = line[:6].strip()
+        if not kind.isdigit():
+            raise RecordError(
+                f"{where} must begin with its number in the line below '    -1', got "
+                f"'{_plain(line)[:30]}': the file is damaged; export it again"
+            )
+        try:
+            if kind == b"58":
+                function, at = _function(data, line, body, system)
+                functions.append(function)
+                continue
+            end, at = _closed(data, body)
+            if kind == b"164":
+                system = _unit_system(data[body:end])
+        except RecordError as error:
+            raise RecordError(f"{where} ({_plain(line[:7])}): {error}") from None
+    if number == 0:
+        raise RecordError(
+            "there is no line '    -1' that opens a data set: it is no universal file; choose "
+            "another by the option format"
+        )
+    return functions
+
+
+def _line(data: bytes, start: int) -> tuple[bytes, int]:
+    """Return a line, and where the next begins."""
+    end = data.find(b"\n", start)
+    end = len(data) if end < 0 else end
+    return data[start:end].rstrip(b"\r"), end + 1
+
+
+def _plain(text: bytes) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text.decode("latin-1")).strip()
+
+
+def _closed(data: bytes, start: int) -> tuple[int, int]:
+    """Return where a data set of text ends, and where the next may begin."""
+    closing = _TAG.search(data, start)
+    if closing is None:
+        raise RecordError(
+            "no line '    -1' closes it: the file is cut short; copy or export it again"
+        )
+    return closing.start(), closing.end()
+
+
+def _function(
+    data: bytes, identity: bytes, start: int, system: UnitSystem | None
+) -> tuple[Function, int]:
+    """Return a function, and where the next data set may begin."""
+    lines, at = [], start
+    for _ in range(_HEADING):
+        if at >= len(data):
+            raise RecordError("its heading is cut short: copy or export the file again")
+        line, at = _line(data, at)
+        line = line[:_LONGEST]
+        lines.append(_plain(line) if len(lines) < 5 else line.decode("latin-1"))
+    load = _fields(lines[5], (5, 10, 5, 10, 11, 10, 4, 11, 10, 4))
+    load = load if _are_whole(load) else (*lines[5].split(),)
+    if not _are_whole(load):
+        raise RecordError(f"its points and directions are not understood: '{lines[5].strip()}'")
+    layout, abscissa_start, step = _layout(identity, lines[6])
+    if layout.binary:
+        end, after = binary_end(data, at, layout)
+    else:
+        end, after = _closed(data, at)
+    axes = [_axis(line) for line in lines[7:10]]
+    response, reference = (_direction(load[j]) for j in (6, 9))
+    return Function(
+        title=_text(lines[0]),
+        date=_text(lines[2]),
+        kind=_whole(load[0]),
+        response=_point(load[5], response),
+        reference=_point(load[8], reference),
+        abscissa=axes[0],
+        ordinate=_turned(axes[1], response),
+        denominator=_turned(axes[2], reference),
+        start=abscissa_start,
+        step=step,
+        layout=layout,
+        content=data[at:end],
+        system=system,
+    ), after
+
+
+def _fields(line: str, widths: Sequence[int]) -> tuple[str, ...]:
+    ends = np.cumsum(widths).tolist()
+    return tuple(line[end - w : end].strip() for end, w in zip(ends, widths, strict=True))
+
+
+def _are_whole(load: Sequence[str]) -> bool:
+    """Say whether the numbers among the fields of the load are numbers."""
+    return len(load) == 10 and all(
+        re.fullmatch(r"[+-]?[0-9]*", load[j]) is not None for j in (0, 1, 2, 3, 5, 6, 8, 9)
+    )
+
+
+def _is_count(text: str) -> bool:
+    # a superscript is a digit to Python, and no number
+    return text.isascii() and text.isdigit()
+
+
+def _whole(text: str) -> int:
+    return int(text) if text.strip("+-") else 0
+
+
+def _real(text: str) -> float:
+    try:
+        return float(text.upper().replace("D", "E")) if text else 0.0
+    except ValueError:
+        return np.nan
+
+
+def _text(line: str) -> str:
+    return "" if line.upper() == "NONE" else line
+
+
+def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
+    """Return how the values are stored, the first abscissa, and its step."""
+    words = _fields(line, (10, 10, 10, 13, 13, 13))
+    if not all(_is_count(word) for word in words[:3]):
+        raise RecordError(f"how its values are stored is not understood: '{line.strip()[:60]}'")
+    kind, count, spacing = (int(word) for word in words[:3])
+    start, step = _real(words[3]), _real(words[4])
+    if kind not in (2, 4, 5, 6) or spacing not in (0, 1) or not 2 <= count < 2**31:
+        raise RecordError(
+            f"it says {count} values of type {kind} and spacing {spacing}: at least two values of "
+            "type 2, 4, 5 or 6 and spacing 0 or 1 are allowed"
+        )
+    if spacing == 1 and not (np.isfinite(start) and np.isfinite(step) and step > 0.0):
+        raise RecordError(
+            f"its even abscissa must have a positive step, got '{words[3]}' and '{words[4]}'"
+        )
+    binary = identity[6:7].lower() == b"b"
+    order = "<"
+    if binary:
+        method = _fields(identity.decode("latin-1"), (6, 1, 6, 6, 12, 12))[2:5]
+        if method[0] not in ("1", "2") or method[1] != "2" or method[2] != str(_HEADING):
+            raise RecordError(
+                "its binary numbers must be IEEE 754 (2) in byte order 1 or 2 below 11 lines, got "
+                f"'{_plain(identity)}': export the file as text"
+            )
+        order = "<" if method[0] == "1" else ">"
+    return (
+        Layout(
+            count=count,
+            double=kind in (4, 6),
+            is_complex=kind in (5, 6),
+            uneven=spacing == 0,
+            binary=binary,
+            order=order,
+        ),
+        start,
+        step,
+    )
+
+
+def _axis(line: str) -> Axis:
+    words = _fields(line, (10, 5, 5, 5, 21, 21))
+    if not _is_count(words[0]):
+        raise RecordError(f"what is on an axis is not understood: '{_plain(line.encode())[:60]}'")
+    return Axis(quantity=int(words[0]), label=_text(words[5]))
+
+
+def _turned(axis: Axis, direction: int) -> Axis:
+    rotational = abs(direction) > 3
+    return Axis(quantity=axis.quantity, label=axis.label, rotational=rotational)
+
+
+def _direction(text: str) -> int:
+    number = _whole(text)
+    if abs(number) > 6:
+        raise RecordError(f"a direction must be -6 to 6, got {number}")
+    return number
+
+
+def _point(node: str, direction: int) -> str:
+    name = _DIRECTIONS[abs(direction)]
+    sign = "" if direction == 0 else "+" if direction > 0 else "-"
+    if not name:
+        return str(_whole(node)) if _whole(node) else ""
+    return f"{_whole(node)}:{sign}{name}"
+
+
+def _unit_system(body: bytes) -> UnitSystem:
+    """Return the units of data set 164."""
+    words = body.split(b"\n", 1)[-1].decode("latin-1").split()
+    factors = [_real(word) for word in words[:2]]
+    if len(factors) < 2 or not all(np.isfinite(f) and f > 0.0 for f in factors):
+        raise RecordError("the units of the file are not understood: export it again")
+    return UnitSystem(length=factors[0], force=factors[1])
