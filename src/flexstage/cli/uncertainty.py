@@ -1,0 +1,255 @@
+"""`flexstage uncertainty`: a budget file, by the GUM and by Monte Carlo."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    make_table,
+    output_path,
+    print_json,
+    progress_bar,
+    write_file,
+)
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.experiment.uncertainty import Budget, MonteCarlo, Propagated, Validation
+
+__all__ = ["uncertainty"]
+
+_IMAGES = (".svg", ".png", ".pdf")
+
+
+def uncertainty(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A budget in YAML: quantity, unit, equation, influences, correlations.",
+        ),
+    ],
+    trials: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBER|auto",
+            help="Monte Carlo trials; auto draws until two digits of the uncertainty stand.",
+        ),
+    ] = "auto",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
+    confidence: Annotated[
+        float, typer.Option(help="Probability that the intervals hold the value, 0 to 1.")
+    ] = 0.95,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Draw distribution and budget there: .svg, .png or .pdf.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Propagate the uncertainty of a result: budget, GUM interval, Monte Carlo interval."""
+    from flexstage.experiment.uncertainty import read_budget, validate
+
+    _require_image(figure)
+    budget = read_budget(file)
+    propagated = budget.propagate()
+    with progress_bar():
+        drawn = budget.monte_carlo(trials=_trials(trials), seed=seed, confidence=confidence)
+    verdict = validate(propagated, drawn)
+    files = _draw(figure, budget, propagated, drawn)
+    result = _result(budget, propagated, drawn, verdict, files)
+    if json:
+        print_json(result)
+    else:
+        _print(console(), result)
+
+
+def _require_image(figure: Path | None) -> None:
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
+
+
+def _trials(text: str) -> int | Literal["auto"]:
+    if text.strip().lower() == "auto":
+        return "auto"
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number == int(number)):
+        raise ModelError(f"--trials must be a whole number or auto, got '{text}'")
+    return int(number)
+
+
+def _draw(
+    figure: Path | None, budget: "Budget", propagated: "Propagated", drawn: "MonteCarlo"
+) -> list[str]:
+    if figure is None:
+        return []
+    from flexstage.report.figures.budget import draw_budget
+    from flexstage.report.figures.style import encode
+
+    picture = draw_budget(
+        propagated, drawn, quantity=budget.quantity, unit=budget.unit, factor=budget.factor
+    )
+    write_file(figure, encode(picture, figure.suffix.lower().lstrip(".")))
+    return [str(figure)]
+
+
+def _result(
+    budget: "Budget",
+    propagated: "Propagated",
+    drawn: "MonteCarlo",
+    verdict: "Validation",
+    files: list[str],
+) -> dict[str, Any]:
+    scale = 1.0 / budget.factor
+
+    def scaled(ends: tuple[float, float]) -> list[float]:
+        return [scale * end for end in ends]
+
+    ends = propagated.interval(drawn.confidence)
+    u = propagated.uncertainty
+    return {
+        "quantity": budget.quantity,
+        "unit": budget.unit,
+        "equation": budget.equation.text,
+        "confidence": drawn.confidence,
+        "influences": [
+            {
+                "name": line.name,
+                "value": line.value,
+                "standard_uncertainty": line.uncertainty,
+                "unit": line.unit,
+                "degrees_of_freedom": _finite(line.degrees_of_freedom),
+                "distribution": line.distribution,
+                "kind": line.kind,
+                "sensitivity": scale * line.sensitivity,
+                "contribution": scale * line.contribution,
+                "share": line.share,
+                "source": line.source,
+            }
+            for line in propagated.lines
+        ],
+        "correlations": [
+            {"between": list(pair), "coefficient": r} for pair, r in budget.correlations.items()
+        ],
+        "gum": {
+            "value": scale * propagated.value,
+            "standard_uncertainty": scale * u,
+            "degrees_of_freedom": _finite(propagated.degrees_of_freedom),
+            "coverage_factor": 0.5 * (ends[1] - ends[0]) / u if u > 0.0 else None,
+            "expanded_uncertainty": scale * 0.5 * (ends[1] - ends[0]),
+            "interval": scaled(ends),
+        },
+        "monte_carlo": {
+            "value": scale * drawn.value,
+            "standard_uncertainty": scale * drawn.uncertainty,
+            "interval": scaled(drawn.symmetric),
+            "shortest_interval": scaled(drawn.shortest),
+            "trials": drawn.trials,
+            "seed": drawn.seed,
+            "tolerance": None if drawn.tolerance is None else scale * drawn.tolerance,
+        },
+        "agreement": {
+            "valid": verdict.valid,
+            "tolerance": scale * verdict.tolerance,
+            "low": scale * verdict.low,
+            "high": scale * verdict.high,
+        },
+        "notes": [*propagated.notes, *([budget.notes] if budget.notes else [])],
+        "files": files,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None  # JSON has no infinite number
+
+
+def _print(screen: "Console", result: dict[str, Any]) -> None:
+    unit = "" if result["unit"] == "1" else f" {result['unit']}"
+    table = make_table(
+        f"{result['quantity']} = {result['equation']}",
+        "influence",
+        "value",
+        "std. uncertainty",
+        "<unit",
+        "<distribution",
+        "<kind",
+        "dof",
+        "sensitivity",
+        f"contribution,{unit or ' 1'}",
+        "share, %",
+    )
+    for row in result["influences"]:
+        table.add_row(
+            row["name"],
+            f"{row['value']:.8g}",
+            f"{row['standard_uncertainty']:.3g}",
+            row["unit"],
+            row["distribution"],
+            row["kind"],
+            "" if row["degrees_of_freedom"] is None else f"{row['degrees_of_freedom']:.3g}",
+            f"{row['sensitivity']:.4g}",
+            f"{row['contribution']:.3g}",
+            f"{100.0 * row['share']:.1f}",
+        )
+    screen.print(table)
+    percent = f"{100.0 * result['confidence']:g} %"
+    summary = make_table(
+        f"{result['quantity']}{',' if unit else ''}{unit}, intervals of {percent}",
+        "by",
+        "value",
+        "std. uncertainty",
+        "from",
+        "to",
+    )
+    gum, drawn = result["gum"], result["monte_carlo"]
+    digits = _decimals(gum["standard_uncertainty"] or drawn["standard_uncertainty"])
+    for name, one, ends in (
+        ("GUM, first order", gum, gum["interval"]),
+        ("Monte Carlo", drawn, drawn["interval"]),
+        ("Monte Carlo, shortest", drawn, drawn["shortest_interval"]),
+    ):
+        numbers = (one["value"], one["standard_uncertainty"], *ends)
+        summary.add_row(name, *(f"{n:.{digits}f}" if digits < 16 else f"{n:.8g}" for n in numbers))
+    screen.print(summary)
+    freedom = gum["degrees_of_freedom"]
+    if freedom is not None:
+        screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
+    screen.print(_verdict(result), markup=False)
+    for note in result["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in result["files"]:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _decimals(uncertainty: float) -> int:
+    """Decimals that show three digits of an uncertainty."""
+    if uncertainty <= 0.0:
+        return 99
+    return max(0, 2 - math.floor(math.log10(uncertainty)))
+
+
+def _verdict(result: dict[str, Any]) -> str:
+    one, unit = result["agreement"], "" if result["unit"] == "1" else f" {result['unit']}"
+    apart = f"the ends differ by {one['low']:.2g} and {one['high']:.2g}{unit}"
+    trials = f"{result['monte_carlo']['trials']} trials"
+    if one["valid"]:
+        return f"GUM and Monte Carlo ({trials}) agree: {apart}, {one['tolerance']:.2g} is allowed"
+    return (
+        f"GUM and Monte Carlo ({trials}) do not agree: {apart}, {one['tolerance']:.2g} is allowed; "
+        "take the Monte Carlo interval"
+    )

@@ -1,0 +1,277 @@
+"""The search for the most probable parameters: residuals, derivatives, and steps that descend."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ConvergenceError, FlexstageError, ModelError
+from flexstage.estimate import Estimate
+from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
+from flexstage.experiment.updating.predict import predict
+from flexstage.stage import Stage
+from flexstage.system import DriveCondition, MechanicalSystem, ModalDamping
+
+__all__ = ["Model", "Problem", "half_square", "most_probable"]
+
+Array = NDArray[np.float64]
+Model = Callable[[Stage], MechanicalSystem]
+
+_STEP = 1e-3
+# in standard deviations of what is known after: a step that ends the search, and one over which
+# derivatives need not be found again
+_CLOSE = 1e-4
+_SAME = 1e-2
+_FAR = (
+    "the most probable parameters are not reached: the measured values may be far from what the "
+    "model can give; widen the spread, or check the units"
+)
+_ITERATIONS = 40
+# from standard to expanded uncertainty of a normal distribution at 95 %
+_NORMAL = 1.959963984540054
+
+
+class Problem:
+    """Residuals in units of their uncertainty, over parameters in units of their spread.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage as it was described.
+    measured : Mapping
+        Measured values by quantity and name of the axis, m of them.
+    parameters : tuple of UpdateParameter
+        What is to be found, p of them.
+    model : "lumped" or callable
+        The model.
+    drives : str
+        Condition of the drives that frequencies and damping belong to.
+    model_uncertainty : float
+        Relative standard uncertainty of the model [1].
+
+    Raises
+    ------
+    ModelError
+        The uncertainty of the model is impossible.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        measured: Mapping[tuple[str, str], Estimate],
+        parameters: tuple[UpdateParameter, ...],
+        model: Literal["lumped"] | Model,
+        drives: DriveCondition,
+        model_uncertainty: float,
+    ) -> None:
+        if not 0.0 <= model_uncertainty < 1.0:
+            raise ModelError(
+                f"the relative uncertainty of the model lies from 0 to below 1, got "
+                f"{model_uncertainty!r}"
+            )
+        from flexstage.lumped import lumped_system
+
+        self.stage, self.parameters = stage, parameters
+        self.drives: DriveCondition = drives
+        self.measured = dict(measured)
+        self.model: Model = lumped_system if model == "lumped" else model
+        self.mean = np.array([p.mean for p in parameters])
+        self.sigma = np.array([p.spread for p in parameters])
+        self.keys = list(measured)
+        self.y = np.array([e.value for e in measured.values()])
+        # the normal distribution of the same 95 % interval, so that few observations count as such
+        spread = np.array([e.expanded / _NORMAL for e in measured.values()])
+        covariance = np.diag(spread**2)
+        for quantity in {q for q, _ in self.keys} - {"damping_ratio"}:
+            alike = np.array([q == quantity for q, _ in self.keys]) * self.y
+            covariance += model_uncertainty**2 * np.outer(alike, alike)
+        self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+
+    def values(self, x: Array) -> Array:
+        """Return the values of the parameters.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Values in their units, shape (p,).
+        """
+        return self.mean + self.sigma * x
+
+    def stage_at(self, x: Array) -> Stage:
+        """Return the stage that has parameters.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        Stage
+            The stage.
+        """
+        named = dict(zip((p.name for p in self.parameters), self.values(x).tolist(), strict=True))
+        return stage_with(self.stage, self.parameters, named)
+
+    def predicted(self, x: Array) -> Array:
+        """Return what the model says of the measured quantities.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Values in the units of the measured ones, shape (m,).
+        """
+        system = self.model(self.stage_at(x))
+        for p, value in zip(self.parameters, self.values(x).tolist(), strict=True):
+            if p.kind == "damping_ratio":
+                system = replace(system, damping=ModalDamping(ratio=value))
+        return predict(system, self.keys, drives=self.drives)
+
+    def residual(self, x: Array) -> Array:
+        """Return measured less predicted values, whitened by their covariance.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Residuals [1], shape (m,).
+        """
+        return self.whiten @ (self.y - self.predicted(x))
+
+    def residual_or_refused(self, x: Array) -> Array:
+        """Return the residuals, infinite where there is no such stage.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Residuals [1], shape (m,).
+        """
+        try:
+            return self.residual(x)
+        except (FlexstageError, np.linalg.LinAlgError):
+            return np.full(self.y.size, math.inf)
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives of the whitened prediction, by central differences.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Parameters less what is expected, over their spreads [1], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Derivatives [1], shape (m, p).
+
+        Raises
+        ------
+        ConvergenceError
+            There is no such stage beside these parameters.
+        """
+        columns = []
+        for step in _STEP * np.eye(x.size):
+            low, high = self.residual_or_refused(x - step), self.residual_or_refused(x + step)
+            if not np.isfinite(low + high).all():
+                raise ConvergenceError(_FAR)
+            columns.append((low - high) / (2.0 * _STEP))
+        return np.stack(columns, axis=1)
+
+
+def half_square(residual: Array, x: Array) -> float:
+    """Return Phi, half of the squares of residuals and parameters.
+
+    Parameters
+    ----------
+    residual : numpy.ndarray
+        Whitened residuals [1], shape (m,).
+    x : numpy.ndarray
+        Parameters less what is expected, over their spreads [1], shape (p,).
+
+    Returns
+    -------
+    float
+        Phi [1].
+
+    Examples
+    --------
+    >>> half_square(np.array([1.0, 2.0]), np.array([0.5]))
+    2.625
+    """
+    return 0.5 * float(residual @ residual + x @ x)
+
+
+def most_probable(problem: Problem) -> tuple[Array, Array, Array, Array, int]:
+    """Search by Gauss and Newton's steps.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is to be fitted to what.
+
+    Returns
+    -------
+    x : numpy.ndarray
+        Most probable parameters less what is expected, over their spreads [1], shape (p,).
+    residual : numpy.ndarray
+        Whitened residuals there [1], shape (m,).
+    jacobian : numpy.ndarray
+        Derivatives of the whitened prediction there [1], shape (m, p).
+    first : numpy.ndarray
+        The same derivatives at what is expected [1], shape (m, p).
+    steps : int
+        Number of steps.
+
+    Raises
+    ------
+    ConvergenceError
+        40 steps do not reach it, or no step descends.
+    """
+    x = np.zeros(len(problem.parameters))
+    r = problem.residual(x)
+    first = jacobian = problem.jacobian(x)
+    for iteration in range(_ITERATIONS):
+        curvature = jacobian.T @ jacobian + np.eye(x.size)
+        step: Array = np.linalg.solve(curvature, jacobian.T @ r - x).astype(np.float64)
+        # length of the step in standard deviations of what is known after
+        length = math.sqrt(float(step @ curvature @ step))
+        if length < _CLOSE:
+            return x, r, jacobian, first, iteration
+        x, r = _descended(problem, x, r, step)
+        if length > _SAME:
+            jacobian = problem.jacobian(x)
+    raise ConvergenceError(_FAR)
+
+
+def _descended(problem: Problem, x: Array, r: Array, step: Array) -> tuple[Array, Array]:
+    """Take a step, halved until it descends."""
+    least = half_square(r, x)
+    for halvings in range(20):
+        there = x + 0.5**halvings * step
+        new = problem.residual_or_refused(there)
+        # rounding leaves that much of the cost
+        if half_square(new, there) <= least + 1e-9 * (1.0 + least):
+            return there, new
+    raise ConvergenceError(_FAR)
