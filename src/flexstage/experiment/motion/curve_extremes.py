@@ -1,0 +1,325 @@
+"""Ranges and widths of a measured curve, less what noise adds to them."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+from flexstage.experiment.motion.curve_basis import position_weights
+from flexstage.experiment.motion.motion_curve import Direction, MotionCurve
+
+__all__ = ["Line", "curve_largest", "curve_loop_width", "curve_range", "line_weights"]
+
+Array = NDArray[np.float64]
+
+#: Straight line that a deviation is taken from.
+Line = Literal["none", "least_squares", "terminal", "zero", "minimum_zone"]
+
+_LINES = ("none", "least_squares", "terminal", "zero", "minimum_zone")
+#: Curves that are simulated to find what noise adds to an extreme.
+_TRIALS = 400
+_NOISE_NOTE = "less what noise adds to it, {:.2g} {}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Extreme:
+    """A figure of the largest and smallest of some linear figures of the coefficients.
+
+    It is the largest less the smallest, of `rows`, or with `absolute` the largest magnitude.
+    """
+
+    rows: Array
+    absolute: bool = False
+
+    def of(self, coefficients: Array) -> Array:
+        values = coefficients @ self.rows.T
+        if self.absolute:
+            return np.abs(values).max(axis=-1)
+        return np.ptp(values, axis=-1)
+
+    def weights(self, coefficients: Array) -> Array:
+        """Return the derivative of the figure after the coefficients."""
+        values = self.rows @ coefficients
+        if self.absolute:
+            at = int(np.argmax(np.abs(values)))
+            return math.copysign(1.0, values[at]) * self.rows[at]
+        return self.rows[int(np.argmax(values))] - self.rows[int(np.argmin(values))]
+
+
+def curve_range(
+    curve: MotionCurve,
+    direction: Direction | Literal["both"] = "mean",
+    *,
+    line: Line = "none",
+    seed: int = 0,
+) -> Estimate:
+    """Return the largest less the smallest value of a curve, about a line or as it is.
+
+    To first order the range is the difference of the curve at the two places where it is extreme
+    (three, about the line of the minimum zone), and so has their uncertainty. An extreme of a noisy
+    curve lies too far out; how far is found by simulation about the curve, and taken off.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    direction : {"forward", "backward", "mean", "both"}
+        Which run; of both, the two curves about the same line.
+    line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
+        Straight line that is taken off: none; the least-squares line; that through the ends; that
+        from the lower end with the least-squares slope through it; the one about which the range is
+        least.
+    seed : int
+        Seed of the simulation.
+
+    Returns
+    -------
+    Estimate
+        The range.
+
+    Validity
+    --------
+    Where noise is as large as the range itself, the interval begins at 0.
+
+    Raises
+    ------
+    ModelError
+        There is no such direction or line.
+    """
+    if line == "minimum_zone":
+        from flexstage.experiment.motion.curve_zone import zone_range
+
+        return zone_range(curve, direction, seed=seed)
+    return _estimate(curve, _Extreme(rows=_deviation_rows(curve, direction, line)), seed)
+
+
+def curve_largest(
+    curve: MotionCurve,
+    direction: Direction | Literal["both"] = "mean",
+    *,
+    line: Line = "least_squares",
+    seed: int = 0,
+) -> Estimate:
+    """Return the largest distance of a curve from a line.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    direction : {"forward", "backward", "mean", "both"}
+        Which run; of both, the two curves about the same line.
+    line : {"none", "least_squares", "terminal", "zero"}
+        The line.
+    seed : int
+        Seed of the simulation that finds what noise adds to it.
+
+    Returns
+    -------
+    Estimate
+        The distance, less what noise adds to it.
+
+    Raises
+    ------
+    ModelError
+        There is no such direction or line.
+    """
+    rows = _deviation_rows(curve, direction, line)
+    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
+
+
+def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
+    """Return the largest distance between the forward and the backward curve.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    seed : int
+        Seed of the simulation that finds what noise adds to it.
+
+    Returns
+    -------
+    Estimate
+        The width, less what noise adds to it.
+    """
+    x = curve.grid()
+    rows = curve.rows(x, "backward") - curve.rows(x, "forward")
+    return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
+
+
+def line_weights(position: Array, line: Line) -> Array:
+    """Return the matrix that gives a line from the values of a curve.
+
+    Parameters
+    ----------
+    position : numpy.ndarray
+        Positions, rising, shape (g,).
+    line : {"none", "least_squares", "terminal", "zero"}
+        The line.
+
+    Returns
+    -------
+    numpy.ndarray
+        The matrix: times the values, the line at the positions, shape (g, g).
+
+    Raises
+    ------
+    ModelError
+        There is no such line.
+
+    Examples
+    --------
+    >>> x = np.array([0.0, 1.0, 4.0])
+    >>> line_weights(x, "terminal") @ np.array([3.0, 9.0, 11.0])
+    array([ 3.,  5., 11.])
+    """
+    if line not in _LINES or line == "minimum_zone":
+        raise ModelError(f"a line is one of {', '.join(_LINES)}, got '{line}'")
+    g, w = position.size, position_weights(position)
+    if line == "none":
+        return np.zeros((g, g))
+    if line == "terminal":
+        share = (position - position[0]) / (position[-1] - position[0])
+        found = np.zeros((g, g))
+        found[:, 0] = 1.0 - share
+        found[:, -1] += share
+        return found
+    if line == "zero":
+        # least squares of (y - y_0) over (x - x_0): through the lower end
+        centred = position - position[0]
+        slope = w * centred / (w @ centred**2)
+        found = np.outer(centred, slope)
+        found[:, 0] += 1.0 - centred * slope.sum()
+        return found
+    centred = position - w @ position
+    return np.tile(w, (g, 1)) + np.outer(centred, w * centred / (w @ centred**2))
+
+
+def _deviation_rows(
+    curve: MotionCurve, direction: Direction | Literal["both"], line: Line
+) -> Array:
+    """Return what coefficients count by in the distances from the line."""
+    x = curve.grid()
+    off = line_weights(x, line)
+    if direction != "both":
+        rows = curve.rows(x, direction)
+        return rows - off @ rows
+    base = off @ curve.rows(x, "mean")
+    return np.vstack((curve.rows(x, "forward") - base, curve.rows(x, "backward") - base))
+
+
+def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
+    coefficients = curve.coefficients.ravel()
+    observed = float(figure.of(coefficients))
+    noise, wide = noise_of_coefficients(curve, seed)
+    truth = shrunk(curve, figure.rows)
+    added = float(figure.of(truth + noise).mean() - figure.of(truth))
+    # misfits at two places add; one place where a magnitude is asked
+    reach = 1.0 if figure.absolute else math.sqrt(2.0)
+    found = curve.of_coefficients(figure.weights(coefficients), reach=reach)
+    alone = float(np.quantile(figure.of(wide), 0.95))
+    return corrected(found, observed, added, alone)
+
+
+def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
+    """Return a figure that cannot be negative less what noise adds to it.
+
+    Parameters
+    ----------
+    found : Estimate
+        Unit, components and note of the figure.
+    observed : float
+        The figure as it was observed.
+    added : float
+        What noise adds to it.
+    alone : float
+        What noise alone exceeds once in twenty times: below it the interval begins at 0.
+
+    Returns
+    -------
+    Estimate
+        The rest; with bounds where its interval begins at 0.
+    """
+    value = max(observed - added, 0.0)
+    note = _NOISE_NOTE.format(added, found.unit) if abs(added) > 1e-3 * observed else found.note
+    result = replace(found, value=value, note=note)
+    low, high = result.interval()
+    return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
+
+
+def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
+    """Simulate errors of the coefficients of a curve.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Errors of the flattened coefficients as large as they are thought to be, and with the spread
+        of Student's t, as so few cycles tell little of how large they are; shape (trials, 2 k).
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    k = curve.basis.size
+    draws = rng.standard_normal((_TRIALS // 2, 2, k))
+    parts = []
+    for d in (0, 1):
+        values, vectors = np.linalg.eigh(curve.structure[d])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        parts.append(draws[:, d] @ root.T)
+    noise = np.hstack(parts)
+    freedom = curve.cycles - 1
+    wide = noise * np.sqrt(freedom / rng.chisquare(freedom, _TRIALS // 2))[:, None]
+    if curve.drift_rate is not None:
+        rate = curve.drift_rate
+        error = np.outer(rng.standard_normal(_TRIALS // 2), curve.drift_effect.ravel())
+        error *= rate.uncertainty
+        dof = rate.degrees_of_freedom
+        noise = noise + error
+        wide = wide + error * np.sqrt(dof / rng.chisquare(dof, _TRIALS // 2))[:, None]
+    # with their opposites, so that what is odd in the noise leaves nothing
+    return np.vstack((noise, -noise)), np.vstack((wide, -wide))
+
+
+def shrunk(curve: MotionCurve, rows: Array) -> Array:
+    """Return coefficients from which the share of noise is taken, as James and Stein (1961) do.
+
+    Measured values spread by noise as well as by what is measured: to simulate about them as they
+    are would count the noise twice.
+
+    Parameters
+    ----------
+    curve : MotionCurve
+        The curve.
+    rows : numpy.ndarray
+        What coefficients count by in the values whose spread is looked at, shape (g, 2 k).
+
+    Returns
+    -------
+    numpy.ndarray
+        Flattened coefficients, shape (2 k,).
+    """
+    coefficients = curve.coefficients.ravel()
+    k = curve.basis.size
+    spread = float(np.mean((rows @ coefficients) ** 2))
+    of_noise = float(
+        np.mean(sum(
+            np.einsum("gi,ij,gj->g", rows[:, d * k : (d + 1) * k], curve.structure[d],
+                      rows[:, d * k : (d + 1) * k])
+            for d in (0, 1)
+        ))
+    )  # fmt: skip
+    if curve.drift_rate is not None:
+        drift = rows @ curve.drift_effect.ravel() * curve.drift_rate.uncertainty
+        of_noise += float(np.mean(drift**2))
+    if spread <= 0.0:
+        return coefficients
+    return max(1.0 - of_noise / spread, 0.0) ** 0.5 * coefficients

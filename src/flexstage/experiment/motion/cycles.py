@@ -1,0 +1,238 @@
+"""Cut a motion that goes over a stroke and back into its cycles and their two runs."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+
+__all__ = ["MotionCycles", "motion_cycles", "step_noise"]
+
+Array = NDArray[np.float64]
+
+#: A run leads from below this share of the range to above one less it.
+_END_ZONE = 0.1
+#: A run counts as whole when it begins and ends within this share of the ends of the range.
+_AT_END = 0.05
+#: A run may go back by this share of the range; noise aside, more is a loop inside of it.
+_SETBACK = 0.1
+#: What lies within so many times the noise of a turning point rests there.
+_NOISE_BAND = 8.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionCycles:
+    """Whole cycles of a motion.
+
+    Parameters
+    ----------
+    runs : numpy.ndarray
+        First sample and sample after the last of the forward run (0) and the backward run (1) of
+        each cycle, shape (c, 2, 2). Forward is where the command rises.
+    size : int
+        Number of samples of the record, n.
+    low, high : float
+        Ends of the stroke that all runs reach, in the unit of the command.
+    left_out : int
+        Samples that belong to no whole cycle.
+    notes : tuple of str
+        What was left out, and why.
+    """
+
+    runs: NDArray[np.intp]
+    size: int
+    low: float
+    high: float
+    left_out: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of whole cycles."""
+        return self.runs.shape[0]
+
+    def samples(self, cycle: int, direction: int) -> slice:
+        """Return where a run is in the record.
+
+        Parameters
+        ----------
+        cycle : int
+            Number of the cycle, from 0.
+        direction : int
+            0 for the forward run, 1 for the backward run.
+
+        Returns
+        -------
+        slice
+            Its samples.
+        """
+        first, stop = self.runs[cycle, direction]
+        return slice(int(first), int(stop))
+
+    def directions(self) -> NDArray[np.intp]:
+        """Say of each sample what it belongs to.
+
+        Returns
+        -------
+        numpy.ndarray
+            1 on forward runs, -1 on backward runs, 0 in no cycle, shape (n,).
+        """
+        found = np.zeros(self.size, dtype=np.intp)
+        for forward, backward in self.runs:
+            found[forward[0] : forward[1]] = 1
+            found[backward[0] : backward[1]] = -1
+        return found
+
+
+def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> MotionCycles:
+    """Find the whole cycles of a triangle, a sine or a staircase.
+
+    A turning point is the highest (lowest) place between two visits of the other end of the
+    range, and where the motion rests there, the middle of the rest: noise makes no turning points.
+    A run is whole when it begins and ends within 5 % of the ends of the range and does not turn
+    back by more than 10 % of it on the way.
+
+    Parameters
+    ----------
+    command : array_like
+        What tells where in the stroke the stage is: a command, a voltage or a position, shape (n,).
+    least : int
+        How many whole cycles are needed.
+    skip : int
+        Whole cycles at the beginning to leave out, as long as the stage still settles in.
+
+    Returns
+    -------
+    MotionCycles
+        The cycles. Each has a forward and a backward run next to each other; it begins with the
+        forward run unless one more cycle can be had the other way round.
+
+    Validity
+    --------
+    Cycles over one and the same stroke: smaller ones are left out, and said. A command whose
+    noise exceeds a hundredth of the range gives runs that begin and end some samples off.
+
+    Raises
+    ------
+    RecordError
+        The command is no finite column, does not move, or has fewer whole cycles than needed.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 3.3, 3301)
+    >>> found = motion_cycles(30.0 - 30.0 * np.cos(2.0 * np.pi * t))
+    >>> found.count, found.runs[1].tolist(), found.left_out
+    (3, [[1000, 1500], [1500, 2000]], 301)
+    """
+    x = np.asarray(command, dtype=np.float64)
+    if x.ndim != 1 or x.size < 8 or not np.isfinite(x).all():
+        raise RecordError(
+            "to find cycles, a command needs 8 or more samples, all of them finite, got an array "
+            f"of shape {x.shape}"
+        )
+    low, high = float(x.min()), float(x.max())
+    if not high > low:
+        raise RecordError(f"the command does not move: it is {low:g} throughout")
+    # a clean curve has second differences too: no more than a hundredth of the range is noise
+    band = _NOISE_BAND * min(step_noise(x), 0.01 * (high - low)) + 1e-9 * (high - low)
+    turns = _turning_points(x, low, high, band)
+    ways = [(a[1], b[0]) for a, b in itertools.pairwise(turns)]
+    runs = [way if _whole(x, *way, high - low, band) else None for way in ways]
+    rising = [bool(x[b] > x[a]) for a, b in ways]
+    pairs = max((_pairs(runs, rising, first) for first in (True, False)), key=len)[skip:]
+    if len(pairs) < least:
+        raise RecordError(
+            f"{least} whole cycles over the range from {low:g} to {high:g} are needed, got "
+            f"{len(pairs)}"
+            + (f" after the first {skip}" if skip else "")
+            + ": record more cycles, or choose the column that commands the motion"
+        )
+    return _found(x, np.array(pairs, dtype=np.intp), skip)
+
+
+def _found(x: Array, runs: NDArray[np.intp], skip: int) -> MotionCycles:
+    # the turning point at which a run ends is the first sample of the next
+    parts = [x[a : b + 1] for cycle in runs for a, b in cycle]
+    inside = int((runs[..., 1] - runs[..., 0]).sum())
+    outside = x.size - inside
+    notes = []
+    # the last sample of a record ends its last cycle, and belongs to no run
+    if outside > 1:
+        notes.append(
+            f"{outside} of {x.size} samples are in no whole cycle and are left out"
+            + (f", with {skip} cycles at the beginning as asked" if skip else "")
+        )
+    return MotionCycles(
+        runs=runs,
+        size=x.size,
+        low=float(max(p.min() for p in parts)),
+        high=float(min(p.max() for p in parts)),
+        left_out=outside,
+        notes=tuple(notes),
+    )
+
+
+def step_noise(x: Array) -> float:
+    """Return the rms of what changes from sample to sample; 0 of a command without noise.
+
+    Parameters
+    ----------
+    x : numpy.ndarray
+        The command, shape (n,).
+
+    Returns
+    -------
+    float
+        The rms, in the unit of the command: of second differences, by their median.
+    """
+    return 1.4826 * float(np.median(np.abs(np.diff(x, n=2)))) / math.sqrt(6.0)
+
+
+def _turning_points(x: Array, low: float, high: float, band: float) -> list[tuple[int, int]]:
+    """Return the highest and lowest places in turn: where a run ends and where the next begins.
+
+    Both are the middle of the rest there, unless the motion went away and came back meanwhile.
+    """
+    zone = _END_ZONE * (high - low)
+    state = np.where(x > high - zone, 1, np.where(x < low + zone, -1, 0))
+    at = np.flatnonzero(state)
+    ends = state[at]
+    # samples at one end until the other end is met make one visit
+    edges = np.flatnonzero(np.diff(ends)) + 1
+    turns = []
+    rests = []
+    for visit, end in zip(np.split(at, edges), ends[np.concatenate(([0], edges))], strict=True):
+        values = end * x[visit]
+        resting = visit[values >= values.max() - band]
+        first, last = int(resting[0]), int(resting[-1])
+        rests.append((first, last))
+        away = values.max() - float(np.min(end * x[first : last + 1]))
+        middle = (first + last) // 2
+        turns.append((first, last) if away > zone + band else (middle, middle))
+    if len(rests) > 2:
+        # half of the rest before the first run belongs to a run that nobody recorded; so at the end
+        half = sorted((b - a + 1) // 2 for a, b in rests[1:-1])[(len(rests) - 2) // 2]
+        start, stop = max(rests[0][0], rests[0][1] - half), min(rests[-1][1], rests[-1][0] + half)
+        turns[0], turns[-1] = (start, start), (stop, stop)
+    return turns
+
+
+def _whole(x: Array, first: int, last: int, extent: float, band: float) -> bool:
+    run = x[first : last + 1] if x[last] > x[first] else -x[first : last + 1]
+    back = float(np.max(np.maximum.accumulate(run) - run))
+    ends = np.abs(x[[first, last]][:, None] - np.array([x.min(), x.max()])).min(axis=1)
+    return back <= _SETBACK * extent + band and bool(np.all(ends <= _AT_END * extent + band))
+
+
+def _pairs(
+    runs: list[tuple[int, int] | None], rising: list[bool], forward_first: bool
+) -> list[list[tuple[int, int]]]:
+    """Pair whole runs that follow one another at once; give the forward run of each pair first."""
+    pairs = []
+    for i, (first, second) in enumerate(itertools.pairwise(runs)):
+        if first and second and first[1] == second[0] and rising[i] == forward_first:
+            pairs.append([first, second] if forward_first else [second, first])
+    return pairs

@@ -1,0 +1,352 @@
+"""A reading as a curve over the stroke, forward and backward, with its uncertainty."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.estimate import Component, Estimate
+from flexstage.experiment.motion.curve_basis import CurveBasis, position_weights
+
+if TYPE_CHECKING:
+    from flexstage.experiment.motion.curve_extremes import Line
+
+__all__ = ["Direction", "MotionCurve"]
+
+Array = NDArray[np.float64]
+
+#: Which run a value is of: forward, backward, or the mean of both.
+Direction = Literal["forward", "backward", "mean"]
+
+_WEIGHTS: dict[str, tuple[float, float]] = {
+    "forward": (1.0, 0.0),
+    "backward": (0.0, 1.0),
+    "mean": (0.5, 0.5),
+}
+# a functional whose weights cancel to this share of their size does not see offsets
+_NO_LEVEL = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionCurve:
+    r"""A reading over the stroke, from repeated cycles, free of drift and of offsets of cycles.
+
+    In cycle c the reading is :math:`f_d(x) + r t + o_c` and noise, with one curve f for each
+    direction d, a drift rate r and an offset o. Each cycle gives coefficients of its own; their
+    mean is the result, and their scatter from cycle to cycle its uncertainty, so that noise which
+    is correlated within a cycle counts in full. `fit_motion_curve` makes one.
+
+    Parameters
+    ----------
+    basis : CurveBasis
+        Functions of position that the curve is made of, k of them.
+    coefficients : numpy.ndarray
+        Of the forward and of the backward curve, drift removed, shape (2, k).
+    scatter : numpy.ndarray
+        What each cycle's coefficients differ from them by, shape (c, 2, k).
+    drift_rate : Estimate, optional
+        Rate of the drift, in the unit of the reading over s; None where it was not fitted.
+    drift_effect : numpy.ndarray
+        What the coefficients would grow by for a unit of drift rate left in them [s], shape (2, k).
+    structure : numpy.ndarray
+        Covariance of the coefficients for white noise, scaled to the scatter, shape (2, k, k).
+    noise : float
+        Rms of what a cycle's samples differ from its own curve by.
+    misfit : float
+        Rms of what all cycles have in common and the curve has not; 0 where noise explains it.
+    unit : str
+        Unit of the reading.
+    position_unit : str
+        Unit of the position.
+    notes : tuple of str
+        What a reader should know.
+
+    Validity
+    --------
+    Cycles that are alike but for noise, an offset and a drift that is linear over the record; a
+    transient at the beginning is left out before (`motion_cycles` has `skip`). What repeats in each
+    cycle cannot be told from the curve.
+    """
+
+    basis: CurveBasis
+    coefficients: Array
+    scatter: Array
+    drift_rate: Estimate | None
+    drift_effect: Array
+    structure: Array
+    noise: float
+    misfit: float
+    unit: str = "m"
+    position_unit: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def cycles(self) -> int:
+        """Number of cycles."""
+        return self.scatter.shape[0]
+
+    def grid(self, count: int = 401) -> Array:
+        """Return even positions over the stroke.
+
+        Parameters
+        ----------
+        count : int
+            How many, without the knots of a staircase, which are joined to them.
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions, rising.
+        """
+        even = np.linspace(self.basis.low, self.basis.high, count)
+        return even if self.basis.knots is None else np.union1d(even, self.basis.knots)
+
+    def rows(self, position: ArrayLike, direction: Direction) -> Array:
+        """Return what coefficients count by in the values at positions.
+
+        Parameters
+        ----------
+        position : array_like
+            Positions within the stroke, shape (n,).
+        direction : {"forward", "backward", "mean"}
+            Which run.
+
+        Returns
+        -------
+        numpy.ndarray
+            Weights of the flattened coefficients, shape (n, 2 k).
+
+        Raises
+        ------
+        ModelError
+            There is no such direction, or a position is outside the stroke by more than a
+            thousandth of it.
+        """
+        if direction not in _WEIGHTS:
+            raise ModelError(f"a direction is one of {', '.join(_WEIGHTS)}, got '{direction}'")
+        x = np.atleast_1d(np.asarray(position, dtype=np.float64))
+        low, high = self.basis.low, self.basis.high
+        margin = 1e-3 * (high - low)
+        if not np.all((x >= low - margin) & (x <= high + margin)):
+            raise ModelError(
+                f"the curve is known from {low:g} to {high:g} {self.position_unit}, asked for "
+                f"{x.min():g} to {x.max():g}"
+            )
+        columns = self.basis.columns(x)
+        forward, backward = _WEIGHTS[direction]
+        return np.hstack((forward * columns, backward * columns))
+
+    def value(self, position: ArrayLike, direction: Direction = "mean") -> Array:
+        """Return the curve.
+
+        Parameters
+        ----------
+        position : array_like
+            Positions within the stroke, shape (n,).
+        direction : {"forward", "backward", "mean"}
+            Which run.
+
+        Returns
+        -------
+        numpy.ndarray
+            Its values, shape (n,).
+        """
+        return self.rows(position, direction) @ self.coefficients.ravel()
+
+    def uncertainty(self, position: ArrayLike, direction: Direction = "mean") -> Array:
+        """Return the standard uncertainty of the shape of the curve.
+
+        It is that of the curve less its own mean level, as an offset is of no concern to a figure
+        of motion.
+
+        Parameters
+        ----------
+        position : array_like
+            Positions within the stroke, shape (n,).
+        direction : {"forward", "backward", "mean"}
+            Which run.
+
+        Returns
+        -------
+        numpy.ndarray
+            Standard uncertainties, shape (n,).
+        """
+        weights = self.rows(position, direction)
+        weights = weights - self.level_weights()
+        return np.array([self.of_coefficients(w).uncertainty for w in weights])
+
+    def level_weights(self) -> Array:
+        """Return what coefficients count by in the mean level of both runs over the stroke.
+
+        Returns
+        -------
+        numpy.ndarray
+            Weights, shape (2 k,).
+        """
+        x = self.grid()
+        return position_weights(x) @ self.rows(x, "mean")
+
+    def functional(
+        self, weights: ArrayLike, position: ArrayLike, direction: Direction = "mean"
+    ) -> Estimate:
+        """Return a weighted sum of values of the curve.
+
+        Parameters
+        ----------
+        weights : array_like
+            Weights [1], shape (n,).
+        position : array_like
+            Positions within the stroke, shape (n,).
+        direction : {"forward", "backward", "mean"}
+            Which run.
+
+        Returns
+        -------
+        Estimate
+            The sum.
+        """
+        w = np.atleast_1d(np.asarray(weights, dtype=np.float64))
+        reach = float(np.linalg.norm(w))
+        return self.of_coefficients(w @ self.rows(position, direction), reach=reach)
+
+    def of_coefficients(self, weights: Array, *, reach: float = 1.0, note: str = "") -> Estimate:
+        """Return a weighted sum of the coefficients.
+
+        Parameters
+        ----------
+        weights : numpy.ndarray
+            Weights of the flattened coefficients, shape (2 k,).
+        reach : float
+            How many times the misfit of the curve counts.
+        note : str
+            Remark on the value.
+
+        Returns
+        -------
+        Estimate
+            The sum; from the scatter of the cycles with one degree of freedom less than there are
+            cycles, two less where it depends on the level and a drift was fitted.
+        """
+        c = self.cycles
+        each = self.scatter.reshape(c, -1) @ weights
+        constant = np.tile(self.basis.constant, 2)
+        level = abs(float(weights @ constant)) > _NO_LEVEL * float(np.abs(weights).sum())
+        lost = 2 if level and self.drift_rate is not None else 1
+        parts = [
+            Component(
+                name="repeatability",
+                uncertainty=math.sqrt(float(each @ each) / ((c - lost) * c)),
+                degrees_of_freedom=c - lost,
+            )
+        ]
+        if self.drift_rate is not None:
+            effect = abs(float(self.drift_effect.ravel() @ weights))
+            parts.append(
+                Component(
+                    name="drift",
+                    uncertainty=effect * self.drift_rate.uncertainty,
+                    degrees_of_freedom=self.drift_rate.degrees_of_freedom,
+                )
+            )
+        if self.misfit > 0.0:
+            parts.append(Component(name="shape", uncertainty=reach * self.misfit, kind="B"))
+        return Estimate(
+            value=float(weights @ self.coefficients.ravel()),
+            unit=self.unit,
+            components=tuple(parts),
+            note=note,
+        )
+
+    def each_cycle(self, weights: Array) -> Array:
+        """Return a weighted sum of the coefficients of each cycle, drift removed.
+
+        Parameters
+        ----------
+        weights : numpy.ndarray
+            Weights of the flattened coefficients, shape (2 k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            The sums, shape (c,).
+        """
+        return (self.scatter + self.coefficients).reshape(self.cycles, -1) @ weights
+
+    def slope(self, direction: Direction = "mean") -> Estimate:
+        """Return the slope of the least-squares line through the curve, all positions alike.
+
+        Parameters
+        ----------
+        direction : {"forward", "backward", "mean"}
+            Which run.
+
+        Returns
+        -------
+        Estimate
+            The slope, in the unit of the reading over that of the position.
+        """
+        x = self.grid()
+        w = position_weights(x)
+        centred = x - w @ x
+        found = self.functional(w * centred / (w @ centred**2), x, direction)
+        unit = f"{self.unit}/{self.position_unit}"
+        return found.times(1.0, "1" if self.unit == self.position_unit else unit)
+
+    def range(
+        self,
+        direction: Direction | Literal["both"] = "mean",
+        *,
+        line: "Line" = "none",
+        seed: int = 0,
+    ) -> Estimate:
+        """Return the largest less the smallest value over the stroke.
+
+        Parameters
+        ----------
+        direction : {"forward", "backward", "mean", "both"}
+            Which run; of both, the two curves about the same line.
+        line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
+            Straight line that is taken off before.
+        seed : int
+            Seed of the simulation that finds what noise adds to a range.
+
+        Returns
+        -------
+        Estimate
+            The range, less what noise adds to it.
+        """
+        from flexstage.experiment.motion.curve_extremes import curve_range
+
+        return curve_range(self, direction, line=line, seed=seed)
+
+    def loop_width(self, *, seed: int = 0) -> Estimate:
+        """Return the largest distance of the backward from the forward curve at equal position.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the simulation that finds what noise adds to it.
+
+        Returns
+        -------
+        Estimate
+            The width, less what noise adds to it.
+        """
+        from flexstage.experiment.motion.curve_extremes import curve_loop_width
+
+        return curve_loop_width(self, seed=seed)
+
+    def reversal(self) -> Estimate:
+        """Return the forward less the backward curve, averaged over the stroke.
+
+        Returns
+        -------
+        Estimate
+            The mean reversal value.
+        """
+        x = self.grid()
+        difference = self.rows(x, "forward") - self.rows(x, "backward")
+        return self.of_coefficients(position_weights(x) @ difference)

@@ -1,0 +1,371 @@
+"""Motion of a rigid body from several of its points: translation, pitch, roll and yaw."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.estimate import Component, Estimate
+
+__all__ = ["PARAMETERS", "RigidMotion", "rigid_motion", "travel_frame"]
+
+Array = NDArray[np.float64]
+
+#: The six parameters of a rigid motion, in the order of its covariance.
+PARAMETERS: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw")
+
+#: Share of the extent of points below which they count as lying on a line.
+_ON_A_LINE = 1e-9
+#: Rounds of weighted least squares: each gains the square of the angle.
+_ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidMotion:
+    """Poses of a rigid body, relative to a reference.
+
+    A point at a in the reference goes to ``about + translation + R (a - about)``, with R the matrix
+    of roll about the axis of travel, then pitch about the horizontal across it, then yaw about the
+    vertical: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+
+    Parameters
+    ----------
+    translation : numpy.ndarray
+        Displacement of the point `about`: along, across, vertical [m], shape (..., 3).
+    rotation : numpy.ndarray
+        R [1], shape (..., 3, 3).
+    angles : numpy.ndarray
+        Roll, pitch, yaw [rad], shape (..., 3).
+    about : numpy.ndarray
+        The point that `translation` is of, in the reference [m], shape (3,).
+    covariance : numpy.ndarray
+        Covariance of the translation and of a further small turn about the three axes, in the order
+        of `PARAMETERS` [m^2, m rad, rad^2], shape (..., 6, 6).
+    residuals : numpy.ndarray
+        Measured less fitted points [m], shape (..., k, 3).
+    chi_squared : numpy.ndarray
+        Sum of squares of the residuals, weighted by the covariance of the points [1]; of an
+        estimated variance, their sum over it. Shape (...).
+    degrees_of_freedom : float
+        Of the uncertainty: infinite where the covariance of the points was given.
+    redundancy : int
+        Measured numbers of a pose less six.
+    """
+
+    translation: Array
+    rotation: Array
+    angles: Array
+    about: Array
+    covariance: Array
+    residuals: Array
+    chi_squared: Array
+    degrees_of_freedom: float
+    redundancy: int
+
+    def estimate(
+        self,
+        parameter: Literal["along", "across", "vertical", "roll", "pitch", "yaw"],
+        pose: int | tuple[int, ...] = (),
+    ) -> Estimate:
+        """Return one parameter of one pose with its uncertainty.
+
+        Parameters
+        ----------
+        parameter : str
+            One of `PARAMETERS`.
+        pose : int or tuple of int
+            Number of the pose; nothing where there is one.
+
+        Returns
+        -------
+        Estimate
+            Its value [m or rad].
+
+        Raises
+        ------
+        ModelError
+            There is no such parameter.
+        """
+        if parameter not in PARAMETERS:
+            raise ModelError(f"a pose has {', '.join(PARAMETERS)}, got {parameter!r}")
+        number = PARAMETERS.index(parameter)
+        value = np.concatenate([self.translation, self.angles], axis=-1)[pose][number]
+        variance = self.covariance[pose][number, number]
+        return Estimate(
+            value=float(value),
+            unit="m" if number < 3 else "rad",
+            components=(
+                Component(
+                    name="noise of the points",
+                    uncertainty=float(np.sqrt(max(variance, 0.0))),
+                    degrees_of_freedom=self.degrees_of_freedom,
+                ),
+            ),
+        )
+
+    def point(self, position: ArrayLike) -> tuple[Array, Array]:
+        """Return the displacement of any point of the body, and its covariance.
+
+        Parameters
+        ----------
+        position : array_like
+            Where the point is in the reference [m], shape (3,): the point of interest, off the
+            measured ones by the Abbe offset.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Its displacement [m], shape (..., 3), and the covariance of that [m^2], shape
+            (..., 3, 3).
+        """
+        arm = np.asarray(position, dtype=np.float64) - self.about
+        turned = self.rotation @ arm
+        moved = self.translation + turned - arm
+        by = np.concatenate(
+            [np.broadcast_to(np.eye(3), (*turned.shape[:-1], 3, 3)), -_cross(turned)], axis=-1
+        )
+        return moved, by @ self.covariance @ np.swapaxes(by, -1, -2)
+
+    def rigidity(self) -> Array:
+        """Return the probability of residuals this large or larger if the body is rigid.
+
+        Returns
+        -------
+        numpy.ndarray
+            Upper tail of chi-squared for each pose [1], shape (...).
+
+        Raises
+        ------
+        ModelError
+            The covariance of the points was not given, so that there is nothing to compare with.
+        """
+        from scipy.special import chdtrc
+
+        if np.isfinite(self.degrees_of_freedom):
+            raise ModelError(
+                "whether a body is rigid is told by the noise of its points: give their covariance"
+            )
+        return np.asarray(chdtrc(self.redundancy, self.chi_squared), dtype=np.float64)
+
+
+def travel_frame(travel: ArrayLike, vertical: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
+    """Return the right-handed frame of a motion, whose axes give pitch, roll and yaw their meaning.
+
+    Parameters
+    ----------
+    travel : array_like
+        Direction of travel, any length, shape (3,): the axis of roll.
+    vertical : array_like
+        Direction of the vertical, made square to travel, shape (3,): the axis of yaw.
+
+    Returns
+    -------
+    numpy.ndarray
+        Its axes as rows: along, across (the axis of pitch), vertical [1], shape (3, 3);
+        ``points @ frame.T`` are points in it.
+
+    Raises
+    ------
+    ModelError
+        The two directions are parallel, or one is nothing.
+
+    Examples
+    --------
+    >>> travel_frame((0.0, 2.0, 0.0))[1] + 0.0
+    array([-1.,  0.,  0.])
+    """
+    along, up = np.asarray(travel, dtype=np.float64), np.asarray(vertical, dtype=np.float64)
+    across = np.cross(up, along)
+    sizes = np.linalg.norm(along) * np.linalg.norm(up)
+    if not np.linalg.norm(across) > 1e-9 * sizes:
+        raise ModelError("travel and vertical must be two different directions, not 0 or parallel")
+    along, across = along / np.linalg.norm(along), across / np.linalg.norm(across)
+    return np.stack([along, across, np.cross(along, across)])
+
+
+def rigid_motion(
+    reference: ArrayLike,
+    points: ArrayLike,
+    *,
+    covariance: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    about: ArrayLike | None = None,
+) -> RigidMotion:
+    """Return the rigid motions that carry reference points to measured ones, by least squares.
+
+    With U S V^T the singular values of the weighted covariance of measured and reference points,
+    ``R = U diag(1, 1, det U V^T) V^T`` (Kabsch, 1976, Acta Crystallographica A32; Umeyama, 1991,
+    IEEE Transactions on Pattern Analysis and Machine Intelligence 13, for the sign). Where the
+    covariance of the points is given, Gauss and Newton's rounds from there weight by its inverse,
+    and it is carried on to the six parameters to first order.
+
+    Parameters
+    ----------
+    reference : array_like
+        The points in the reference pose, in a frame whose first axis is along travel and whose
+        third is vertical (`travel_frame`) [m], shape (k, 3), k three or more.
+    points : array_like
+        The same points in each pose [m], shape (..., k, 3).
+    covariance : array_like, optional
+        Covariance of measured less reference points [m^2]: one variance, shape (3, 3), or
+        (k, 3, 3) with its own for each point. Where the reference is as noisy as a pose it is twice
+        that of one. None where it is not known: then it is found from the residuals of all poses
+        together, as the same in every direction.
+    weights : array_like, optional
+        Weight of each point [1], shape (k,), where no covariance is given: inverse variances up to
+        a factor.
+    about : array_like, optional
+        The point whose displacement is the translation [m], shape (3,); the mean of the reference
+        where not given.
+
+    Returns
+    -------
+    RigidMotion
+        The poses.
+
+    Validity
+    --------
+    The body is rigid and the points keep their order. Uncertainty is of first order in noise over
+    distance between the points. Where it is found from residuals, the reference counts as measured
+    once, as noisy as a pose, and shared by all: m poses have 4 m / (m + 3) times 3 k - 6 degrees
+    of freedom, and not m times.
+
+    Raises
+    ------
+    RecordError
+        There are fewer than three points, they lie on a line, or one is not finite.
+    ModelError
+        The covariance or the weights have a wrong shape or are not positive.
+
+    Examples
+    --------
+    >>> spheres = np.array([[0.0, 0.0, 0.0], [80e-3, 5e-3, 0.0], [10e-3, 60e-3, 7e-3]])
+    >>> yaw = 12e-6
+    >>> moved = spheres + [40e-6, 0.0, 0.0] + yaw * np.cross([0.0, 0.0, 1.0], spheres)
+    >>> motion = rigid_motion(spheres, moved, covariance=(0.1e-6) ** 2, about=(0.0, 0.0, 0.0))
+    >>> found = motion.estimate("yaw")
+    >>> print(f"{1e6 * found.value:.2f} urad +- {1e6 * found.expanded:.2f} urad")
+    12.00 urad +- 2.54 urad
+    """
+    a, b = np.asarray(reference, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    if a.ndim != 2 or a.shape[1:] != (3,) or len(a) < 3 or b.shape[-2:] != a.shape:
+        raise RecordError(
+            "a rigid motion needs at least three points in space, the same number in each pose as "
+            f"in the reference, got shapes {a.shape} and {b.shape}"
+        )
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise RecordError("the points of a body must be finite: leave out those that are not known")
+    extent = np.linalg.svd(a - a.mean(0), compute_uv=False)
+    if not extent[1] > _ON_A_LINE * extent[0]:
+        raise RecordError(
+            "the reference points lie on a line, so that the rotation about it stays unknown: add "
+            "a point beside it"
+        )
+    inverse = _inverse(covariance, weights, len(a))
+    share = np.trace(inverse, axis1=-2, axis2=-1) / np.trace(inverse.sum(0))
+    R, t = _kabsch(a, b, share)
+    if covariance is not None:
+        R, t = _weighted(a, b, inverse, R, t)
+    residuals = b - t[..., None, :] - a @ np.swapaxes(R, -1, -2)
+    chi = np.einsum("...ki,kij,...kj->...", residuals, inverse, residuals)
+    centre = a.mean(0) if about is None else np.asarray(about, dtype=np.float64)
+    normal, _ = _normal(a - centre, inverse, R, residuals)
+    # lengths and angles differ by the size of the body: without its unit the matrix is even
+    size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    scale = size[..., :, None] * size[..., None, :]
+    spread = np.linalg.inv(normal / scale) / scale
+    redundancy, freedom = 3 * len(a) - 6, np.inf
+    if covariance is None:
+        poses = chi.size
+        variance = float(chi.sum()) / (redundancy * poses)
+        freedom = redundancy * 4.0 * poses / (poses + 3.0)
+        spread, chi = spread * variance, chi / (variance or 1.0)
+    return RigidMotion(
+        translation=t + R @ centre - centre,
+        rotation=R,
+        angles=_angles(R),
+        about=centre,
+        covariance=spread,
+        residuals=residuals,
+        chi_squared=chi,
+        degrees_of_freedom=freedom,
+        redundancy=redundancy,
+    )
+
+
+def _inverse(covariance: ArrayLike | None, weights: ArrayLike | None, k: int) -> Array:
+    """Return the weight of each point as a matrix, shape (k, 3, 3)."""
+    if covariance is None:
+        w = np.ones(k) if weights is None else np.asarray(weights, dtype=np.float64)
+        if w.shape != (k,) or not np.all((w > 0.0) & np.isfinite(w)):
+            raise ModelError(f"{k} points need as many positive weights, got {w.shape}")
+        return (w / w.mean())[:, None, None] * np.eye(3)
+    if weights is not None:
+        raise ModelError("the covariance of the points weights them: give no weights besides it")
+    c = np.asarray(covariance, dtype=np.float64)
+    if c.shape not in {(), (3, 3), (k, 3, 3)}:
+        raise ModelError(
+            f"the covariance of {k} points has shape (), (3, 3) or ({k}, 3, 3), got {c.shape}"
+        )
+    full = np.broadcast_to(c * np.eye(3) if c.ndim == 0 else c, (k, 3, 3))
+    symmetric = np.allclose(full, np.swapaxes(full, -1, -2), rtol=1e-9, atol=0.0)
+    if not symmetric or not np.all(np.linalg.eigvalsh(full) > 0.0):
+        raise ModelError("the covariance of a point must be symmetric and positive definite")
+    return np.asarray(np.linalg.inv(full), dtype=np.float64)
+
+
+def _kabsch(a: Array, b: Array, share: Array) -> tuple[Array, Array]:
+    mean_a, mean_b = share @ a, np.einsum("k,...ki->...i", share, b)
+    H = np.einsum("k,...ki,kj->...ij", share, b - mean_b[..., None, :], a - mean_a)
+    U, _, Vt = np.linalg.svd(H)
+    U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]
+    R = U @ Vt
+    return R, mean_b - R @ mean_a
+
+
+def _normal(a: Array, inverse: Array, R: Array, residuals: Array) -> tuple[Array, Array]:
+    """Normal matrix and gradient for a small further translation and turn."""
+    arm = a @ np.swapaxes(R, -1, -2)
+    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -_cross(arm)], axis=-1)
+    weighted = inverse @ J
+    normal = np.einsum("...kia,...kib->...ab", J, weighted)
+    return normal, np.einsum("...kia,...ki->...a", weighted, residuals)
+
+
+def _weighted(a: Array, b: Array, inverse: Array, R: Array, t: Array) -> tuple[Array, Array]:
+    centre = a.mean(0)
+    at = t + R @ centre
+    for _ in range(_ROUNDS):
+        residuals = b - at[..., None, :] - (a - centre) @ np.swapaxes(R, -1, -2)
+        normal, gradient = _normal(a - centre, inverse, R, residuals)
+        size = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+        scaled = normal / (size[..., :, None] * size[..., None, :])
+        step = np.linalg.solve(scaled, (gradient / size)[..., None])[..., 0] / size
+        at = at + step[..., :3]
+        R = _turn(step[..., 3:]) @ R
+        if np.abs(step[..., 3:]).max() < 1e-15:
+            break
+    return R, at - R @ centre
+
+
+def _cross(v: Array) -> Array:
+    """Matrix of the cross product: ``_cross(v) @ u`` is v x u."""
+    z = np.zeros(v.shape[:-1])
+    x, y, w = v[..., 0], v[..., 1], v[..., 2]
+    return np.stack([z, -w, y, w, z, -x, -y, x, z], axis=-1).reshape((*v.shape, 3))
+
+
+def _turn(v: Array) -> Array:
+    """Rotation by a vector (Rodrigues, 1840)."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    K = _cross(v)
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * K @ K
+
+
+def _angles(R: Array) -> Array:
+    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
+    pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
+    yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)

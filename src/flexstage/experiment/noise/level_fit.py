@@ -1,0 +1,181 @@
+"""Means of the levels of a staircase and the drift that they share, with their covariance."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.estimate import Component, Estimate
+
+__all__ = ["PARTS", "LevelFit", "fit_levels", "settled"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+#: Parts of a level whose means tell how certain its mean is.
+PARTS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LevelFit:
+    """Means of levels and one drift for all.
+
+    Parameters
+    ----------
+    means : numpy.ndarray
+        Means of the levels as if all were at the middle of the record, shape (k,).
+    slope : float
+        Drift in a sample.
+    rest : numpy.ndarray
+        Means of the parts of each level less the fit, shape (k, parts).
+    covariance : numpy.ndarray
+        Covariance of the means and the slope, shape (k + 1, k + 1).
+    degrees_of_freedom : float
+        Of that.
+    """
+
+    means: Array
+    slope: float
+    rest: Array
+    covariance: Array
+    degrees_of_freedom: float
+
+    def combination(self, weights: Array, unit: str) -> Estimate:
+        """Return the sum of the steps times weights.
+
+        Parameters
+        ----------
+        weights : numpy.ndarray
+            Weight of each step, shape (k - 1,).
+        unit : str
+            Unit of the readings.
+
+        Returns
+        -------
+        Estimate
+            The sum.
+        """
+        by = np.concatenate([np.diff(-weights, prepend=0.0, append=0.0), [0.0]])
+        value = float(by[:-1] @ self.means)
+        return Estimate(value=value, unit=unit, components=(self._noise(by),))
+
+    def drift(self, rate: float, unit: str) -> Estimate:
+        """Return the drift within the levels.
+
+        Parameters
+        ----------
+        rate : float
+            Samples in a second [Hz].
+        unit : str
+            Unit of the readings.
+
+        Returns
+        -------
+        Estimate
+            The drift, in that unit in a second.
+        """
+        by = np.concatenate([np.zeros(self.means.size), [rate]])
+        return Estimate(value=rate * self.slope, unit=f"{unit}/s", components=(self._noise(by),))
+
+    def _noise(self, by: Array) -> Component:
+        return Component(
+            name="noise",
+            uncertainty=math.sqrt(max(float(by @ self.covariance @ by), 0.0)),
+            degrees_of_freedom=self.degrees_of_freedom,
+        )
+
+
+def settled(bounds: ArrayLike, n: int, settling: float) -> Numbers:
+    """Return the first and after last sample of each level without its start.
+
+    Parameters
+    ----------
+    bounds : array_like
+        First sample of each level and the sample after the last, shape (k + 1,).
+    n : int
+        Number of samples.
+    settling : float
+        Share of each level that is left out at its start.
+
+    Returns
+    -------
+    numpy.ndarray
+        The stretches, shape (k, 2).
+
+    Raises
+    ------
+    RecordError
+        The bounds do not rise or do not fit, or a level is too short.
+    ModelError
+        The share is not from 0 to below 1.
+    """
+    edges = np.asarray(bounds, dtype=np.intp)
+    if not 0.0 <= settling < 1.0:
+        raise ModelError(f"the share left out for settling is 0 to below 1, got {settling!r}")
+    if edges.ndim != 1 or edges.size < 3 or np.any(np.diff(edges) < 1) or edges[0] < 0:
+        raise RecordError("a staircase has two levels or more whose bounds rise from 0")
+    if edges[-1] > n:
+        raise RecordError(f"the levels end at sample {edges[-1]} of {n}: their bounds are others'")
+    starts = edges[:-1] + np.ceil(settling * np.diff(edges)).astype(np.intp)
+    spans = np.stack([starts, edges[1:]], axis=1)
+    shortest = int(np.diff(spans, axis=1).min())
+    if shortest < PARTS:
+        raise RecordError(
+            f"the shortest level has {shortest} samples after settling, {PARTS} are needed: hold "
+            "it for longer, or leave out less"
+        )
+    return spans
+
+
+def fit_levels(y: Array, spans: Numbers) -> LevelFit:
+    """Fit means of levels and one drift, to means of parts of the levels.
+
+    Parameters
+    ----------
+    y : numpy.ndarray
+        The readings, shape (n,).
+    spans : numpy.ndarray
+        First and after last sample of each level, shape (k, 2).
+
+    Returns
+    -------
+    LevelFit
+        Means and drift with their covariance, from what the parts differ from the fit by.
+    """
+    k = len(spans)
+    z, t = np.empty((k, PARTS)), np.empty((k, PARTS))
+    for i, (a, b) in enumerate(spans.tolist()):
+        length = (b - a) // PARTS
+        start = b - PARTS * length
+        z[i] = y[start:b].reshape(PARTS, length).mean(axis=1)
+        t[i] = start + length * np.arange(PARTS) + 0.5 * (length - 1)
+    # longer levels have the surer parts
+    weight = np.diff(spans, axis=1) / np.diff(spans, axis=1).mean()
+    middle = float(t.mean())
+    inner = t - t.mean(axis=1, keepdims=True)
+    spread = float(np.sum(weight * inner**2))
+    slope = float(np.sum(weight * inner * z)) / spread
+    level_z, level_t = z.mean(axis=1), t.mean(axis=1) - middle
+    rest = z - level_z[:, None] - slope * inner
+    freedom = k * (PARTS - 1) - 1
+    variance = float(np.sum(weight * rest**2)) / freedom
+    # what neighbouring parts share makes a mean of them less certain; a mean that is taken off
+    # makes them look opposed by 1 / parts
+    shared = float(np.sum(weight * rest[:, 1:] * rest[:, :-1])) / (k * (PARTS - 1))
+    linked = shared / variance + 1.0 / PARTS if variance > 0.0 else 0.0
+    if linked > 1.0 / math.sqrt(k * (PARTS - 1)):
+        variance *= 1.0 + 2.0 * min(linked, 0.5)
+    # levels at the middle of the record: mean less slope times its distance from there
+    covariance = np.zeros((k + 1, k + 1))
+    covariance[:k, :k] = np.diag(variance / (PARTS * weight[:, 0]))
+    lever = np.append(-level_t, 1.0)
+    covariance += np.outer(lever, lever) * variance / spread
+    return LevelFit(
+        means=level_z - slope * level_t,
+        slope=slope,
+        rest=rest,
+        covariance=covariance,
+        degrees_of_freedom=float(freedom),
+    )

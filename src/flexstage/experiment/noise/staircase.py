@@ -1,0 +1,259 @@
+"""Staircase test: the steps that were made, and the smallest that is told from none."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+from flexstage.estimate import Estimate
+from flexstage.experiment.noise.level_fit import PARTS, LevelFit, fit_levels, settled
+from flexstage.experiment.noise.resolution import resolution
+
+__all__ = ["Staircase", "Step", "staircase"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+#: How often a settling that is left exceeds its standard error before it is spoken of.
+_SETTLING = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One step of a staircase.
+
+    Parameters
+    ----------
+    size : Estimate
+        The step that was made.
+    commanded : float
+        The step that was asked for, in the unit of the command; nan where there is no command.
+    told : {"yes", "no", "undecided"}
+        Whether it is larger than the resolution; undecided within the interval of that.
+    probability : float
+        Chance that a step of this size is told from none [1].
+    """
+
+    size: Estimate
+    commanded: float
+    told: str
+    probability: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Staircase:
+    """What a staircase test shows.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        The steps in order.
+    sizes : tuple of Estimate
+        Mean magnitude of the steps of each size that was asked for, the largest first; the note
+        tells how many were told.
+    resolution : Estimate
+        Step that is told from none with `probability`, by averages of `samples` samples.
+    smallest_told : Estimate or None
+        The smallest of `sizes` of which all steps are told.
+    probability : float
+        The stated confidence [1].
+    samples : int
+        Samples that are averaged on each level.
+    bandwidth_hz : float
+        Noise bandwidth of that average [Hz].
+    levels : numpy.ndarray
+        Means of the levels without drift, shape (k,).
+    bounds : numpy.ndarray
+        First and after last sample of each level that its mean is of, shape (k, 2).
+    drift : Estimate
+        Drift within the levels, their unit in a second.
+    notes : tuple of str
+        What a reader should know.
+    """
+
+    steps: tuple[Step, ...]
+    sizes: tuple[Estimate, ...]
+    resolution: Estimate
+    smallest_told: Estimate | None
+    probability: float
+    samples: int
+    bandwidth_hz: float
+    levels: Array
+    bounds: Numbers
+    drift: Estimate
+    notes: tuple[str, ...] = ()
+
+
+def staircase(
+    values: ArrayLike,
+    sample_rate_hz: float,
+    bounds: ArrayLike,
+    *,
+    command: ArrayLike | None = None,
+    samples: int | None = None,
+    probability: float = 0.95,
+    settling: float = 0.3,
+    unit: str = "m",
+) -> Staircase:
+    """Return the steps of a staircase, and which of them are told from none.
+
+    What is left of each level after settling is fitted by its mean and one drift for all. The
+    uncertainty of a mean is that of means of six parts of each level about the fit, so that
+    neighbouring samples may hang together; steps are differences of neighbouring levels, with the
+    covariance that they have through the level and the drift that they share.
+
+    Parameters
+    ----------
+    values : array_like
+        Evenly spaced readings, shape (n,).
+    sample_rate_hz : float
+        Readings in a second [Hz].
+    bounds : array_like
+        First sample of each level and the sample after the last, shape (k + 1,), as
+        `levels_of_command` and `levels_of_reading` give them.
+    command : array_like, optional
+        The command at each sample, shape (n,): steps of the same commanded size are one size.
+    samples : int, optional
+        Samples that are averaged to tell a step; half of the shortest level where not given.
+    probability : float
+        Confidence at which a step is to be told from none [1].
+    settling : float
+        Share of each level that is left out at its start, from 0 to below 1.
+    unit : str
+        Unit of the readings.
+
+    Returns
+    -------
+    Staircase
+        Steps, sizes, resolution, verdicts.
+
+    Validity
+    --------
+    The drift is steady, noise shorter than an eighth of a level, and Gaussian. Creep that goes on
+    after `settling` makes steps small, and where all steps have one sign it passes for drift: step
+    up and down. The notes say where the levels lean or bend with the steps.
+
+    Raises
+    ------
+    RecordError
+        The readings are not finite, the bounds do not fit them, or a level is too short.
+    ModelError
+        The settling share, the probability or the number of samples is not possible.
+
+    Examples
+    --------
+    >>> command = np.repeat(np.arange(8) * 10e-9, 400)
+    >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(command.size)
+    >>> found = staircase(command + noise, 1000.0, np.arange(9) * 400, command=command)
+    >>> print(f"{1e9 * found.sizes[0].value:.2f} nm; resolution {1e9 * found.resolution.value:.2f}")
+    10.00 nm; resolution 0.96
+    >>> found.steps[0].told, found.samples
+    ('yes', 140)
+    """
+    from scipy.special import ndtr, ndtri
+
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or not np.isfinite(y).all():
+        raise RecordError(f"the readings must be one finite number for each time, got {y.shape}")
+    spans = settled(bounds, y.size, settling)
+    fit = fit_levels(y, spans)
+    shortest = int(np.diff(spans, axis=1).min())
+    averaged = shortest // 2 if samples is None else samples
+    told = resolution(
+        y, sample_rate_hz, samples=averaged, probability=probability, bounds=spans, unit=unit
+    )
+    made = np.diff(fit.means)
+    asked = _asked(command, spans, y.size)
+    halves = ndtri(probability) / told.value
+    steps = tuple(
+        Step(
+            size=fit.combination(_unit(i, made.size), unit),
+            commanded=float(asked[i]),
+            told=_verdict(abs(made[i]), told),
+            probability=float(ndtr(abs(made[i]) * halves)),
+        )
+        for i in range(made.size)
+    )
+    sizes, verdicts = _sizes(fit, made, asked, steps, unit)
+    smallest = [size for size, every in zip(sizes, verdicts, strict=True) if every]
+    return Staircase(
+        steps=steps,
+        sizes=sizes,
+        resolution=told,
+        smallest_told=min(smallest, key=lambda s: s.value) if smallest else None,
+        probability=probability,
+        samples=averaged,
+        bandwidth_hz=0.5 * sample_rate_hz / averaged,
+        levels=fit.means,
+        bounds=spans,
+        drift=fit.drift(sample_rate_hz, unit),
+        notes=_settling_note(fit, made),
+    )
+
+
+def _asked(command: ArrayLike | None, spans: Numbers, n: int) -> Array:
+    if command is None:
+        return np.full(len(spans) - 1, np.nan)
+    u = np.asarray(command, dtype=np.float64)
+    if u.shape != (n,) or not np.isfinite(u).all():
+        raise RecordError(f"the command must be finite, one for each of {n} samples, got {u.shape}")
+    return np.diff([float(np.median(u[a:b])) for a, b in spans.tolist()])
+
+
+def _unit(i: int, n: int) -> Array:
+    return np.eye(n)[i]
+
+
+def _verdict(size: float, told: Estimate) -> str:
+    low, high = told.interval()
+    return "yes" if size >= high else "no" if size < low else "undecided"
+
+
+def _sizes(
+    fit: LevelFit, made: Array, asked: Array, steps: tuple[Step, ...], unit: str
+) -> tuple[tuple[Estimate, ...], list[bool]]:
+    """Mean magnitude of the steps that were asked to be the same, and whether all are told."""
+    from dataclasses import replace
+
+    known = np.isfinite(asked).all()
+    magnitude = np.abs(asked) if known else np.zeros(made.size)
+    order = np.argsort(-magnitude)
+    # sizes that differ by less than a hundredth of the larger are the same
+    new = np.concatenate(([True], np.diff(magnitude[order]) < -0.01 * magnitude[order][:-1]))
+    group = np.empty(made.size, dtype=np.intp)
+    group[order] = np.cumsum(new) - 1
+    estimates, every = [], []
+    for g in range(int(group.max()) + 1):
+        inside = group == g
+        sign = np.sign(asked) if known else np.sign(made)
+        weights = np.where(inside, sign, 0.0) / inside.sum()
+        verdicts = [steps[i].told for i in np.flatnonzero(inside)]
+        mean = fit.combination(weights, unit)
+        note = f"{verdicts.count('yes')} of {len(verdicts)} steps told from none"
+        estimates.append(replace(mean, note=note))
+        every.append(verdicts.count("yes") == len(verdicts))
+    return tuple(estimates), every
+
+
+def _settling_note(fit: LevelFit, made: Array) -> tuple[str, ...]:
+    """Say whether what the levels do in themselves goes with the step before them."""
+    if made.size < 4:
+        return ()
+    rest, half, third = fit.rest[1:], PARTS // 2, PARTS // 3
+    change = rest[:, half:].mean(axis=1) - rest[:, :half].mean(axis=1)
+    # steps of one sign lean all levels alike, which passes for drift: their bend does not
+    bend = 2.0 * rest[:, third:-third].mean(axis=1)
+    bend -= rest[:, :third].mean(axis=1) + rest[:, -third:].mean(axis=1)
+    for leaned in (bend, change):
+        share = float(leaned @ made / (made @ made))
+        left = leaned - share * made
+        error = math.sqrt(float(left @ left) / (made.size - 1) / float(made @ made))
+        if abs(share) > _SETTLING * error:
+            how = "creeps on after" if share > 0.0 else "comes back from an overshoot after"
+            return (
+                f"the reading still {how} a step within what is averaged: leave out more, or wait "
+                "for longer",
+            )
+    return ()

@@ -1,0 +1,227 @@
+"""Figures of a stage that is held, and of a staircase of small steps."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.experiment.noise import AllanDeviation, HoldNoise, Staircase
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_hold", "draw_staircase"]
+
+#: Points of a trace that are drawn at most; more are drawn as the band between their extremes.
+_POINTS = 4000
+_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
+
+
+def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Figure":
+    """Draw a reading while the stage is held, its spectral density, and its Allan deviation.
+
+    Parameters
+    ----------
+    values : array_like
+        The readings, shape (n,).
+    noise : HoldNoise
+        What `hold_noise` finds in them.
+    allan : AllanDeviation
+        What `allan_deviation` finds in them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Time trace with its drift, density with its 95 % interval and mains lines, Allan deviation
+        with its interval.
+
+    Raises
+    ------
+    ModelError
+        There are fewer than two readings.
+    """
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or y.size < 2:
+        raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
+    figure = new_figure(10.2, 3.1)
+    trace, density, deviation = figure.subplots(1, 3, width_ratios=(1.15, 1.0, 1.0))
+    _trace(trace, y, noise)
+    _density(density, noise)
+    _deviation(deviation, allan)
+    for axes in (trace, density, deviation):
+        _small(axes)
+    return figure
+
+
+def draw_staircase(
+    values: ArrayLike, sample_rate_hz: float, found: Staircase, *, unit: str = "m"
+) -> "Figure":
+    """Draw a staircase with its levels, and its steps against the resolution.
+
+    Parameters
+    ----------
+    values : array_like
+        The readings, shape (n,).
+    sample_rate_hz : float
+        Readings in a second [Hz].
+    found : Staircase
+        What `staircase` finds in them.
+    unit : str
+        Unit of the readings.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The readings with the parts that the levels are the means of, and each step with its 95 %
+        interval beside the step that is told from none.
+
+    Raises
+    ------
+    ModelError
+        There are fewer than two readings.
+    """
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or y.size < 2:
+        raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
+    figure = new_figure(10.2, 3.3)
+    trace, steps = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    start = float(y[0])
+    factor, label = _scale(float(np.ptp(y)), unit)
+    _line(trace, np.arange(y.size) / sample_rate_hz, factor * (y - start))
+    for level, (a, b) in zip(found.levels, found.bounds.tolist(), strict=True):
+        middle = 0.5 * (found.bounds.min() + found.bounds.max())
+        at = np.array([a, b])
+        drift = found.drift.value * (at - middle) / sample_rate_hz
+        trace.plot(at / sample_rate_hz, factor * (level + drift - start), color=CYCLE[1], lw=2.0)
+    trace.set(xlabel="time [s]", ylabel=f"reading [{label}]", xlim=(0.0, y.size / sample_rate_hz))
+    entitle(trace, "Readings, and what is averaged of each level")
+    _steps(steps, found, unit)
+    for axes in (trace, steps):
+        dress(axes)
+        _small(axes)
+    return figure
+
+
+def _scale(largest: float, unit: str) -> tuple[float, str]:
+    if unit not in {"m", "rad", "V", "N"}:
+        return 1.0, unit or "1"
+    for factor, prefix in _PREFIXES:
+        if largest * factor >= 1.0:
+            return factor, f"{prefix}{unit}"
+    factor, prefix = _PREFIXES[-1]
+    return factor, f"{prefix}{unit}"
+
+
+def _small(axes: "Axes") -> None:
+    axes.xaxis.label.set_fontsize(8.5)
+    axes.yaxis.label.set_fontsize(8.5)
+
+
+def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
+    if y.size <= _POINTS:
+        axes.plot(t, y, color=CYCLE[0], linewidth=0.7)
+        return
+    # every sample counts in the band of its column, none is skipped
+    starts = np.linspace(0, y.size, _POINTS // 4, endpoint=False).astype(np.intp)
+    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
+    axes.fill_between(t[starts], low, high, color=CYCLE[0], linewidth=0.5)
+
+
+def _trace(axes: "Axes", y: np.ndarray, noise: HoldNoise) -> None:
+    dress(axes)
+    rest = y - y.mean()
+    factor, label = _scale(float(np.ptp(rest)), noise.unit)
+    t = np.arange(y.size) / noise.sample_rate_hz
+    _line(axes, t, factor * rest)
+    slope = noise.drift.value * (t[[0, -1]] - t.mean())
+    axes.plot(t[[0, -1]], factor * slope, color=CYCLE[1], linewidth=1.6, label="drift")
+    axes.set(xlabel="time [s]", ylabel=f"reading less its mean [{label}]", xlim=(0.0, t[-1]))
+    entitle(
+        axes,
+        f"rms {factor * noise.rms.value:.3g} {label}, peak to peak "
+        f"{factor * noise.peak_to_peak.value:.3g} {label}",
+        8.5,
+    )
+    # above the highest reading, where no trace runs
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.12 * (high - low))
+    drift_factor, drift_label = _scale(abs(noise.drift.value), noise.unit)
+    axes.text(
+        0.02, 0.985, f"drift {drift_factor * noise.drift.value:.3g} ± "
+        f"{drift_factor * noise.drift.expanded:.2g} {drift_label}/s",
+        transform=axes.transAxes, va="top", fontsize=8, color=CYCLE[1], parse_math=False,
+    )  # fmt: skip
+
+
+def _density(axes: "Axes", noise: HoldNoise) -> None:
+    dress(axes)
+    spectrum = noise.spectrum
+    inner = slice(1, -1)
+    f, density = spectrum.frequency_hz[inner], np.sqrt(spectrum.density[inner])
+    factor, label = _scale(float(density.max()), noise.unit)
+    low, high = np.sqrt(spectrum.low[inner]), np.sqrt(spectrum.high[inner])
+    axes.fill_between(f, factor * low, factor * high, color=CYCLE[0], alpha=0.25, linewidth=0)
+    axes.loglog(f, factor * density, color=CYCLE[0], linewidth=1.0)
+    for line in noise.mains:
+        axes.axvline(line.frequency_hz, color=CYCLE[1], linewidth=0.8, linestyle=":", zorder=0)
+    axes.set(xlabel="frequency [Hz]", ylabel=f"density [{label}/√Hz]", xlim=(f[0], f[-1]))
+    title, lines = "Spectral density", len(noise.mains)
+    if lines:
+        title += f"; {lines} line{'s' if lines > 1 else ''} of {noise.mains[0].mains_hz} Hz mains"
+    entitle(axes, title, 8.5)
+
+
+def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
+    dress(axes)
+    factor, label = _scale(float(allan.deviation.max()), allan.unit)
+    tau, value = allan.tau, factor * allan.deviation
+    high = np.where(np.isfinite(allan.high), allan.high, allan.deviation)
+    axes.fill_between(
+        tau, factor * allan.low, factor * high, color=CYCLE[0], alpha=0.25, linewidth=0
+    )
+    axes.loglog(tau, value, color=CYCLE[0], marker="o", markersize=2.5, linewidth=1.0)
+    white = value[0] * np.sqrt(tau[0] / tau)
+    axes.loglog(tau, white, color=MUTED, linewidth=0.8, linestyle="--")
+    middle = tau.size // 2
+    axes.annotate(
+        "white noise", (tau[middle], white[middle]), (-4, -4), textcoords="offset points",
+        ha="right", va="top", fontsize=7.5, color=MUTED,
+    )  # fmt: skip
+    axes.set(xlabel="averaging time [s]", ylabel=f"Allan deviation [{label}]")
+    best = int(np.argmin(value))
+    entitle(axes, f"Least {value[best]:.3g} {label} at {tau[best]:.3g} s", 8.5)
+
+
+def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
+    size = np.abs([step.size.value for step in found.steps])
+    half = np.array([step.size.expanded for step in found.steps])
+    low, high = found.resolution.interval()
+    factor, label = _scale(float(size.max()), unit)
+    axes.axhspan(factor * low, factor * high, color=CYCLE[1], alpha=0.22, linewidth=0)
+    axes.axhline(factor * found.resolution.value, color=CYCLE[1], linewidth=1.2)
+    at = np.arange(1, size.size + 1)
+    looks = {"yes": (CYCLE[2], "o"), "undecided": (CYCLE[4], "D"), "no": (CYCLE[3], "x")}
+    for verdict, (colour, marker) in looks.items():
+        here = np.array([step.told == verdict for step in found.steps])
+        if here.any():
+            axes.errorbar(
+                at[here], factor * size[here], factor * half[here], color=colour, linestyle="none",
+                marker=marker, markersize=4, linewidth=1.0, capsize=2, label=f"told: {verdict}",
+            )  # fmt: skip
+    axes.set(xlabel="step", ylabel=f"size of the step [{label}]")
+    if size.max() > 5.0 * max(float(size.min()), 1e-3 * size.max()):
+        axes.set_yscale("log")
+        least = 0.4 * min(low, max(float(size.min()), 0.01 * size.max()))
+        axes.set_ylim(factor * least, 2.2 * factor * float((size + half).max()))
+    else:
+        axes.set_ylim(0.0, 1.22 * factor * max(float((size + half).max()), high))
+    axes.legend(fontsize=7.5, frameon=False, labelcolor=INK, ncols=3, loc="upper right")
+    entitle(
+        axes,
+        f"Resolution {factor * found.resolution.value:.3g} {label} at "
+        f"{100 * found.probability:g} %, {found.bandwidth_hz:.3g} Hz bandwidth",
+        8.5,
+    )
