@@ -1,0 +1,255 @@
+"""Averaged spectra of records of random, or of a single long, excitation."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.experiment.spectra.checks import Extremes, Signals, require_sound
+from flexstage.experiment.spectra.sums import Spectra, SumOfSpectra, add_segments
+from flexstage.experiment.spectra.windows import effective_averages, line_frequencies, window_values
+from flexstage.records import require_complete
+
+__all__ = ["CutSpectra", "finished", "hop_of", "segment_length", "welch_spectra", "whole_spectra"]
+
+Array = NDArray[np.float64]
+
+# segments, half overlapping, that a record is cut into where nothing is asked: twice this, less one
+_SEGMENTS = 16
+# and the longest of them, beyond which lines become many and the average no better
+_LONGEST = 32_768
+_SHORTEST = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CutSpectra:
+    """Averages over parts of records, and what was left out of them.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        The averages.
+    segment : int
+        Samples of a part.
+    left_out : tuple of str
+        Which parts were left out, and why.
+    added_damping_rate : float
+        Rate by which an exponential window makes every motion decay faster [1/s].
+    """
+
+    spectra: Spectra
+    segment: int
+    left_out: tuple[str, ...] = ()
+    added_damping_rate: float = 0.0
+
+
+def segment_length(
+    sizes: tuple[int, ...], sample_rate_hz: float, segment: int | None, resolution_hz: float | None
+) -> int:
+    """Return the samples of a segment.
+
+    Parameters
+    ----------
+    sizes : tuple of int
+        Samples of each record.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    segment : int, optional
+        The samples that are asked for.
+    resolution_hz : float, optional
+        Or the distance of lines that is asked for [Hz].
+
+    Returns
+    -------
+    int
+        They; a power of two, up to 32768, that leaves some 31 half overlapping segments, where
+        nothing is asked.
+
+    Raises
+    ------
+    ModelError
+        Both are asked, or one that is not possible.
+    RecordError
+        A record is shorter than a segment.
+    """
+    if segment is not None and resolution_hz is not None:
+        raise ModelError("ask for the samples of a segment or for the resolution, not for both")
+    if resolution_hz is not None:
+        if not 0.0 < resolution_hz < math.inf:
+            raise ModelError(f"a resolution is positive, got {resolution_hz!r} Hz")
+        length = round(sample_rate_hz / resolution_hz)
+    elif segment is not None:
+        length = segment
+    else:
+        most = min(sum(sizes) // _SEGMENTS, *sizes)
+        length = min(2 ** int(math.log2(max(most, 1))), _LONGEST)
+        if length < _SHORTEST:
+            raise RecordError(
+                f"a record of {min(sizes)} samples is too short for a frequency response by "
+                f"averaging: give {_SEGMENTS * _SHORTEST} samples or more"
+            )
+    if length < _SHORTEST:
+        raise ModelError(
+            f"a segment has {_SHORTEST} samples or more, got {length}: at {sample_rate_hz:g} Hz "
+            f"the resolution is {sample_rate_hz / _SHORTEST:g} Hz at the coarsest"
+        )
+    if length > min(sizes):
+        raise RecordError(
+            f"a segment of {length} samples is longer than the record of {min(sizes)}: take a "
+            "coarser resolution, or record longer"
+        )
+    return length
+
+
+def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
+    """Return the samples from one segment to the next.
+
+    Parameters
+    ----------
+    length : int
+        Samples of a segment.
+    window : str or numpy.ndarray
+        The window.
+    overlap : float, optional
+        Share of a segment that the next one has too [1]; one half where not given, none without a
+        window.
+
+    Returns
+    -------
+    int
+        The samples.
+
+    Raises
+    ------
+    ModelError
+        The overlap is negative, or leaves no step.
+    """
+    if overlap is None:
+        overlap = 0.0 if isinstance(window, str) and window == "boxcar" else 0.5
+    if not 0.0 <= overlap < 1.0:
+        raise ModelError(f"an overlap is a share from 0 to less than 1, got {overlap!r}")
+    return max(length - int(overlap * length), 1)
+
+
+def finished(
+    sums: SumOfSpectra, frequency_hz: Array, scale: float, averages: float, signals: Signals
+) -> Spectra:
+    """Return single-sided densities from sums.
+
+    Parameters
+    ----------
+    sums : SumOfSpectra
+        The sums.
+    frequency_hz : numpy.ndarray
+        Frequencies [Hz], shape (k,).
+    scale : float
+        Factor from a mean square to a density [s].
+    averages : float
+        Number of independent averages.
+    signals : Signals
+        The channels, to name one that is not finite.
+
+    Returns
+    -------
+    Spectra
+        The densities.
+
+    Raises
+    ------
+    RecordError
+        A sample is not finite.
+    """
+    if not np.isfinite(sums.power).all():
+        for row in signals.channels:
+            for values, name in zip(row, signals.names, strict=True):
+                require_complete(values, name)
+        raise RecordError("the samples are so large that their squares overflow: use SI units")
+    factor = scale / sums.segments
+    xx, yx, yy = sums.matrices()
+    return Spectra(
+        frequency_hz=frequency_hz,
+        input_power=factor * xx,
+        cross=factor * yx,
+        output_power=factor * yy,
+        segments=sums.segments,
+        averages=averages,
+    )
+
+
+def welch_spectra(
+    signals: Signals, length: int, window: str | Array, hop: int, *, allow_clipped: bool = False
+) -> Spectra:
+    """Return averages over overlapping windowed segments, less their means.
+
+    Welch, 1967, IEEE Transactions on Audio and Electroacoustics 15.
+
+    Parameters
+    ----------
+    signals : Signals
+        The channels.
+    length : int
+        Samples of a segment.
+    window : str or numpy.ndarray
+        The window.
+    hop : int
+        Samples from one segment to the next.
+    allow_clipped : bool
+        Whether a channel may rest at its ends.
+
+    Returns
+    -------
+    Spectra
+        The averages.
+
+    Raises
+    ------
+    RecordError
+        A channel is dead, cut off, or not finite.
+    """
+    w = window_values(window, length)
+    fs = signals.sample_rate_hz
+    counts = [(n - length) // hop + 1 for n in signals.sizes]
+    sums = SumOfSpectra(length // 2 + 1, signals.inputs, signals.outputs, sum(counts) * length)
+    extremes = []
+    for row in signals.channels:
+        ends = [Extremes() for _ in row]
+        add_segments(sums, row, w, hop, extremes=ends)
+        extremes.append(ends)
+    require_sound(signals, extremes, allow_clipped=allow_clipped)
+    averages = sum(effective_averages(w, hop, count) for count in counts)
+    scale = 2.0 / (fs * float(w @ w))
+    return finished(sums, line_frequencies(length, fs), scale, averages, signals)
+
+
+def whole_spectra(signals: Signals) -> Spectra:
+    """Return averages over whole records, as of one sweep each.
+
+    Parameters
+    ----------
+    signals : Signals
+        The channels.
+
+    Returns
+    -------
+    Spectra
+        The averages.
+
+    Raises
+    ------
+    RecordError
+        The records have different lengths.
+    """
+    if len(set(signals.sizes)) > 1:
+        raise RecordError(
+            f"sweeps that are averaged need records of one length, got {signals.sizes} samples"
+        )
+    length = signals.sizes[0]
+    window = np.ones(length)
+    sums = SumOfSpectra(length // 2 + 1, signals.inputs, signals.outputs)
+    for row in signals.channels:
+        add_segments(sums, row, window, length)
+    fs = signals.sample_rate_hz
+    lines = line_frequencies(length, fs)
+    return finished(sums, lines, 2.0 / (fs * length), float(sums.segments), signals)

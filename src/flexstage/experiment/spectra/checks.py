@@ -1,0 +1,277 @@
+"""What records must be for a frequency response: sampled evenly, complete, alive, not cut off."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records import Record, require_complete, require_uniform, saturation
+
+__all__ = ["COMPILED", "Extremes", "Signals", "all_extremes", "gathered", "require_sound"]
+
+Array = NDArray[np.float64]
+
+#: Samples from which on compiled loops are worth the time that the compiler takes to load.
+COMPILED = 4_000_000
+# channels are looked through in pieces of so many samples, which stay in the cache
+_PIECE = 65_536
+# rates of records that are averaged agree to this share
+_SAME_RATE = 1e-6
+# a channel that is cut off rests at its end for so many samples
+_RUN = 3
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Extremes:
+    """The least and the greatest sample of a channel, and where they were met.
+
+    Parameters
+    ----------
+    low, high : float
+        Their values, in the unit of the channel.
+    at_low, at_high : list of tuple of int
+        First and last sample of each piece that holds one of them.
+    """
+
+    low: float = np.inf
+    high: float = -np.inf
+    at_low: list[tuple[int, int]] = field(default_factory=list)
+    at_high: list[tuple[int, int]] = field(default_factory=list)
+
+    def see(self, values: Array, start: int, stop: int) -> None:
+        """Look at a piece of the channel.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            The channel, shape (n,).
+        start, stop : int
+            First sample of the piece, and the one behind its last.
+        """
+        piece = values[start:stop]
+        self.note(float(np.min(piece)), float(np.max(piece)), start, stop)
+
+    def note(self, low: float, high: float, start: int, stop: int) -> None:
+        """Take note of the least and the greatest sample of a piece.
+
+        Parameters
+        ----------
+        low, high : float
+            The samples.
+        start, stop : int
+            First sample of the piece, and the one behind its last.
+        """
+        if not (np.isfinite(low) and np.isfinite(high)):
+            self.low = self.high = np.nan
+        if low <= self.low:
+            self.at_low = [*self.at_low, (start, stop)] if low == self.low else [(start, stop)]
+            self.low = low
+        if high >= self.high:
+            self.at_high = [*self.at_high, (start, stop)] if high == self.high else [(start, stop)]
+            self.high = high
+
+    def rests(self, values: Array) -> bool:
+        """Say whether the channel stays at an end for some samples in a row.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            The channel, shape (n,).
+
+        Returns
+        -------
+        bool
+            Whether it does, so that a closer look is worth its time.
+        """
+        for level, places in ((self.low, self.at_low), (self.high, self.at_high)):
+            for start, stop in places:
+                same = values[max(start - _RUN, 0) : stop + _RUN] == level
+                if same.size >= _RUN and np.any(same[2:] & same[1:-1] & same[:-2]):
+                    return True
+        return False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signals:
+    """Channels of one or several records, inputs before outputs.
+
+    Parameters
+    ----------
+    channels : tuple of tuple of numpy.ndarray
+        Samples by record and channel, each of shape (n of the record,).
+    start : tuple of float
+        Time of the first sample of each record [s].
+    names, units : tuple of str
+        Names and units of the channels.
+    inputs : int
+        How many of them are inputs.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    sources : tuple of str
+        What each record is called in a message.
+    """
+
+    channels: tuple[tuple[Array, ...], ...]
+    start: tuple[float, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    inputs: int
+    sample_rate_hz: float
+    sources: tuple[str, ...]
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.names) - self.inputs
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of samples of each record."""
+        return tuple(c[0].size for c in self.channels)
+
+
+def gathered(
+    records: Sequence[Record], inputs: Sequence[str | int], outputs: Sequence[str | int]
+) -> Signals:
+    """Return the channels of records, having made sure that they belong together.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    inputs, outputs : sequence of str or int
+        The channels, by name or number.
+
+    Returns
+    -------
+    Signals
+        The channels.
+
+    Raises
+    ------
+    RecordError
+        There is no record or channel, one is both input and output, a record is not over even
+        times, or units or rates differ between records.
+    """
+    if not records or not inputs or not outputs:
+        raise RecordError("a frequency response needs a record, an input and an output at least")
+    first = records[0]
+    chosen = [first.channel(c) for c in (*inputs, *outputs)]
+    names, units = tuple(c.name for c in chosen), tuple(c.unit for c in chosen)
+    for i, channel in enumerate(chosen):
+        if any(channel is other for other in chosen[:i]):
+            raise RecordError(
+                f"column '{channel.name}' is named twice: an input or output is one column each"
+            )
+    rows, sources = [], []
+    for number, record in enumerate(records, start=1):
+        source = f"'{record.source}'" if record.source else f"record {number}"
+        _require_even(record, source)
+        if abs(record.sample_rate_hz / first.sample_rate_hz - 1.0) > _SAME_RATE:
+            raise RecordError(
+                f"records that are averaged need one sample rate: {source} has "
+                f"{record.sample_rate_hz:.9g} Hz, the first {first.sample_rate_hz:.9g} Hz; make "
+                "them equal with resampled(record, rate)"
+            )
+        row = [record.channel(c) for c in (*inputs, *outputs)]
+        for channel, name, unit in zip(row, names, units, strict=True):
+            if channel.unit != unit:
+                raise RecordError(
+                    f"'{name}' is in '{unit}' in the first record and '{channel.name}' in "
+                    f"'{channel.unit}' in {source}: records that are averaged need one unit"
+                )
+        rows.append(tuple(c.values for c in row))
+        sources.append(source)
+    return Signals(
+        channels=tuple(rows),
+        start=tuple(float(r.time[0]) for r in records),
+        names=names,
+        units=units,
+        inputs=len(inputs),
+        sample_rate_hz=first.sample_rate_hz,
+        sources=tuple(sources),
+    )
+
+
+def _require_even(record: Record, source: str) -> None:
+    if record.over != "time":
+        raise RecordError(
+            f"{source} is a record over {record.over}, not over time: a frequency response is "
+            "estimated from samples in time; one over frequency is taken by response_from_record"
+        )
+    t = record.time
+    if t.size < COMPILED:
+        steps = np.diff(t)
+        low, high = float(steps.min()), float(steps.max())
+    else:
+        from flexstage.experiment.spectra.kernels import extreme_steps
+
+        low, high = extreme_steps(t)
+    # the criterion of Record.uniform, of which the error then tells more
+    if high - low > 1e-3 / record.sample_rate_hz:
+        require_uniform(record)
+
+
+def require_sound(
+    signals: Signals, extremes: Sequence[Sequence[Extremes]], *, allow_clipped: bool = False
+) -> None:
+    """Refuse channels that are dead, cut off, or hold what is no number.
+
+    Parameters
+    ----------
+    signals : Signals
+        The channels.
+    extremes : sequence of sequence of Extremes
+        Least and greatest samples, by record and channel.
+    allow_clipped : bool
+        Whether a channel may rest at its ends.
+
+    Raises
+    ------
+    RecordError
+        A sample is not finite, a channel never changes, or it is cut off at an end.
+    """
+    for row, ends, source in zip(signals.channels, extremes, signals.sources, strict=True):
+        for values, end, name in zip(row, ends, signals.names, strict=True):
+            if not (np.isfinite(end.low) and np.isfinite(end.high)):
+                require_complete(values, name)
+            if end.low == end.high:
+                raise RecordError(
+                    f"column '{name}' of {source} never changes from {end.low:g}: is its sensor "
+                    "connected, and the column the right one?"
+                )
+            if allow_clipped or not end.rests(values):
+                continue
+            cut = saturation(values)
+            if cut.clipped:
+                at, count = (cut.high, cut.at_high) if cut.clipped_high else (cut.low, cut.at_low)
+                raise RecordError(
+                    f"column '{name}' of {source} is cut off at {at:g}, where {count} of its "
+                    f"{values.size} samples rest: measure again in a wider range, or pass "
+                    "allow_clipped where the signal itself rests there"
+                )
+
+
+def all_extremes(signals: Signals) -> list[list[Extremes]]:
+    """Return the least and greatest samples of all channels.
+
+    Parameters
+    ----------
+    signals : Signals
+        The channels.
+
+    Returns
+    -------
+    list of list of Extremes
+        They, by record and channel.
+    """
+    found = []
+    for row in signals.channels:
+        ends = [Extremes() for _ in row]
+        for end, values in zip(ends, row, strict=True):
+            for start in range(0, values.size, _PIECE):
+                end.see(values, start, min(start + _PIECE, values.size))
+        found.append(ends)
+    return found

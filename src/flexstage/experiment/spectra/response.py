@@ -1,0 +1,113 @@
+"""A measured frequency response: estimates, how far they can be trusted, and what they relate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+
+__all__ = ["MeasuredResponse"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredResponse:
+    """Frequency response functions from measured inputs to measured outputs.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Frequencies, rising [Hz], shape (k,).
+    response : numpy.ndarray
+        Output over input, in their units, shape (k, outputs, inputs).
+    inputs, outputs : tuple of str
+        What they are called.
+    input_units, output_units : tuple of str
+        Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
+        displacement from velocity and acceleration.
+    variance : numpy.ndarray, optional
+        Expected square of the error of each complex value, real and imaginary part together, shape
+        (k, outputs, inputs); None where it is not known, as of a single average.
+    coherence : numpy.ndarray, optional
+        Share of the power of each output that the inputs explain together [1], shape (k, outputs).
+    averages : float
+        Number of independent averages behind each value; 1 where there is one, 0 where nobody has
+        said.
+    estimator : str
+        ``H1``, ``H2`` or ``Hv``; empty where nobody has said.
+    source : str
+        Where it comes from.
+    notes : tuple of str
+        What a reader should know.
+
+    Raises
+    ------
+    RecordError
+        The shapes do not belong together, the frequencies do not rise, or a value is not finite.
+    """
+
+    frequency_hz: Array
+    response: Complex
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    variance: Array | None = None
+    coherence: Array | None = None
+    averages: float = 0.0
+    estimator: str = ""
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        f = self.frequency_hz
+        shape = (f.size, len(self.outputs), len(self.inputs))
+        if f.ndim != 1 or f.size < 2 or not np.all(np.diff(f) > 0.0) or f[0] < 0.0:
+            raise RecordError("the frequencies of a response must be at least two, 0 or more, rise")
+        for name, array, wanted in (
+            ("response", self.response, shape),
+            ("variance", self.variance, shape),
+            ("coherence", self.coherence, shape[:2]),
+        ):
+            if array is not None and array.shape != wanted:
+                raise RecordError(f"the {name} must have shape {wanted}, got {array.shape}")
+        if not np.isfinite(self.response).all():
+            raise RecordError("a frequency response must be finite at all of its frequencies")
+
+    def between(self, low_hz: float, high_hz: float) -> "MeasuredResponse":
+        """Return the part of the response in a band.
+
+        Parameters
+        ----------
+        low_hz, high_hz : float
+            Ends of the band, both within [Hz].
+
+        Returns
+        -------
+        MeasuredResponse
+            The part.
+
+        Raises
+        ------
+        RecordError
+            Fewer than two frequencies are in the band.
+        """
+        from dataclasses import replace
+
+        inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
+        if inside.sum() < 2:
+            raise RecordError(
+                f"there are {int(inside.sum())} frequencies from {low_hz:g} to {high_hz:g} Hz in a "
+                f"response from {self.frequency_hz[0]:g} to {self.frequency_hz[-1]:g} Hz: widen "
+                "the band, or use longer segments"
+            )
+        return replace(
+            self,
+            frequency_hz=self.frequency_hz[inside],
+            response=self.response[inside],
+            variance=None if self.variance is None else self.variance[inside],
+            coherence=None if self.coherence is None else self.coherence[inside],
+        )
