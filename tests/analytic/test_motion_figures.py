@@ -646,3 +646,24 @@ def test_range_of_nothing_is_compatible_with_nothing() -> None:
     assert hits >= 140
     # what noise adds is mostly taken off: the range itself is some 4 nm
     assert np.mean(values) < 2.5e-9
+
+
+def test_a_turn_that_is_read_twice_gives_each_run_one() -> None:
+    """Cycles that shared a reading would not be independent, and their scatter too small."""
+    share = np.linspace(0.0, 1.0, 13)
+    command = np.tile(np.concatenate((share, share[::-1])), 6)
+    found = motion_cycles(command)
+    assert found.runs[1].tolist() == [[26, 39], [39, 52]]
+    rng = np.random.default_rng(3)
+    found_values, variances = [], []
+    for _ in range(300):
+        noise = rng.standard_normal(command.size)
+        curve = fit_motion_curve(
+            command, noise, np.arange(command.size) + 0.0, cycles=found, order=3, drift=False
+        )
+        # the lower end leans on the readings there most
+        end = curve.functional([1.0, -1.0], [0.0, 0.5])
+        found_values.append(end.value)
+        variances.append(end.uncertainty**2)
+    # 300 draws of each: the ratio is known to 10 %
+    assert np.var(found_values) == pytest.approx(np.mean(variances), rel=0.25)

@@ -246,12 +246,13 @@ def _stack(
     )
     # a parabola by short straight lines, flatter towards the end
     ends = (1.0 - _FADING) * stroke
-    kinks = ends * (np.arange(_KINKS) + 0.5) / _KINKS
+    count = _KINKS * plays // _PLAYS
+    kinks = ends * (np.arange(count) + 0.5) / count
     bent = ModifiedPrandtlIshlinskii(
         gain=gain,
         thresholds=r,
         weights=weights,
         dead_zones=kinks,
-        dead_zone_weights=np.full(_KINKS, _BEND / _KINKS),
+        dead_zone_weights=np.full(count, _BEND / count),
     )
     return VirtualStack(bent=bent, fading=fading)

@@ -138,7 +138,7 @@ def fit_motion_curve(
             f"{fewest} whole cycles are needed for a curve{' and its drift' if drift else ''}, got "
             f"{found.count}: record more{', or fit without drift' if drift else ''}"
         )
-    where = [[_whole_run(found, c, d) for d in (0, 1)] for c in range(found.count)]
+    where = [[_whole_run(found, x, c, d) for d in (0, 1)] for c in range(found.count)]
     use, knots = _rests(x, where, settling)
     # the turning point at which a run ends is the first sample of the next
     parts = [x[run.start : run.stop + 1] for cycle in where for run in cycle]
@@ -162,12 +162,18 @@ def fit_motion_curve(
     return _curve(runs, basis, drift, unit, position_unit, notes)
 
 
-def _whole_run(found: MotionCycles, cycle: int, direction: int) -> slice:
-    """Return the samples of a run; a run of few stations has its last in common with the next."""
+def _whole_run(found: MotionCycles, x: Array, cycle: int, direction: int) -> slice:
+    """Return the samples of a run; of few stations, with the one at which it turns.
+
+    That one is shared with the next run, unless the turn was read twice and each run has its own:
+    cycles that share readings are not independent.
+    """
     run = found.samples(cycle, direction)
-    if run.stop - run.start >= _SPARSE:
+    if run.stop - run.start >= _SPARSE or run.stop >= found.size:
         return run
-    return slice(run.start, min(run.stop + 1, found.size))
+    usual = float(np.median(np.abs(np.diff(x[run]))))
+    own = abs(float(x[run.stop] - x[run.stop - 1])) < 0.5 * usual
+    return run if own else slice(run.start, run.stop + 1)
 
 
 def _rests(

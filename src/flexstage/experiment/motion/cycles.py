@@ -210,7 +210,8 @@ def _turning_points(x: Array, low: float, high: float, band: float) -> list[tupl
         first, last = int(resting[0]), int(resting[-1])
         rests.append((first, last))
         away = values.max() - float(np.min(end * x[first : last + 1]))
-        middle = (first + last) // 2
+        # of two samples at rest one belongs to each run
+        middle = (first + last + 1) // 2
         turns.append((first, last) if away > zone + band else (middle, middle))
     if len(rests) > 2:
         # half of the rest before the first run belongs to a run that nobody recorded; so at the end

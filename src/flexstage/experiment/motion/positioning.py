@@ -40,7 +40,7 @@ class Positioning:
         Unidirectional repeatability: the largest of R_i = 4 s_i [m].
     repeatability : Estimate
         Bidirectional repeatability R: the largest of
-        max(2 s_i up + 2 s_i down + |B_i|, R_i up, R_i down) [m].
+        ``max(2 s_i up + 2 s_i down + |B_i|, R_i up, R_i down)`` [m].
     systematic_upward, systematic_downward : Estimate
         Unidirectional systematic positional deviation E: largest less smallest mean [m].
     systematic : Estimate
