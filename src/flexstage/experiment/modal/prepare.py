@@ -1,0 +1,289 @@
+"""Responses made ready for a fit: the band, displacement for acceleration, and weights."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.experiment.modal.polynomial import Lines
+from flexstage.experiment.modal.projection import Block
+from flexstage.experiment.spectra.response import MeasuredResponse
+
+__all__ = ["Prepared", "deviations", "prepared", "reweighted"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
+_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+# degrees of freedom that a variance should rest on before it is used as a weight
+_KNOWN_WELL = 64.0
+# a residual this far below the response is rounding
+_ROUNDING = 1e-10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """One response in the form that the fit takes.
+
+    Parameters
+    ----------
+    measured : MeasuredResponse
+        The lines in the band.
+    powers : tuple of int
+        For each output, how often it is derived by time.
+    deviation : numpy.ndarray
+        Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
+    given : bool
+        Whether the variance was given, so that the factor should be 1.
+    block : Block
+        Responses to displacement, one column for each output and input.
+    """
+
+    measured: MeasuredResponse
+    powers: tuple[int, ...]
+    deviation: Array
+    given: bool
+    block: Block
+
+    def lines(self) -> Lines:
+        """Return the response as the polynomials take it.
+
+        Returns
+        -------
+        Lines
+            Values and weights of their squares.
+        """
+        weight = 1.0 / np.mean(self.deviation**2, axis=2)
+        return Lines(
+            frequency_hz=self.measured.frequency_hz, response=self.measured.response, weight=weight
+        )
+
+
+def prepared(
+    responses: Sequence[MeasuredResponse],
+    band: tuple[float, float] | None,
+    weighting: Literal["variance", "uniform"],
+    motion: Literal["displacement", "velocity", "acceleration"] | None,
+    reference: float,
+) -> tuple[Prepared, ...]:
+    """Make responses ready for a fit.
+
+    Parameters
+    ----------
+    responses : sequence of MeasuredResponse
+        The responses.
+    band : tuple of float, optional
+        Ends of the band [Hz].
+    weighting : {"variance", "uniform"}
+        Whether lines count by their variance.
+    motion : {"displacement", "velocity", "acceleration"}, optional
+        What outputs without a unit of motion measure.
+    reference : float
+        Frequency that makes numbers of size 1 [rad/s].
+
+    Returns
+    -------
+    tuple of Prepared
+        The responses.
+
+    Raises
+    ------
+    RecordError
+        Too few lines are in the band, or a response is zero throughout.
+    ModelError
+        An option is not a known one.
+    """
+    if weighting not in ("variance", "uniform"):
+        raise ModelError(f"weighting is 'variance' or 'uniform', got {weighting!r}")
+    if motion is not None and motion not in _MOTIONS:
+        raise ModelError(f"motion is one of {', '.join(_MOTIONS)}, got {motion!r}")
+    out = []
+    for response in responses:
+        part = response if band is None else response.between(*band)
+        keep = part.frequency_hz > 0.0
+        if keep.sum() < 8:
+            raise RecordError(
+                f"a modal fit needs at least 8 lines above 0 Hz in the band, got {keep.sum()}: "
+                "widen the band, or use longer segments"
+            )
+        part = replace(
+            part,
+            frequency_hz=part.frequency_hz[keep],
+            response=part.response[keep],
+            variance=None if part.variance is None else part.variance[keep],
+            coherence=None if part.coherence is None else part.coherence[keep],
+        )
+        size = np.sqrt(np.mean(np.abs(part.response) ** 2, axis=0))
+        if np.any(size == 0.0):
+            dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]
+            raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
+        deviation = None if weighting == "uniform" else deviations(part)
+        given = deviation is not None
+        if deviation is None:
+            deviation = np.broadcast_to(size, part.response.shape).copy()
+        units = part.output_units or ("",) * len(part.outputs)
+        powers = tuple(_POWERS.get(u, _MOTIONS[motion or "displacement"]) for u in units)
+        out.append(
+            Prepared(
+                measured=part,
+                powers=powers,
+                deviation=deviation,
+                given=given,
+                block=_block(part, powers, deviation, reference),
+            )
+        )
+    return tuple(out)
+
+
+def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -> Prepared:
+    """Weight a response by what a fit left: noise of the output, and noise in proportion.
+
+    The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
+    the exponential distribution that squares of complex noise have.
+
+    Parameters
+    ----------
+    part : Prepared
+        The response.
+    fitted : numpy.ndarray
+        The fitted one, shape (k, outputs, inputs).
+    left : numpy.ndarray
+        Share of the noise of each line that the fit leaves, shape (k, outputs, inputs).
+    reference : float
+        Frequency that makes numbers of size 1 [rad/s].
+
+    Returns
+    -------
+    Prepared
+        The response with new weights.
+    """
+    deviation = np.empty_like(part.deviation)
+    for o, i in np.ndindex(*part.measured.response.shape[1:]):
+        square = np.abs(part.measured.response[:, o, i] - fitted[:, o, i]) ** 2
+        signal = np.abs(fitted[:, o, i]) ** 2
+        floor = _ROUNDING**2 * signal.mean()
+        if square.mean() <= floor:
+            deviation[:, o, i] = math.sqrt(max(square.mean(), 1e-32 * signal.mean()))
+            continue
+        deviation[:, o, i] = np.sqrt(_two_noises(square, signal, left[:, o, i]))
+    return replace(
+        part, deviation=deviation, block=_block(part.measured, part.powers, deviation, reference)
+    )
+
+
+def _two_noises(square: Array, signal: Array, left: Array) -> Array:
+    functions = np.stack([np.ones(signal.size), signal / signal.mean()], axis=1)
+    constant = np.array([square.mean() / left.mean(), 0.0])
+    factors = constant
+    for _ in range(20):
+        # of noise, the square scatters as much as it is
+        weighted = functions / ((functions @ factors) ** 2)[:, None]
+        trial = np.linalg.lstsq(functions.T @ (weighted * (left**2)[:, None]),
+                                weighted.T @ (left * square))[0]  # fmt: skip
+        if trial[1] <= 0.0:
+            trial = constant.copy()
+        # noise in proportion alone would leave its least lines without any
+        trial[0] = max(trial[0], 1e-4 * constant[0])
+        if np.allclose(trial, factors, rtol=1e-3, atol=0.0):
+            break
+        factors = trial
+    return functions @ factors
+
+
+def deviations(part: MeasuredResponse) -> Array | None:
+    """Return the expected rms of the error of each value, from the variance of a response.
+
+    Parameters
+    ----------
+    part : MeasuredResponse
+        The response.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        The rms, shape (k, outputs, inputs); None where no variance is known, or it is 0 at most
+        lines.
+
+    Raises
+    ------
+    RecordError
+        A variance is negative or none, or none is finite.
+    """
+    if part.variance is None:
+        return None
+    variance = part.variance
+    if np.any(np.isnan(variance)) or np.any(variance < 0.0):
+        raise RecordError("the variance of a response must be 0 or more, got a negative or none")
+    lines = part.frequency_hz.size
+    freedom = 2.0 * (part.averages - 1.0)
+    if part.averages > 1.0 and freedom < _KNOWN_WELL:
+        # inverse variances from few averages scatter: their neighbours help
+        width = min(math.ceil(_KNOWN_WELL / freedom), max(lines // 8, 1))
+        sharp = _share_of_response(variance, part.response)
+        variance = _moving_mean(np.maximum(variance - sharp, 0.0), width | 1) + sharp
+    finite = np.where(np.isfinite(variance), variance, np.nan)
+    if np.all(np.isnan(finite)):
+        raise RecordError("the variance of a response must be finite at some lines at least")
+    middle = np.nanmedian(finite, axis=0)
+    if np.any(middle == 0.0):
+        # free of noise: nothing tells one line from another
+        return None
+    # no noise at all at single lines is what a single average or a rounded coherence says
+    return np.sqrt(np.maximum(np.where(variance == 0.0, middle, variance), 1e-6 * middle))
+
+
+def _share_of_response(variance: Array, response: Complex) -> Array:
+    """Return the part of a variance that goes with the square of the response.
+
+    Noise of the input gives it. It is as sharp as a resonance, so a mean over neighbouring lines
+    would not leave it where it is.
+    """
+    from scipy.optimize import nnls
+
+    out = np.zeros(variance.shape)
+    for o, i in np.ndindex(*variance.shape[1:]):
+        v, square = variance[:, o, i], np.abs(response[:, o, i]) ** 2
+        good = np.isfinite(v) & (v > 0.0)
+        if good.sum() < 8:
+            continue
+        model = np.full(int(good.sum()), float(np.mean(v[good])))
+        b = 0.0
+        # each variance scatters in proportion to itself
+        for _ in range(8):
+            columns = np.stack((np.ones(model.size), square[good]), axis=1) / model[:, None]
+            size = np.linalg.norm(columns, axis=0)
+            (a, b), _ = nnls(columns / size, v[good] / model)
+            a, b = a / size[0], b / size[1]
+            model = np.maximum(a + b * square[good], 1e-12 * float(v[good].max()))
+        out[:, o, i] = b * square
+    return out
+
+
+def _moving_mean(values: Array, width: int) -> Array:
+    half = width // 2
+    finite = np.where(np.isfinite(values), values, np.nanmax(values[np.isfinite(values)]))
+    total = np.cumsum(np.concatenate([np.zeros((1, *values.shape[1:])), finite]), axis=0)
+    low = np.maximum(np.arange(values.shape[0]) - half, 0)
+    high = np.minimum(np.arange(values.shape[0]) + half + 1, values.shape[0])
+    mean = (total[high] - total[low]) / (high - low)[:, None, None]
+    return np.where(np.isfinite(values), mean, values)
+
+
+def _block(
+    part: MeasuredResponse, powers: tuple[int, ...], deviation: Array, reference: float
+) -> Block:
+    omega = 2.0 * math.pi * part.frequency_hz
+    motion = (1j * omega)[:, None] ** np.array(powers)[None, :]
+    values = part.response / motion[:, :, None]
+    # the error of a real or imaginary part has half the variance of both
+    weights = math.sqrt(2.0) * np.abs(motion)[:, :, None] / deviation
+    return Block(
+        s=np.asarray(1j * omega / reference, dtype=np.complex128),
+        values=values.reshape(omega.size, -1),
+        weights=weights.reshape(omega.size, -1),
+    )

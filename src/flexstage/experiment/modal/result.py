@@ -1,0 +1,213 @@
+"""What a modal fit gives: modes, each with its uncertainty, and the response that they make."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+from flexstage.experiment.modal.basis import ModalBasis
+from flexstage.experiment.modal.stabilisation import Stabilisation
+from flexstage.experiment.spectra.response import MeasuredResponse
+
+__all__ = ["FittedResponse", "ModalFit", "Mode"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mode:
+    """A mode of vibration that was measured.
+
+    Parameters
+    ----------
+    frequency_hz : Estimate
+        Undamped natural frequency [Hz].
+    damping_ratio : Estimate
+        Damping as a share of the critical [1].
+    shape : numpy.ndarray
+        Motion of each output over that of the one that moves most [1], shape (outputs,); not a
+        number where the output has no response from the input that the shape is taken at.
+    shape_uncertainty : numpy.ndarray
+        Standard uncertainty of its real and imaginary part [1], shape (outputs, 2).
+    residues : numpy.ndarray
+        Residues of the responses to displacement at the pole, output over input times rad/s, shape
+        (outputs, inputs); not a number where none was measured.
+    residue_uncertainty : numpy.ndarray
+        Standard uncertainty of their real and imaginary part, shape (outputs, inputs, 2).
+    significance : float
+        By how much the mode lowers the sum of squares, over what noise would make of it [1].
+    """
+
+    frequency_hz: Estimate
+    damping_ratio: Estimate
+    shape: Complex
+    shape_uncertainty: Array
+    residues: Complex
+    residue_uncertainty: Array
+    significance: float
+
+    @property
+    def pole(self) -> complex:
+        """The pole in the upper half plane [rad/s]."""
+        omega, zeta = 2.0 * math.pi * self.frequency_hz.value, self.damping_ratio.value
+        return complex(-zeta * omega, omega * math.sqrt(max(1.0 - zeta * zeta, 0.0)))
+
+    @property
+    def damped_frequency_hz(self) -> float:
+        """Frequency of the free decay [Hz]."""
+        return self.pole.imag / (2.0 * math.pi)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedResponse:
+    """One measured response and the factors of the modes in it.
+
+    Parameters
+    ----------
+    measured : MeasuredResponse
+        What was fitted: the lines in the band.
+    powers : tuple of int
+        For each output, how often it is derived by time: 0 displacement, 1 velocity, 2
+        acceleration.
+    factors : numpy.ndarray
+        Linear factors of the model, shape (outputs, inputs, q).
+    covariance : numpy.ndarray
+        Covariance of poles and factors, shape (outputs, inputs, p + q, p + q).
+    deviation : numpy.ndarray
+        Expected root mean square of the error of each value of `measured`, by the fit, shape
+        (k, outputs, inputs).
+    residual_rms : numpy.ndarray
+        Root mean square of measured less fitted over that of measured [1], shape (outputs, inputs).
+    """
+
+    measured: MeasuredResponse
+    powers: tuple[int, ...]
+    factors: Array
+    covariance: Array
+    deviation: Array
+    residual_rms: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModalFit:
+    """Modes that were fitted to frequency responses.
+
+    Parameters
+    ----------
+    modes : tuple of Mode
+        The modes, rising in frequency; none where nothing stands out of the noise.
+    outputs, inputs : tuple of str
+        What shapes and residues go over.
+    band : tuple of float
+        Ends of the band [Hz].
+    fitted : tuple of FittedResponse
+        The responses that were given.
+    delay, lag : Estimate, optional
+        Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
+    correlation : numpy.ndarray
+        Correlation of the uncertainties of frequency and damping of all modes, in turn, shape
+        (2 modes, 2 modes).
+    reduced_chi_squared : float
+        Mean square of the residual over the variance that was given, near 1 where the model holds;
+        over the one found from the residual itself where none was.
+    line_correlation : float
+        Sum of the correlations of the residual with its neighbours [1]: 0 for independent lines.
+    stabilisation : Stabilisation, optional
+        Where the start of the fit came from.
+    notes : tuple of str
+        What a reader should know.
+    basis : ModalBasis
+        The form of the model.
+    theta : numpy.ndarray
+        Its parameters.
+    """
+
+    modes: tuple[Mode, ...]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    band: tuple[float, float]
+    fitted: tuple[FittedResponse, ...]
+    delay: Estimate | None
+    lag: Estimate | None
+    correlation: Array
+    reduced_chi_squared: float
+    line_correlation: float
+    stabilisation: Stabilisation | None
+    notes: tuple[str, ...]
+    basis: ModalBasis
+    theta: Array
+
+    def response(self, frequency_hz: ArrayLike, number: int = 0) -> Complex:
+        """Return the fitted response, in the units of the measured one.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies above 0 [Hz], shape (k,).
+        number : int
+            Which of the responses that were fitted together.
+
+        Returns
+        -------
+        numpy.ndarray
+            The response, shape (k, outputs, inputs).
+
+        Validity
+        --------
+        The band of the fit: beyond it the residual terms stand for modes that are there.
+
+        Raises
+        ------
+        ModelError
+            A frequency is 0 or less, or there is no such response.
+        """
+        s, one = self._at(frequency_hz, number)
+        functions = self.basis.functions(self.theta, s)
+        value = np.einsum("kq,oiq->koi", functions, one.factors)
+        return value * self._motion(s, one)[:, :, None]
+
+    def response_uncertainty(self, frequency_hz: ArrayLike, number: int = 0) -> Array:
+        """Return the standard uncertainty of the fitted response.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies above 0 [Hz], shape (k,).
+        number : int
+            Which of the responses that were fitted together.
+
+        Returns
+        -------
+        numpy.ndarray
+            Root of the expected square of the complex error, shape (k, outputs, inputs).
+
+        Raises
+        ------
+        ModelError
+            A frequency is 0 or less, or there is no such response.
+        """
+        s, one = self._at(frequency_hz, number)
+        functions = self.basis.functions(self.theta, s)
+        out = np.empty((s.size, *one.factors.shape[:2]))
+        for o, i in np.ndindex(*one.factors.shape[:2]):
+            slopes = self.basis.derivatives(self.theta, s, functions, one.factors[o, i][:, None])
+            whole = np.concatenate([slopes[:, :, 0].T, functions], axis=1)
+            square = np.einsum("kp,pq,kq->k", whole, one.covariance[o, i], whole.conj()).real
+            out[:, o, i] = np.sqrt(np.maximum(square, 0.0))
+        return out * np.abs(self._motion(s, one))[:, :, None]
+
+    def _at(self, frequency_hz: ArrayLike, number: int) -> tuple[Complex, FittedResponse]:
+        f = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
+        if f.ndim != 1 or not np.all(f > 0.0):
+            raise ModelError("a fitted response is given at frequencies above 0 Hz, got another")
+        if not 0 <= number < len(self.fitted):
+            raise ModelError(f"there are {len(self.fitted)} fitted responses, got number {number}")
+        s = np.asarray(2j * math.pi * f / self.basis.reference, dtype=np.complex128)
+        return s, self.fitted[number]
+
+    def _motion(self, s: Complex, one: FittedResponse) -> Complex:
+        return (s * self.basis.reference)[:, None] ** np.array(one.powers)[None, :]

@@ -1,0 +1,322 @@
+"""Modes from a free decay: frequencies, damping and shapes without a measured force."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ConvergenceError, ModelError, RecordError
+from flexstage.estimate import Component, Estimate
+from flexstage.experiment.modal.decay_model import DecayFit, fit_decay, project_decay
+from flexstage.experiment.modal.decay_start import decay_start, highest_frequency, subspace_poles
+from flexstage.experiment.modal.decay_worth import decay_covariance, noise_ratios
+from flexstage.experiment.modal.selection import distinct
+from flexstage.records import Record, require_complete, require_uniform
+
+__all__ = ["DecayMode", "RingDown", "ring_down"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# samples in a period of the highest mode that are enough: more are averaged
+_PER_PERIOD = 12.0
+# modes that are looked for where nobody says how many
+_MOST = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DecayMode:
+    """A mode seen in a free decay.
+
+    Parameters
+    ----------
+    frequency_hz : Estimate
+        Undamped natural frequency [Hz].
+    damping_ratio : Estimate
+        Damping as a share of the critical [1].
+    amplitudes : numpy.ndarray
+        Complex amplitude of each channel at the start of the decay, in its unit, shape (channels,).
+    shape : numpy.ndarray
+        Amplitudes over that of the channel that moves most [1], shape (channels,).
+    shape_uncertainty : numpy.ndarray
+        Standard uncertainty of its real and imaginary part [1], shape (channels, 2).
+    """
+
+    frequency_hz: Estimate
+    damping_ratio: Estimate
+    amplitudes: Complex
+    shape: Complex
+    shape_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RingDown:
+    """Modes that were fitted to a free decay.
+
+    Parameters
+    ----------
+    modes : tuple of DecayMode
+        The modes, rising in frequency; none where nothing stands out of the noise.
+    channels : tuple of str
+        Names of the channels.
+    start : float
+        When the decay begins, in the time of the record [s].
+    time : numpy.ndarray
+        Times of the samples that were fitted [s], shape (n,).
+    measured, fitted : numpy.ndarray
+        Those samples and the model, in the units of the channels, shape (n, channels).
+    averaged : int
+        How many samples of the record are averaged in each.
+    residual_rms : numpy.ndarray
+        Root mean square of measured less fitted, shape (channels,).
+    notes : tuple of str
+        What a reader should know.
+    """
+
+    modes: tuple[DecayMode, ...]
+    channels: tuple[str, ...]
+    start: float
+    time: Array
+    measured: Array
+    fitted: Array
+    averaged: int
+    residual_rms: Array
+    notes: tuple[str, ...]
+
+
+def ring_down(
+    record: Record,
+    channels: Sequence[str | int] | str | int,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    count: int | None = None,
+    band: tuple[float, float] | None = None,
+) -> RingDown:
+    """Fit damped sines to the free decay after a release, a hit or the end of a step.
+
+    Each channel is a sum of A_r exp(-zeta_r w_r t) cos(w_r sqrt(1 - zeta_r^2) t + phi_r), with an
+    offset and a drift. A subspace of the samples (Juang and Pappa, 1985) is the start; from there
+    poles, which all channels share, are those of least squares, with amplitudes projected out
+    (Golub and Pereyra, 1973). Covariances are those of the linearised fit, with the spectral
+    density that the residual has near each mode, so that coloured noise counts where it is.
+
+    Parameters
+    ----------
+    record : Record
+        The record, evenly sampled.
+    channels : sequence of str or int, or one
+        Its channels, by name or number.
+    start : float, optional
+        When the decay begins, in the time of the record [s]; found where not given, from the
+        largest motion at the frequency that stands out most.
+    stop : float, optional
+        When it ends [s].
+    count : int, optional
+        Number of modes; those that noise does not explain where not given (Schwarz 1978).
+    band : tuple of float, optional
+        Where modes are looked for [Hz].
+
+    Returns
+    -------
+    RingDown
+        Modes, each with its uncertainty.
+
+    Validity
+    --------
+    No force after the start; damping proportional to velocity, as friction gives no exponential.
+    A tone from outside, as of the mains, is a mode that does not decay. Samples are averaged until
+    about 12 are left in a period of the highest mode, which leaves poles as they are. Uncertainties
+    contain noise alone.
+
+    Raises
+    ------
+    RecordError
+        The record is not evenly sampled, not complete, constant, or too short.
+    ModelError
+        An option is impossible, or fewer poles are found than modes were asked for.
+    ConvergenceError
+        The fit did not settle.
+
+    Examples
+    --------
+    >>> from flexstage.records import Channel
+    >>> t = np.arange(4000) / 5000.0
+    >>> y = 0.3 + np.where(t < 0.1, 1.0, np.exp(-6.3 * (t - 0.1)) * np.cos(403.0 * (t - 0.1)))
+    >>> y += 0.005 * np.random.default_rng(4).standard_normal(t.size)
+    >>> record = Record(channels=(Channel(name="table", values=y, unit="m"),), time=t)
+    >>> (mode,) = ring_down(record, "table").modes
+    >>> print(f"{mode.frequency_hz.value:.2f} Hz, {100 * mode.damping_ratio.value:.2f} %")
+    64.15 Hz, 1.56 %
+    """
+    names = [channels] if isinstance(channels, str | int) else list(channels)
+    if not names:
+        raise ModelError("a ring-down needs one channel at least, got none")
+    if count is not None and count < 1:
+        raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
+    taken = [record.channel(name) for name in names]
+    t, values, rate = _samples(record, [c.values for c in taken], [c.name for c in taken])
+    last = _index(t, stop, t.size, "end")
+    first = _index(t, start, 0, "start")
+    if start is None:
+        first = decay_start(values[:last], rate)
+    t, values = t[first:last], values[first:last]
+    if t.size < 32:
+        raise RecordError(
+            f"a decay needs at least 32 samples, got {t.size} from {record.time[first]:g} s on: "
+            "record for longer, or give the start"
+        )
+    begin = float(t[0])
+    top = band[1] if band is not None else highest_frequency(values, rate)
+    times = max(1, min(int(rate / (_PER_PERIOD * top)), t.size // 64))
+    values = values[: t.size // times * times].reshape(-1, times, len(taken)).mean(axis=1)
+    # from the middle of the first average
+    offset = 0.5 * (times - 1) / rate
+    clock = np.arange(values.shape[0]) * times / rate
+    fit = _fitted(clock, values, rate / times, count, band)
+    modes = [_mode(r, fit, times, rate) for r in range(fit.theta.size // 2)] if fit else []
+    residual = fit.residual if fit else values - values.mean(axis=0)
+    return RingDown(
+        modes=tuple(modes),
+        channels=tuple(c.name for c in taken),
+        start=begin,
+        time=begin + offset + clock,
+        measured=values,
+        fitted=values - residual,
+        averaged=times,
+        residual_rms=np.sqrt(np.mean(residual**2, axis=0)),
+        notes=tuple(_notes(modes, clock, start is None, begin)),
+    )
+
+
+def _samples(
+    record: Record, columns: Sequence[Array], names: Sequence[str]
+) -> tuple[Array, Array, float]:
+    require_uniform(record)
+    for column, name in zip(columns, names, strict=True):
+        require_complete(column, name)
+    for column, name in zip(columns, names, strict=True):
+        if np.all(column == column[0]):
+            raise RecordError(f"channel '{name}' is constant: is its sensor connected?")
+    return record.time, np.stack(columns, axis=1), record.sample_rate_hz
+
+
+def _index(t: Array, at: float | None, default: int, what: str) -> int:
+    if at is None:
+        return default
+    if not t[0] <= at <= t[-1]:
+        raise ModelError(
+            f"the {what} of a decay must lie in the record, from {t[0]:g} to {t[-1]:g} s, got "
+            f"{at!r} s"
+        )
+    return int(np.searchsorted(t, at))
+
+
+def _fitted(
+    clock: Array, values: Array, rate: float, count: int | None, band: tuple[float, float] | None
+) -> DecayFit | None:
+    """Fit as many modes as asked for, or as are significant."""
+    level = values - values[-values.shape[0] // 4 :].mean(axis=0)
+    weights = 1.0 / np.sqrt(np.mean(level**2, axis=0))
+    poles = subspace_poles(level * weights, rate, 2 * (_MOST if count is None else count + 4) + 2)
+    size = np.abs(poles) / (2.0 * math.pi)
+    # with less than two periods, drift is motion as well
+    low, high = band if band is not None else (2.0 / clock[-1], 0.5 * rate)
+    poles = poles[(size >= low) & (size <= high)]
+    poles = distinct(poles, np.arange(poles.size)[::-1].astype(np.float64))
+    if count is not None and poles.size < count:
+        raise ModelError(
+            f"{count} modes were asked for but only {poles.size} decays found: ask for fewer"
+        )
+    theta = np.stack([-poles.real, poles.imag], axis=1).ravel()
+    needed = (2 * values.shape[1] + 2) * math.log(values.size)
+    least = 0 if count is None else count
+    rough = True
+    while theta.size:
+        if rough:
+            fit = project_decay(theta, clock, values, weights)
+        else:
+            try:
+                fit = fit_decay(theta, clock, values, weights)
+                fit = fit_decay(fit.theta, clock, values, _weights(fit))
+            except ConvergenceError:
+                # modes that are not there keep a fit from settling
+                if theta.size <= 2 * least:
+                    raise
+                fit = project_decay(theta, clock, values, weights)
+        weights, theta = _weights(fit), fit.theta
+        strength = noise_ratios(fit, rate)
+        weakest = int(np.argmin(strength))
+        weak = strength[weakest] < (0.25 if rough else 1.0) * needed
+        if theta.size > 2 * least and (weak or count is not None):
+            theta = np.delete(theta, [2 * weakest, 2 * weakest + 1])
+        elif rough:
+            rough = False
+        else:
+            break
+    if not theta.size:
+        return None
+    order = np.argsort(theta[1::2], kind="stable")
+    return project_decay(theta.reshape(-1, 2)[order].ravel(), clock, values, weights)
+
+
+def _weights(fit: DecayFit) -> Array:
+    rms = np.sqrt(np.mean(fit.residual**2, axis=0))
+    size = np.sqrt(np.mean(np.square(fit.factors), axis=0))
+    return 1.0 / np.maximum(rms, 1e-13 * size)
+
+
+def _mode(r: int, fit: DecayFit, times: int, rate: float) -> DecayMode:
+    sigma, omega = fit.theta[2 * r : 2 * r + 2]
+    size = math.hypot(sigma, omega)
+    amplitudes = fit.factors[2 * r] + 1j * fit.factors[2 * r + 1]
+    covariance, freedom = decay_covariance(fit, r)
+    slopes = np.array(
+        [
+            [sigma / size / (2.0 * math.pi), omega / size / (2.0 * math.pi)],
+            [omega * omega / size**3, -sigma * omega / size**3],
+        ]
+    )
+    pair = np.sqrt(np.maximum(np.diagonal(slopes @ covariance[:2, :2] @ slopes.T), 0.0))
+    largest = int(np.argmax(np.abs(amplitudes)))
+    shape = amplitudes / amplitudes[largest]
+    spread = np.empty((shape.size, 2))
+    for c in range(shape.size):
+        slope = np.zeros(shape.size, dtype=np.complex128)
+        slope[c] += 1.0 / amplitudes[largest]
+        slope[largest] -= shape[c] / amplitudes[largest]
+        turn = np.stack([np.stack([slope.real, -slope.imag]), np.stack([slope.imag, slope.real])])
+        rows = turn.transpose(0, 2, 1).reshape(2, -1)
+        square = np.einsum("ap,pq,aq->a", rows, covariance[2:, 2:], rows)
+        spread[c] = np.sqrt(np.maximum(square, 0.0))
+
+    def estimate(value: float, uncertainty: float, unit: str, known: float) -> Estimate:
+        noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=known)
+        return Estimate(value=value, unit=unit, components=(noise,))
+
+    return DecayMode(
+        frequency_hz=estimate(size / (2.0 * math.pi), float(pair[0]), "Hz", freedom),
+        damping_ratio=estimate(sigma / size, float(pair[1]), "1", freedom),
+        # of the first sample, not of the average that begins with it
+        amplitudes=amplitudes / np.exp(complex(-sigma, omega) / rate * np.arange(times)).mean(),
+        shape=shape,
+        shape_uncertainty=spread,
+    )
+
+
+def _notes(modes: Sequence[DecayMode], clock: Array, found: bool, begin: float) -> list[str]:
+    notes = []
+    if found:
+        notes.append(f"the decay is taken to begin at {begin:.6g} s")
+    if not modes:
+        notes.append("no mode stands out of the noise")
+    for mode in modes:
+        f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
+        if 2.0 * math.pi * f * zeta * clock[-1] < 0.2:
+            notes.append(
+                f"the motion at {f:.5g} Hz hardly decays in the record: it may be a tone from "
+                "outside"
+            )
+    return notes

@@ -1,0 +1,198 @@
+"""Finding the modes in responses: candidates, how many, and weights where none are given."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.experiment.modal.basis import ModalBasis
+from flexstage.experiment.modal.prepare import Prepared, reweighted
+from flexstage.experiment.modal.projection import eliminate, minimise, remaining
+from flexstage.experiment.modal.selection import distinct, extended, pruned, selected
+from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
+
+__all__ = ["Found", "search", "settled"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# how far from a guess a pole may be to be the one that is meant
+_NEAR = 0.05
+# damping that a guessed frequency starts from where no pole is near
+_GUESSED_DAMPING = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Found:
+    """Modes that were found, not yet refined to the end.
+
+    Parameters
+    ----------
+    parts : tuple of Prepared
+        The responses, with the weights that they have now.
+    stabilisation : Stabilisation
+        Where the poles come from.
+    basis : ModalBasis
+        The model.
+    theta : numpy.ndarray
+        Its parameters.
+    """
+
+    parts: tuple[Prepared, ...]
+    stabilisation: Stabilisation
+    basis: ModalBasis
+    theta: Array
+
+
+def search(
+    parts: tuple[Prepared, ...],
+    template: ModalBasis,
+    *,
+    orders: Sequence[int] | None,
+    band: tuple[float, float],
+    count: int | None,
+    guess: Sequence[float] | None,
+) -> Found:
+    """Find the modes of responses.
+
+    Parameters
+    ----------
+    parts : tuple of Prepared
+        The responses.
+    template : ModalBasis
+        The form of the model, without delay and lag.
+    orders : sequence of int, optional
+        Orders of the polynomials.
+    band : tuple of float
+        Ends of the band [Hz].
+    count : int, optional
+        Number of modes; as many as are significant where not given.
+    guess : sequence of float, optional
+        Frequencies near those of the modes [Hz].
+
+    Returns
+    -------
+    Found
+        The modes.
+
+    Raises
+    ------
+    ModelError
+        Fewer modes are found than were asked for.
+    """
+    diagram, start = _start(parts, orders, band, guess)
+    blocks = [part.block for part in parts]
+    if guess is not None:
+        basis = replace(template, count=start.size)
+        theta = minimise(basis, basis.start(start), blocks, rough=True)[0]
+        return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
+    basis, theta = selected(template, start, blocks, count)
+    # noise in proportion to the response looks like modes until it is known, and two modes that are
+    # taken for one look like such noise: so by turns
+    known = count is not None or all(part.given for part in parts)
+    for _ in range(1 if known else 2):
+        if not known:
+            parts = _reweighted(parts, basis, theta)
+        blocks = [part.block for part in parts]
+        others = _others(diagram, basis.poles(theta)[:, 0])
+        basis, theta = extended(basis, theta, blocks, others, count)
+    if not known:
+        parts = _reweighted(parts, basis, theta)
+        basis, theta = pruned(basis, theta, [part.block for part in parts], None)
+    if count is not None and basis.count < count:
+        raise ModelError(
+            f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
+            f"{band[1]:g} Hz: ask for fewer, or guess their frequencies"
+        )
+    return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
+
+
+def settled(
+    parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
+) -> tuple[tuple[Prepared, ...], Array]:
+    """Fit to the end; where no variance was given, weights and fit in turn.
+
+    Parameters
+    ----------
+    parts : tuple of Prepared
+        The responses.
+    basis : ModalBasis
+        The model.
+    theta : numpy.ndarray
+        Its parameters, shape (p,).
+
+    Returns
+    -------
+    tuple
+        The responses with their weights, and the parameters.
+    """
+    turns = 1 if all(part.given for part in parts) else 3
+    for turn in range(turns):
+        if basis.size:
+            blocks = [part.block for part in parts]
+            theta = minimise(basis, theta, blocks, rough=turn + 1 < turns)[0]
+        if turn + 1 < turns:
+            parts = _reweighted(parts, basis, theta)
+    return parts, theta
+
+
+def _start(
+    parts: Sequence[Prepared],
+    orders: Sequence[int] | None,
+    band: tuple[float, float],
+    guess: Sequence[float] | None,
+) -> tuple[Stabilisation, Complex]:
+    lines = [part.lines() for part in parts]
+    if len({part.measured.inputs for part in parts}) > 1:
+        # each input by itself, as they share no more than the poles
+        lines = [
+            replace(one, response=one.response[:, :, i : i + 1])
+            for one in lines
+            for i in range(one.response.shape[2])
+        ]
+    diagram = stabilised(lines, orders=orders, band=band)
+    poles = distinct(diagram.poles, diagram.persistence)
+    if guess is not None:
+        return diagram, _nearest(poles, guess)
+    return diagram, poles
+
+
+def _others(diagram: Stabilisation, poles: Complex) -> Complex:
+    """Poles of some orders, stable or not, that are not among those given."""
+    last = len(diagram.orders) - 1
+    chosen = [diagram.orders[last * n // 6].poles for n in (6, 4, 3, 2)]
+    every = np.concatenate([poles, *chosen])
+    # rank by turn: the given ones first, then those of high orders
+    apart = distinct(every, -np.arange(float(every.size)))
+    return apart[~np.isin(apart, poles)]
+
+
+def _nearest(poles: Complex, guess: Sequence[float]) -> Complex:
+    chosen, free = [], list(poles)
+    for frequency in sorted(guess):
+        omega = 2.0 * math.pi * frequency
+        distance = [abs(abs(pole) / omega - 1.0) for pole in free]
+        if distance and min(distance) < _NEAR:
+            chosen.append(complex(free.pop(int(np.argmin(distance)))))
+        else:
+            zeta = _GUESSED_DAMPING
+            chosen.append(omega * complex(-zeta, math.sqrt(1.0 - zeta * zeta)))
+    return np.array(chosen, dtype=np.complex128)
+
+
+def _reweighted(
+    parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
+) -> tuple[Prepared, ...]:
+    return tuple(part if part.given else _weighted(part, basis, theta) for part in parts)
+
+
+def _weighted(part: Prepared, basis: ModalBasis, theta: Array) -> Prepared:
+    block, shape = part.block, part.measured.response.shape
+    now = eliminate(basis, theta, block)
+    motion = (block.s * basis.reference)[:, None] ** np.array(part.powers)[None, :]
+    values = (now.functions @ now.factors).reshape(shape) * motion[:, :, None]
+    left = remaining(basis, theta, block, now).reshape(shape)
+    return reweighted(part, values, left, basis.reference)

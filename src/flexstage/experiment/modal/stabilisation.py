@@ -1,0 +1,294 @@
+"""Which poles of polynomials stay where they are as the order rises, and so may be modes."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.experiment.modal.polynomial import Lines, poles_by_order
+from flexstage.experiment.modal.prepare import deviations
+from flexstage.experiment.spectra.response import MeasuredResponse
+
+__all__ = ["OrderPoles", "Stabilisation", "stabilised", "stable_poles"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# poles with more damping than this belong to the slope of a response rather than to a mode
+_MOST_DAMPING = 0.7
+_HIGHEST_ORDER = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OrderPoles:
+    """The poles of one order that may be physical: decaying, and in the band.
+
+    Parameters
+    ----------
+    order : int
+        The order of the polynomials.
+    poles : numpy.ndarray
+        Poles, rising in frequency [rad/s], shape (p,).
+    stable_frequency, stable_damping : numpy.ndarray
+        Whether the order before has a pole within the criterion of frequency, and whether that pole
+        agrees in damping as well, shape (p,).
+    """
+
+    order: int
+    poles: Complex
+    stable_frequency: NDArray[np.bool_]
+    stable_damping: NDArray[np.bool_]
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Undamped natural frequencies [Hz]."""
+        return np.abs(self.poles) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> Array:
+        """Damping ratios [1]."""
+        return -self.poles.real / np.abs(self.poles)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stabilisation:
+    """A stabilisation diagram, and the poles that were chosen in it.
+
+    Parameters
+    ----------
+    orders : tuple of OrderPoles
+        The poles of each order.
+    band : tuple of float
+        Ends of the band [Hz].
+    poles : numpy.ndarray
+        Chosen poles, one for each cluster, rising in frequency [rad/s], shape (p,).
+    persistence : numpy.ndarray
+        The share of the orders, from where a cluster begins, that it is found in [1], shape (p,).
+    frequency_tolerance, damping_tolerance : float
+        The relative criteria [1].
+    """
+
+    orders: tuple[OrderPoles, ...]
+    band: tuple[float, float]
+    poles: Complex
+    persistence: Array
+    frequency_tolerance: float
+    damping_tolerance: float
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Undamped natural frequencies of the chosen poles [Hz]."""
+        return np.abs(self.poles) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> Array:
+        """Damping ratios of the chosen poles [1]."""
+        return -self.poles.real / np.abs(self.poles)
+
+
+def stable_poles(
+    response: MeasuredResponse,
+    *,
+    band: tuple[float, float] | None = None,
+    orders: Sequence[int] | None = None,
+    frequency_tolerance: float = 0.01,
+    damping_tolerance: float = 0.05,
+    coefficients: Literal["complex", "real"] = "complex",
+) -> Stabilisation:
+    """Find the poles of a frequency response, and those that stay as the order rises.
+
+    The estimator is the poly-reference least-squares complex frequency one (Guillaume, Verboven,
+    Vanlanduit, Van der Auweraer and Peeters, 2003, IMAC XXI), in which each line counts by the
+    inverse of its variance where that is known. A pole is stable if the next lower order has one
+    within the tolerances. Poles are chosen so: stable poles of all orders are joined to clusters in
+    which each has a neighbour within the tolerance of frequency, and within three times that of
+    damping; clusters found in at least half of the orders from their first on count, if they hold
+    three orders or more, and the pole of each is the median of its members.
+
+    Parameters
+    ----------
+    response : MeasuredResponse
+        The response.
+    band : tuple of float, optional
+        Ends of the band [Hz]; all frequencies above 0 where not given.
+    orders : sequence of int, optional
+        Orders of the polynomials, rising: with complex coefficients and one input, each gives one
+        pole; 2 to 40 where not given, or fewer with few lines.
+    frequency_tolerance : float
+        Relative criterion of stability for the frequency [1].
+    damping_tolerance : float
+        Relative criterion of stability for the damping ratio [1].
+    coefficients : {"complex", "real"}
+        Complex ones see the band alone; real ones all frequencies from 0 on, and half of their
+        poles are the conjugates of the others.
+
+    Returns
+    -------
+    Stabilisation
+        The poles of each order, and the chosen ones.
+
+    Validity
+    --------
+    Linear and time-invariant; damping ratios below 0.7. With noise and no variance, damping comes
+    out too small for weakly excited modes: `fit_modes` refines it. A chosen pole may yet be of the
+    noise: `fit_modes` tests it.
+
+    Raises
+    ------
+    RecordError
+        Too few lines are in the band, or a variance is impossible.
+    ModelError
+        The orders are not rising and positive, or too high for the lines there are.
+
+    Examples
+    --------
+    >>> f = np.arange(1.0, 200.0, 0.25)
+    >>> s, pole = 2j * np.pi * f, -4.7 + 541.0j
+    >>> h = (0.3 / (s - pole) + 0.3 / (s - pole.conjugate()))[:, None, None]
+    >>> found = stable_poles(MeasuredResponse(
+    ...     frequency_hz=f, response=h, inputs=("force",), outputs=("motion",)))
+    >>> round(float(found.frequency_hz[0]), 3), round(float(found.damping_ratio[0]), 5)
+    (86.106, 0.00869)
+    """
+    part = response if band is None else response.between(*band)
+    if part.frequency_hz[0] == 0.0:
+        part = part.between(float(part.frequency_hz[1]), float(part.frequency_hz[-1]))
+    f = part.frequency_hz
+    if f.size < 8:
+        raise RecordError(
+            f"poles need at least 8 lines above 0 Hz in the band, got {f.size}: widen the band, or "
+            "use longer segments"
+        )
+    weight = np.ones((f.size, len(part.outputs)))
+    deviation = deviations(part)
+    if deviation is not None:
+        weight = 1.0 / np.mean(deviation**2, axis=2)
+        weight /= weight.mean()
+    lines = [Lines(frequency_hz=f, response=part.response, weight=weight)]
+    return stabilised(
+        lines,
+        orders=orders,
+        band=(float(f[0]), float(f[-1])),
+        tolerances=(frequency_tolerance, damping_tolerance),
+        coefficients=coefficients,
+    )
+
+
+def stabilised(
+    lines: Sequence[Lines],
+    *,
+    orders: Sequence[int] | None,
+    band: tuple[float, float],
+    tolerances: tuple[float, float] = (0.01, 0.05),
+    coefficients: Literal["complex", "real"] = "complex",
+) -> Stabilisation:
+    """Find stable poles of several sets of lines together.
+
+    Parameters
+    ----------
+    lines : sequence of Lines
+        The responses, all with the same number of inputs.
+    orders : sequence of int, optional
+        Orders of the polynomials, rising.
+    band : tuple of float
+        Ends of the band [Hz].
+    tolerances : tuple of float
+        Criteria of frequency and damping [1].
+    coefficients : {"complex", "real"}
+        Kind of the coefficients.
+
+    Returns
+    -------
+    Stabilisation
+        The poles of each order, and the chosen ones.
+
+    Raises
+    ------
+    ModelError
+        The orders are not rising and positive, or too high for the lines there are.
+    """
+    if orders is None:
+        fewest = min(part.frequency_hz.size for part in lines)
+        orders = range(2, max(4, min(_HIGHEST_ORDER, fewest // 3)) + 1)
+    ladder = [int(order) for order in orders]
+    if not ladder or ladder[0] < 1 or any(b <= a for a, b in itertools.pairwise(ladder)):
+        raise ModelError(f"orders must be positive and rise, got {ladder}")
+    all_poles = poles_by_order(lines, ladder, band, coefficients)
+    found: list[OrderPoles] = []
+    for order, poles in zip(ladder, all_poles, strict=True):
+        size = np.abs(poles)
+        physical = (
+            (poles.real < 0.0)
+            & (poles.imag > 0.0)
+            & (-poles.real < _MOST_DAMPING * size)
+            & (size >= 2.0 * math.pi * band[0])
+            & (size <= 2.0 * math.pi * band[1])
+        )
+        kept = poles[physical]
+        kept = kept[np.argsort(np.abs(kept), kind="stable")]
+        before = found[-1].poles if found else kept[:0]
+        found.append(_compared(order, kept, before, tolerances))
+    poles, persistence = _clusters(found, tolerances)
+    return Stabilisation(
+        orders=tuple(found),
+        band=band,
+        poles=poles,
+        persistence=persistence,
+        frequency_tolerance=tolerances[0],
+        damping_tolerance=tolerances[1],
+    )
+
+
+def _compared(
+    order: int, poles: Complex, before: Complex, tolerances: tuple[float, float]
+) -> OrderPoles:
+    near = np.zeros(poles.size, dtype=bool)
+    both = np.zeros(poles.size, dtype=bool)
+    if before.size and poles.size:
+        size, last = np.abs(poles), np.abs(before)
+        damping, last_damping = -poles.real / size, -before.real / last
+        close = np.abs(size[:, None] / last[None, :] - 1.0) <= tolerances[0]
+        agree = np.abs(damping[:, None] / last_damping[None, :] - 1.0) <= tolerances[1]
+        near = np.asarray(close.any(axis=1))
+        both = np.asarray((close & agree).any(axis=1))
+    return OrderPoles(order=order, poles=poles, stable_frequency=near, stable_damping=both)
+
+
+def _clusters(
+    found: Sequence[OrderPoles], tolerances: tuple[float, float]
+) -> tuple[Complex, Array]:
+    """Follow stable poles from order to order, each track taking the nearest of the next one."""
+    tracks: list[list[tuple[int, complex]]] = []
+    for step, entry in enumerate(found):
+        free = list(entry.poles[entry.stable_damping])
+        for track in tracks:
+            if not free:
+                break
+            last = track[-1][1]
+            distance = [_distance(pole, last, tolerances) for pole in free]
+            nearest = int(np.argmin(distance))
+            if distance[nearest] <= 1.0:
+                track.append((step, free.pop(nearest)))
+        tracks += [[(step, pole)] for pole in free]
+    chosen = []
+    for track in tracks:
+        share = len(track) / (len(found) - track[0][0])
+        if len(track) >= 3 and share >= 0.5:
+            members: Complex = np.array([pole for _, pole in track], dtype=np.complex128)
+            chosen.append((complex(np.median(members.real), np.median(members.imag)), share))
+    chosen.sort(key=lambda item: abs(item[0]))
+    return (
+        np.array([pole for pole, _ in chosen], dtype=np.complex128),
+        np.array([share for _, share in chosen], dtype=np.float64),
+    )
+
+
+def _distance(pole: complex, other: complex, tolerances: tuple[float, float]) -> float:
+    frequency = abs(abs(pole) / abs(other) - 1.0) / tolerances[0]
+    ratio = (pole.real / abs(pole)) / (other.real / abs(other))
+    return max(frequency, abs(ratio - 1.0) / (3.0 * tolerances[1]))

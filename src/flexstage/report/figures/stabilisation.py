@@ -1,0 +1,171 @@
+"""Where poles settle as the order of a model rises, and the modal fit beside what was measured."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.errors import ModelError
+from flexstage.experiment.modal import ModalFit
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_modal_fit", "draw_stabilisation"]
+
+# half width of a 95 % interval of a normal distribution
+_NORMAL = 1.959964
+# points that a fitted curve is drawn with beside those of the lines
+_POINTS = 1500
+
+
+def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
+    """Draw the poles of each order over the magnitude of the response.
+
+    Parameters
+    ----------
+    fit : ModalFit
+        The fit.
+    number : int
+        Which of the responses that were fitted together gives the magnitude.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Poles by frequency and order, marked by what is stable, over the root mean square of all
+        outputs and inputs; the modes of the fit as upright lines.
+
+    Raises
+    ------
+    ModelError
+        There is no such response, or the fit has no stabilisation diagram.
+    """
+    diagram = fit.stabilisation
+    if diagram is None or not 0 <= number < len(fit.fitted):
+        raise ModelError(f"there is no stabilisation diagram of response {number}")
+    measured = fit.fitted[number].measured
+    figure = new_figure(9.6, 4.0)
+    axes = figure.subplots()
+    size = np.sqrt(np.mean(np.abs(measured.response) ** 2, axis=(1, 2)))
+    units = set(measured.output_units) or {""}
+    dress(axes)
+    axes.semilogy(
+        measured.frequency_hz, np.maximum(size, 1e-300), color=MUTED, linewidth=0.8, zorder=1
+    )
+    axes.set_ylabel(f"magnitude{_unit(measured.output_units, measured.input_units)}"
+                    if len(units) == 1 else "magnitude, rms of all", color=INK)  # fmt: skip
+    _band(axes, fit)
+    over = axes.twinx()
+    dress(over, grid=False)
+    over.spines["right"].set_visible(True)
+    over.spines["left"].set_visible(False)
+    kinds = (
+        ("not stable", ".", MUTED, 3.0, lambda o: ~o.stable_frequency),
+        ("frequency stable", "+", CYCLE[4], 4.5, lambda o: o.stable_frequency & ~o.stable_damping),
+        ("damping too", "o", CYCLE[0], 3.4, lambda o: o.stable_damping),
+    )
+    for label, marker, colour, points, chosen in kinds:
+        f = [o.frequency_hz[chosen(o)] for o in diagram.orders]
+        order = [np.full(x.size, o.order) for x, o in zip(f, diagram.orders, strict=True)]
+        over.plot(np.concatenate(f), np.concatenate(order), marker, color=colour, label=label,
+                  markersize=points, markeredgewidth=0.9, fillstyle="none", zorder=3)  # fmt: skip
+    for n, mode in enumerate(fit.modes):
+        over.axvline(mode.frequency_hz.value, color=CYCLE[1], linewidth=0.9,
+                     label="mode of the fit" if n == 0 else None, zorder=2)  # fmt: skip
+    orders = [o.order for o in diagram.orders]
+    over.set_ylim(min(orders) - 1, max(orders) + 1)
+    over.set_ylabel("order", color=INK)
+    figure.legend(*over.get_legend_handles_labels(), loc="outside upper right", ncols=4,
+                  fontsize=7.5, frameon=False, labelcolor=INK)  # fmt: skip
+    tolerances = 100.0 * np.array([diagram.frequency_tolerance, diagram.damping_tolerance])
+    entitle(axes, "stable: frequency within {:g} %, damping within {:g} %".format(*tolerances))
+    return figure
+
+
+def draw_modal_fit(
+    fit: ModalFit, number: int = 0, *, output: int = 0, input_number: int = 0
+) -> "Figure":
+    """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
+
+    Parameters
+    ----------
+    fit : ModalFit
+        The fit.
+    number : int
+        Which of the responses that were fitted together.
+    output, input_number : int
+        Which output and input of it.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Magnitude above, with the residual and the noise that the fit finds; phase below.
+
+    Raises
+    ------
+    ModelError
+        There is no such response, output or input.
+    """
+    if not 0 <= number < len(fit.fitted):
+        raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
+    one = fit.fitted[number]
+    measured = one.measured
+    if not (0 <= output < len(measured.outputs) and 0 <= input_number < len(measured.inputs)):
+        raise ModelError(f"response {number} has no output {output} or no input {input_number}")
+    at = (slice(None), output, input_number)
+    f = measured.frequency_hz
+    fine = np.union1d(f, np.linspace(f[0], f[-1], _POINTS))
+    for mode in fit.modes:
+        centre, half = mode.frequency_hz.value, 8.0 * mode.damping_ratio.value
+        near = centre * np.linspace(1.0 - half, 1.0 + half, 161)
+        fine = np.union1d(fine, near[(near > f[0]) & (near < f[-1])])
+    value, spread = fit.response(fine, number)[at], fit.response_uncertainty(fine, number)[at]
+    left = np.abs(measured.response[at] - fit.response(f, number)[at])
+    figure = new_figure(9.6, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
+    dress(upper)
+    tiny = 1e-300
+    upper.semilogy(f, np.maximum(np.abs(measured.response[at]), tiny), ".", color=CYCLE[1],
+                   markersize=2.2, label="measured")  # fmt: skip
+    upper.fill_between(fine, np.maximum(np.abs(value) - _NORMAL * spread, 0.05 * np.abs(value)),
+                       np.abs(value) + _NORMAL * spread, color=CYCLE[5], alpha=0.5, linewidth=0,
+                       label="95 % band of the fit")  # fmt: skip
+    upper.semilogy(fine, np.abs(value), color=CYCLE[0], linewidth=1.0, label="fit")
+    upper.semilogy(f, np.maximum(left, tiny), color=MUTED, linewidth=0.4, label="residual")
+    upper.semilogy(f, one.deviation[at], color=INK, linewidth=0.8, linestyle=(0, (5, 3)),
+                   label="noise, rms")  # fmt: skip
+    shown = np.concatenate([np.abs(measured.response[at]), np.quantile(left, [0.02, 1.0])])
+    shown = shown[shown > 0.0]
+    upper.set_ylim(0.5 * shown.min(), 2.5 * shown.max())
+    units = [x[i : i + 1] for x, i in ((measured.output_units, output),
+                                       (measured.input_units, input_number))]  # fmt: skip
+    upper.set_ylabel(f"magnitude{_unit(*units)}", color=INK)
+    names = f"{measured.outputs[output]} over {measured.inputs[input_number]}"
+    entitle(upper, names)
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=5,
+                  fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)  # fmt: skip
+    dress(lower)
+    lower.plot(f, np.degrees(np.angle(measured.response[at])), ".", color=CYCLE[1], markersize=2.2)
+    phase = np.degrees(np.angle(value))
+    # a phase that passes 180 deg jumps: leave the line open there
+    phase[1:][np.abs(np.diff(phase)) > 180.0] = np.nan
+    lower.plot(fine, phase, color=CYCLE[0], linewidth=1.0)
+    lower.set_ylim(-190.0, 190.0)
+    lower.set_yticks([-180.0, -90.0, 0.0, 90.0, 180.0])
+    lower.set_ylabel("phase [deg]", color=INK)
+    _band(lower, fit)
+    return figure
+
+
+def _band(axes: "Axes", fit: ModalFit) -> None:
+    axes.set_xlim(*fit.band)
+    axes.set_xlabel("frequency [Hz]", color=INK)
+
+
+def _unit(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
+    if not outputs or not outputs[0] or not inputs or not inputs[0]:
+        return ""
+    return f" [{outputs[0]}/{inputs[0]}]" if "/" not in outputs[0] else (
+        f" [({outputs[0]})/{inputs[0]}]"
+    )  # fmt: skip
