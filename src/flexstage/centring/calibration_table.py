@@ -1,0 +1,231 @@
+"""The table of a scale's own errors, by which its readings are corrected."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+from flexstage.estimate import Component, Estimate
+from flexstage.records import Channel, Record
+
+__all__ = ["CalibrationTable"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationTable:
+    r"""What a scale reads more than it should, over a turn.
+
+    .. math:: g(s) = \sum_n a_n \cos n s + b_n \sin n s
+
+    over the orders n that were found. The angle s of the scale is what an error-free scale would
+    read: with the table turned by theta and a head at alpha, s = theta + alpha, as in
+    `flexstage.centring.geometry`.
+
+    Parameters
+    ----------
+    angle : numpy.ndarray
+        Angles of the scale [rad], evenly spaced over a turn from 0, shape (k,).
+    error : numpy.ndarray
+        Reading less angle there [rad], shape (k,), of mean zero.
+    uncertainty : numpy.ndarray
+        Standard uncertainty of `error` [rad], shape (k,).
+    degrees_of_freedom : float
+        How well that is known: infinite where the noise was given.
+    orders : tuple of int
+        The orders that the table holds.
+    blind : tuple of int
+        The orders that were asked for and that the method cannot see: they are missing from
+        `error`, and from its uncertainty unless an allowance was given for them.
+    cosine, sine : numpy.ndarray
+        Amplitudes a and b [rad], shape (orders,).
+    order_uncertainty : numpy.ndarray
+        Standard uncertainty of each of them [rad], root mean square of the two, shape (orders,).
+    noise : float
+        Standard deviation of one reading [rad].
+    method : str
+        How it was found.
+
+    Raises
+    ------
+    RecordError
+        The arrays do not belong together.
+
+    Examples
+    --------
+    >>> s = 2.0 * np.pi * np.arange(72) / 72
+    >>> heads = np.array([0.0, 0.7, 1.9])
+    >>> read = 4e-6 * np.sin(3.0 * (s + heads[:, np.newaxis]))
+    >>> from flexstage.centring.self_calibration import self_calibration
+    >>> table = self_calibration(s, read, heads=heads, orders=range(2, 9), noise=1e-9)
+    >>> print(f"{table.error_at(0.5) * 1e6:.3f} urad")
+    3.990 urad
+    """
+
+    angle: Array
+    error: Array
+    uncertainty: Array
+    degrees_of_freedom: float = math.inf
+    orders: tuple[int, ...]
+    blind: tuple[int, ...] = ()
+    cosine: Array
+    sine: Array
+    order_uncertainty: Array
+    noise: float
+    method: str
+
+    def __post_init__(self) -> None:
+        if not self.angle.ndim == 1 or not (
+            self.angle.shape == self.error.shape == self.uncertainty.shape
+        ):
+            raise RecordError(
+                "angle, error and uncertainty of a calibration table must be of one length, got "
+                f"shapes {self.angle.shape}, {self.error.shape} and {self.uncertainty.shape}"
+            )
+        if not self.cosine.shape == self.sine.shape == (len(self.orders),):
+            raise RecordError(
+                f"a calibration table needs a cosine and a sine for each of its "
+                f"{len(self.orders)} orders, got {self.cosine.size} and {self.sine.size}"
+            )
+
+    def error_at(self, angle: ArrayLike) -> Array:
+        """Return the error of the scale at any angle.
+
+        Parameters
+        ----------
+        angle : array_like
+            Angles of the scale [rad], of any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Reading less angle [rad], of the same shape.
+        """
+        s = np.asarray(angle, dtype=np.float64)
+        flat = np.atleast_1d(s).ravel()
+        out = np.zeros_like(flat)
+        # in parts, so that the angles times the orders stay small in memory
+        n = np.asarray(self.orders, dtype=np.float64)
+        step = max(1, 1_000_000 // max(1, n.size))
+        for i in range(0, flat.size, step):
+            phase = np.multiply.outer(flat[i : i + step], n)
+            out[i : i + step] = np.cos(phase) @ self.cosine + np.sin(phase) @ self.sine
+        return out.reshape(s.shape)
+
+    def correct(self, reading: ArrayLike) -> Array:
+        """Return the angles that belong to readings of the scale.
+
+        The reading is s + g(s); s is found by repeated substitution.
+
+        Parameters
+        ----------
+        reading : array_like
+            Readings of the scale [rad], of any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Angles of the scale [rad], of the same shape.
+
+        Raises
+        ------
+        RecordError
+            The errors are so steep that readings repeat themselves.
+        """
+        r = np.asarray(reading, dtype=np.float64)
+        n = np.asarray(self.orders, dtype=np.float64)
+        steepest = float(n @ np.hypot(self.cosine, self.sine)) if n.size else 0.0
+        if steepest >= 0.5:
+            raise RecordError(
+                f"the errors of the table may change by {steepest:.2g} rad in a radian, and must "
+                "stay below 0.5 for a reading to have one angle: is the table in radians?"
+            )
+        s = r.copy()
+        # every round multiplies what is left by at most the steepest slope
+        for _ in range(60):
+            better = r - self.error_at(s)
+            moved = float(np.max(np.abs(better - s), initial=0.0))
+            s = better
+            if moved * steepest < 1e-16:
+                break
+        return s
+
+    def estimate(self, angle: float) -> Estimate:
+        """Return the error at one angle with its uncertainty.
+
+        Parameters
+        ----------
+        angle : float
+            Angle of the scale [rad].
+
+        Returns
+        -------
+        Estimate
+            Reading less angle [rad].
+        """
+        u = np.interp(angle, self.angle, self.uncertainty, period=2.0 * np.pi)
+        part = Component(
+            name="readings", uncertainty=float(u), degrees_of_freedom=self.degrees_of_freedom
+        )
+        blind = f"without the orders {_listed(self.blind)}" if self.blind else ""
+        return Estimate(
+            value=float(self.error_at(angle)), unit="rad", components=(part,), note=blind
+        )
+
+    def harmonic(self, order: int) -> tuple[float, float]:
+        """Return the amplitudes of one order.
+
+        Parameters
+        ----------
+        order : int
+            The order.
+
+        Returns
+        -------
+        tuple of float
+            Amplitudes of cosine and sine [rad].
+
+        Raises
+        ------
+        RecordError
+            The table does not hold this order.
+        """
+        if order not in self.orders:
+            why = "the method is blind to it" if order in self.blind else "it was not asked for"
+            raise RecordError(f"the table does not hold order {order}: {why}")
+        i = self.orders.index(order)
+        return float(self.cosine[i]), float(self.sine[i])
+
+    def record(self) -> Record:
+        """Return the table as a record, to be written to a file.
+
+        Returns
+        -------
+        Record
+            Columns angle, error and uncertainty [rad], over the points.
+        """
+        columns = (("angle", self.angle), ("error", self.error), ("uncertainty", self.uncertainty))
+        notes = [f"errors of a scale by {self.method}, orders {_listed(self.orders)}"]
+        if self.blind:
+            notes.append(f"orders {_listed(self.blind)} could not be seen and are not in the table")
+        return Record(
+            channels=tuple(Channel(name=name, values=v, unit="rad") for name, v in columns),
+            time=np.arange(self.angle.size, dtype=np.float64),
+            source=self.method,
+            notes=tuple(notes),
+            over="point",
+        )
+
+
+def _listed(orders: tuple[int, ...]) -> str:
+    """Write orders with runs drawn together."""
+    runs: list[list[int]] = []
+    for n in sorted(orders):
+        if runs and n == runs[-1][1] + 1:
+            runs[-1][1] = n
+        else:
+            runs.append([n, n])
+    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)

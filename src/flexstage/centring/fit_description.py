@@ -1,0 +1,230 @@
+"""From the coefficients of a fit to harmonics with uncertainty, and what a reader should know."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
+from flexstage.centring.harmonic_problem import HarmonicProblem
+from flexstage.centring.normal_equations import NormalEquations
+from flexstage.centring.outliers import Outlier
+from flexstage.centring.polar import direction_estimate, length_estimate
+from flexstage.centring.residual_noise import from_spectrum, from_turns
+from flexstage.centring.turns import Turns
+from flexstage.errors import RecordError
+from flexstage.estimate import Component, Estimate
+
+__all__ = ["MANY_TURNS", "described"]
+
+Array = NDArray[np.float64]
+
+#: From so many turns on their scatter tells the noise, whatever it is like.
+MANY_TURNS = 8
+#: Share of the variance of white noise from which a record says that its noise lasts.
+_WIDE = 6.0
+_LASTING = (
+    "what is left lasts from sample to sample, and makes the low orders more uncertain: fit more "
+    "orders if there are harmonics in it, or measure more turns if it is drift",
+)
+
+
+def described(
+    problem: HarmonicProblem,
+    equations: NormalEquations,
+    c: Array,
+    residual: Array,
+    weights: Array | None,
+    keep: NDArray[np.bool_] | None,
+    turns: Turns,
+    unit: str,
+) -> HarmonicFit:
+    """Return the harmonics of one column, with uncertainty and notes.
+
+    Parameters
+    ----------
+    problem : HarmonicProblem
+        The problem of this column.
+    equations : NormalEquations
+        Its sums.
+    c : numpy.ndarray
+        Its coefficients, shape (p,).
+    residual : numpy.ndarray
+        What they leave of all samples, shape (n,).
+    weights : numpy.ndarray or None
+        Weights of the samples, shape (n,).
+    keep : numpy.ndarray or None
+        Whether each sample was kept, shape (n,); all where None.
+    turns : Turns
+        The turns.
+    unit : str
+        Unit of the values.
+
+    Returns
+    -------
+    HarmonicFit
+        The harmonics.
+
+    Raises
+    ------
+    RecordError
+        There are too few samples without outliers.
+    """
+    kept = residual if keep is None else residual[keep]
+    w = None if weights is None else (weights if keep is None else weights[keep])
+    free = kept.size - c.size
+    if free < 1:
+        raise RecordError(
+            f"{kept.size} samples without outliers are too few for {c.size} coefficients: fit "
+            "fewer orders"
+        )
+    scaled = kept if w is None else kept * np.sqrt(w)
+    square = float(scaled @ scaled) / free
+    white = square * np.linalg.inv(equations.gram.sum(axis=0))
+    factors, freedom, noise = _noise(problem, equations, c, white, scaled, turns, free)
+    grown = np.sqrt(factors)
+    covariance = white * np.outer(grown, grown)
+    first = problem.first
+    harmonics = tuple(
+        _harmonic(
+            order,
+            c[first + 2 * i : first + 2 * i + 2],
+            covariance[first + 2 * i : first + 2 * i + 2, first + 2 * i : first + 2 * i + 2],
+            float(freedom[first + 2 * i]),
+            unit,
+        )
+        for i, order in enumerate(problem.orders)
+    )
+    offset, drift = _nuisance(problem, c, covariance, freedom, unit)
+    rms = math.sqrt(float(kept @ kept) / free)
+    return HarmonicFit(
+        harmonics=harmonics,
+        offset=offset,
+        drift=drift,
+        covariance=covariance[first:, first:],
+        residual=residual,
+        residual_rms=rms,
+        samples=int(kept.size),
+        turns=turns.count,
+        outliers=_named(problem, residual, keep, turns),
+        noise=noise,
+        unit=unit,
+        notes=_notes(problem, white, square, turns, kept.size, keep)
+        + (_LASTING if noise == "correlated" and float(factors[first:].max()) > _WIDE else ()),
+    )
+
+
+def _noise(
+    problem: HarmonicProblem,
+    equations: NormalEquations,
+    c: Array,
+    white: Array,
+    scaled: Array,
+    turns: Turns,
+    free: int,
+) -> tuple[Array, Array, str]:
+    """Return factors on the variance, degrees of freedom, and what they rest on."""
+    first, size = problem.first, c.size
+    if float(np.trace(white)) == 0.0:
+        return np.ones(size), np.full(size, float(free)), "white"
+    if equations.gram.shape[0] >= MANY_TURNS:
+        factors, freedom = from_turns(equations, c, white, first)
+        # where an order begins is chance: its cosine and sine are equally disturbed
+        pooled = 0.5 * (factors[first::2] + factors[first + 1 :: 2])
+        factors[first:] = np.repeat(pooled, 2)
+        degrees = np.full(size, freedom)
+        degrees[first:] *= 2.0
+        return factors, degrees, "turns"
+    per_sample = turns.count / problem.u.size
+    orders = np.repeat(np.array(problem.orders, dtype=np.float64), 2) * per_sample
+    lowest = np.full(first, 0.5 / problem.u.size)
+    found = from_spectrum(
+        scaled,
+        np.concatenate((lowest, orders)),
+        [*([per_sample] if problem.drift else []), *orders],
+    )
+    if found is None or turns.direction == 0:
+        return np.ones(size), np.full(size, float(free)), "white"
+    return found[0] * scaled.size / free, np.minimum(found[1], free), "correlated"
+
+
+def _harmonic(order: int, ab: Array, covariance: Array, freedom: float, unit: str) -> Harmonic:
+    parts = [
+        Estimate(
+            value=float(value),
+            unit=unit,
+            components=(
+                Component(
+                    name="noise", uncertainty=math.sqrt(variance), degrees_of_freedom=freedom
+                ),
+            ),
+        )
+        for value, variance in zip(ab, np.diag(covariance), strict=True)
+    ]
+    return Harmonic(
+        order=order,
+        cosine=parts[0],
+        sine=parts[1],
+        amplitude=length_estimate(ab, covariance, unit, degrees_of_freedom=freedom),
+        phase=direction_estimate(ab, covariance, degrees_of_freedom=freedom),
+        covariance=covariance,
+    )
+
+
+def _nuisance(
+    problem: HarmonicProblem, c: Array, covariance: Array, freedom: Array, unit: str
+) -> tuple[Estimate, Estimate | None]:
+    def estimate(value: float, variance: float, i: int) -> Estimate:
+        component = Component(
+            name="noise", uncertainty=math.sqrt(variance), degrees_of_freedom=float(freedom[i])
+        )
+        return Estimate(value=float(value), unit=unit, components=(component,))
+
+    if not problem.drift:
+        return estimate(c[0], covariance[0, 0], 0), None
+    at = np.array([1.0, problem.middle])
+    offset = estimate(float(at @ c[:2]), float(at @ covariance[:2, :2] @ at), 0)
+    return offset, estimate(c[1], covariance[1, 1], 1)
+
+
+def _named(
+    problem: HarmonicProblem, residual: Array, keep: NDArray[np.bool_] | None, turns: Turns
+) -> tuple[Outlier, ...]:
+    if keep is None:
+        return ()
+    return tuple(
+        Outlier(
+            index=int(i),
+            angle=float(turns.angle[i]),
+            value=float(problem.y[i, 0]),
+            residual=float(residual[i]),
+        )
+        for i in np.flatnonzero(~keep)
+    )
+
+
+def _notes(
+    problem: HarmonicProblem,
+    white: Array,
+    square: float,
+    turns: Turns,
+    kept: int,
+    keep: NDArray[np.bool_] | None,
+) -> tuple[str, ...]:
+    notes = []
+    if turns.direction == 0:
+        notes.append("the angles are in no order: noise is taken to be white")
+    own = np.diag(white)[problem.first :]
+    worst = math.sqrt(float(own.max()) * kept / (2.0 * square)) if square > 0.0 else 1.0
+    if worst > 1.5:
+        notes.append(
+            f"uneven samples make a harmonic up to {worst:.1f} times as uncertain as even ones "
+            f"would; {turns.coverage:.2f} of a turn has samples"
+        )
+    set_aside = 0 if keep is None else int(keep.size - keep.sum())
+    if keep is not None and set_aside > 0.01 * keep.size:
+        notes.append(
+            f"{set_aside} samples of {keep.size} were set aside: so many may be sharp errors of "
+            "the scale, which harmonics of these orders do not follow"
+        )
+    return tuple(notes)

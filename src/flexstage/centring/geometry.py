@@ -1,0 +1,400 @@
+"""What a head reads on a scale that is not centred on the axis it turns about.
+
+Everything is seen from the table, in the frame x, y that turns with it. There the scale stands
+still, its zero line along x and its lines counted counter-clockwise, and the head travels round it:
+
+.. code-block:: text
+
+            y |        head, at theta + alpha, as far from the axis as its reading radius
+              |      o
+              |    .'
+              |  .'   * centre of the scale, at (e_x, e_y), e long, in the direction phi
+              |.'
+        ------+---------------- x        + the axis
+
+``theta`` is the true angle that the table has been turned by, ``alpha`` where the head stands in
+the room. An error is the angle that is read less the true angle: positive where the scale reads
+more. Over a table that turns counter-clockwise as seen from above the head travels clockwise: seen
+from above, y and alpha then count with the opposite sign.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+
+__all__ = [
+    "ARCSEC",
+    "SCALE_KINDS",
+    "ScaleKind",
+    "beyond_first_order",
+    "direction_vector",
+    "exact_error",
+    "exact_run_out",
+    "first_order_error",
+    "in_turning_frame",
+]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+ScaleKind = Literal["disc", "drum"]
+
+#: One second of arc [rad].
+ARCSEC: float = float(np.pi / 648_000.0)
+#: Kinds of scales: radial lines on a face, or lines along the axis on a rim.
+SCALE_KINDS: tuple[str, ...] = ("disc", "drum")
+
+
+def exact_error(
+    angle: ArrayLike,
+    eccentricity: ArrayLike,
+    radius: float,
+    *,
+    head_angle: ArrayLike = 0.0,
+    kind: ScaleKind = "disc",
+    axis_motion: ArrayLike = (0.0, 0.0),
+    ellipticity: float = 0.0,
+    ellipticity_direction: float = 0.0,
+    tilt: float = 0.0,
+    tilt_direction: float = 0.0,
+) -> Array:
+    r"""Return the error of a head on an eccentric scale, without taking anything for small.
+
+    With the direction of the head beta = theta + alpha and e as a complex number, a head that stays
+    at the distance r from the axis has over it, on a disc, the line of the direction from the
+    centre of the scale to the head, and the error is
+
+    .. math:: d = \arg\left(1 - \frac{e}{r}\, \mathrm{e}^{-\mathrm{i}\beta}\right)
+              = \sum_{n=1}^{\infty}
+                \frac{1}{n} \left(\frac{|e|}{r}\right)^n \sin n(\beta - \varphi).
+
+    On a drum the head sees where its own radius meets the rim, at R from the centre:
+
+    .. math:: d = \arcsin\left(\frac{|e|}{R} \sin(\beta - \varphi)\right).
+
+    Parameters
+    ----------
+    angle : array_like
+        True angle of the table [rad], shape (n,) or any other.
+    eccentricity : array_like
+        Centre of the scale, x and y in the frame that turns with the table [m], shape (2,) or
+        (n, 2).
+    radius : float
+        Of a disc, the distance of the head from the axis; of a drum, the radius of its rim [m].
+    head_angle : array_like
+        Where the head stands in the room [rad], of a shape that fits that of the angle.
+    kind : {"disc", "drum"}
+        Radial lines on a face, or lines along the axis on a rim.
+    axis_motion : array_like
+        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
+    ellipticity : float
+        Relative stretch of the scale in one direction, and shortening across [1]: it reads up to
+        that angle too much or too little, twice in a turn.
+    ellipticity_direction : float
+        Direction of the stretch in the scale [rad].
+    tilt : float
+        Angle between the axes of scale and table [rad].
+    tilt_direction : float
+        Direction of the line in the scale that it is tilted about [rad].
+
+    Returns
+    -------
+    numpy.ndarray
+        Angle read less true angle [rad], of the shape of angle and head angle together.
+
+    Validity
+    --------
+    Rigid lines read at a point: the average over a scanning field, the interpolation error and the
+    change of signal with distance are not in it. Of a tilted scale the lines are seen along the
+    table's axis. The order of deformations is stretch, then tilt.
+
+    Raises
+    ------
+    ModelError
+        The axis is not inside the circle on which the scale is read, the radius is not positive,
+        the kind is none, or the deformation is impossible.
+
+    Examples
+    --------
+    >>> error = exact_error([0.5 * np.pi], (50e-6, 0.0), 50e-3)
+    >>> print(f"{error[0] / ARCSEC:.4f} arcsec")
+    206.2647 arcsec
+    """
+    _require_kind(kind)
+    theta = np.asarray(angle, dtype=np.float64)
+    beta = theta + np.asarray(head_angle, dtype=np.float64)
+    motion = in_turning_frame(axis_motion, theta)
+    # the axis stands still in the frame; what it does, the centre of the scale does with it
+    centre = _as_complex(eccentricity, "eccentricity") + motion
+    _require_inside(centre, radius)
+    outward = _unit(beta)
+    undo = _undeformed(ellipticity, ellipticity_direction, tilt, tilt_direction)
+    if kind == "disc":
+        line = undo(radius * outward - centre)
+    else:
+        start = undo(-centre)
+        _require_inside(start, radius)
+        line = _on_rim(start, undo(outward), radius)
+    return np.asarray(np.angle(line * np.conj(outward)), dtype=np.float64)
+
+
+def first_order_error(
+    angle: ArrayLike,
+    eccentricity: ArrayLike,
+    radius: float,
+    *,
+    head_angle: ArrayLike = 0.0,
+    axis_motion: ArrayLike = (0.0, 0.0),
+) -> Array:
+    r"""Return the error of a head on a scale that is eccentric by little.
+
+    .. math:: d = \frac{|e|}{R} \sin(\theta + \alpha - \varphi)
+              + \frac{m_x \sin\alpha - m_y \cos\alpha}{R}
+
+    An amplitude of 206 265 e / R arcsec, which is 412.5 arcsec for each um on each mm of diameter.
+
+    Parameters
+    ----------
+    angle : array_like
+        True angle of the table [rad], shape (n,) or any other.
+    eccentricity : array_like
+        Centre of the scale, x and y in the frame that turns with the table [m], shape (2,) or
+        (n, 2).
+    radius : float
+        Radius at which the scale is read [m].
+    head_angle : array_like
+        Where the head stands in the room [rad].
+    axis_motion : array_like
+        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        Angle read less true angle [rad].
+
+    Validity
+    --------
+    It leaves out up to (e / R)^2 / 2 on a disc, 0.1 arcsec at e / R = 1e-3, and (e / R)^3 / 6 on a
+    drum.
+
+    Raises
+    ------
+    ModelError
+        The axis is not inside the circle on which the scale is read, or the radius is not positive.
+
+    Examples
+    --------
+    >>> error = first_order_error([0.5 * np.pi], (50e-6, 0.0), 50e-3)
+    >>> print(f"{error[0] / ARCSEC:.4f} arcsec")
+    206.2648 arcsec
+    """
+    theta = np.asarray(angle, dtype=np.float64)
+    beta = theta + np.asarray(head_angle, dtype=np.float64)
+    centre = _as_complex(eccentricity, "eccentricity") + in_turning_frame(axis_motion, theta)
+    _require_inside(centre, radius)
+    return np.asarray(-np.imag(centre * np.conj(_unit(beta))) / radius, dtype=np.float64)
+
+
+def exact_run_out(
+    angle: ArrayLike,
+    eccentricity: ArrayLike,
+    radius: float,
+    *,
+    indicator_angle: ArrayLike = 0.0,
+    axis_motion: ArrayLike = (0.0, 0.0),
+) -> Array:
+    r"""Return what an indicator reads on the round rim of an eccentric scale.
+
+    .. math:: s = |e| \cos(\beta - \varphi) + \sqrt{R^2 - |e|^2 \sin^2(\beta - \varphi)} - R
+
+    Parameters
+    ----------
+    angle : array_like
+        True angle of the table [rad], shape (n,) or any other.
+    eccentricity : array_like
+        Centre of the scale, x and y in the frame that turns with the table [m], shape (2,) or
+        (n, 2).
+    radius : float
+        Radius of the rim [m].
+    indicator_angle : array_like
+        Where the indicator stands in the room, pointed at the axis [rad].
+    axis_motion : array_like
+        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
+
+    Returns
+    -------
+    numpy.ndarray
+        How far the rim is further out than of a centred scale [m].
+
+    Validity
+    --------
+    A point that touches a round rim, on a line through the axis. A flat or a ball of radius a that
+    touches acts on a rim of the radius R + a.
+
+    Raises
+    ------
+    ModelError
+        The axis is not inside the rim, or the radius is not positive.
+
+    Examples
+    --------
+    >>> s = exact_run_out([0.0, np.pi], (50e-6, 0.0), 50e-3)
+    >>> print(f"{1e6 * (s[0] - s[1]):.3f} um")
+    100.000 um
+    """
+    theta = np.asarray(angle, dtype=np.float64)
+    beta = theta + np.asarray(indicator_angle, dtype=np.float64)
+    centre = _as_complex(eccentricity, "eccentricity") + in_turning_frame(axis_motion, theta)
+    _require_inside(centre, radius)
+    seen = centre * np.conj(_unit(beta))
+    # sqrt(R^2 - a^2) - R, without the difference of two large numbers
+    across = seen.imag / radius
+    sag = -radius * across**2 / (1.0 + np.sqrt(1.0 - across**2))
+    return np.asarray(seen.real + sag, dtype=np.float64)
+
+
+def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> Array:
+    """Return what the exact error of a rigid scale is more than that of the first order.
+
+    Parameters
+    ----------
+    outward : numpy.ndarray
+        Direction of the head as seen from the table, as exp(i beta), shape (n,).
+    relative : complex
+        Eccentricity over the radius, x + i y [1].
+    kind : {"disc", "drum"}
+        Radial lines on a face, or lines along the axis on a rim.
+
+    Returns
+    -------
+    numpy.ndarray
+        The difference [rad], shape (n,).
+
+    Examples
+    --------
+    >>> wave = np.exp(1j * np.array([0.25 * np.pi]))
+    >>> print(f"{beyond_first_order(wave, 1e-3 + 0j, 'disc')[0]:.2e} rad")
+    5.00e-07 rad
+    """
+    seen = relative * np.conj(outward)
+    # of the first order the sign is that of the sine of beta less the direction
+    exact = np.angle(1.0 - seen) if kind == "disc" else np.arcsin(-seen.imag)
+    return np.asarray(exact + seen.imag, dtype=np.float64)
+
+
+def direction_vector(length: float, direction: float) -> Array:
+    """Return x and y of a vector of a length in a direction.
+
+    Parameters
+    ----------
+    length : float
+        The length [m].
+    direction : float
+        The direction, from x towards y [rad].
+
+    Returns
+    -------
+    numpy.ndarray
+        x and y [m], shape (2,).
+    """
+    return np.array([length * np.cos(direction), length * np.sin(direction)])
+
+
+def in_turning_frame(vector: ArrayLike, angle: ArrayLike) -> Complex:
+    """Return a vector of the room as the table sees it, as a complex number x + i y.
+
+    Parameters
+    ----------
+    vector : array_like
+        x and y in the room, shape (2,) or (n, 2).
+    angle : array_like
+        Angle of the table [rad], shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        x + i y in the frame that turns with the table.
+
+    Raises
+    ------
+    ModelError
+        The vector has no two finite parts.
+
+    Examples
+    --------
+    >>> turned = in_turning_frame((1.0, 0.0), 0.5 * np.pi)
+    >>> print(f"{turned.imag:.1f}")
+    1.0
+    """
+    parts = _as_complex(vector, "axis motion")
+    # an axis that stands still needs no turning
+    return parts * _unit(np.asarray(angle, dtype=np.float64)) if np.any(parts) else parts
+
+
+def _unit(angle: Array) -> Complex:
+    """Return exp(i angle), in a third of the time that the exponential of complex numbers takes."""
+    out = np.empty(np.shape(angle), dtype=np.complex128)
+    np.cos(angle, out=out.real)
+    np.sin(angle, out=out.imag)
+    return out
+
+
+def _as_complex(vector: ArrayLike, what: str) -> Complex:
+    parts = np.asarray(vector, dtype=np.float64)
+    if parts.ndim == 0 or parts.shape[-1] != 2 or not np.isfinite(parts).all():
+        raise ModelError(
+            f"the {what} must be x and y, both finite, in metres, got an array of shape "
+            f"{parts.shape}"
+        )
+    return parts[..., 0] + 1j * parts[..., 1]
+
+
+def _require_kind(kind: str) -> None:
+    if kind not in SCALE_KINDS:
+        raise ModelError(f"a scale is one of {', '.join(SCALE_KINDS)}, got '{kind}'")
+
+
+def _require_inside(centre: Complex, radius: float) -> None:
+    if not 0.0 < radius < np.inf:
+        raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
+    furthest = float(np.abs(centre).max()) if centre.size else 0.0
+    if furthest >= radius:
+        raise ModelError(
+            f"the axis must be inside the circle on which the scale is read, got an eccentricity "
+            f"of {furthest:g} m at a radius of {radius:g} m"
+        )
+
+
+def _undeformed(
+    stretch: float, direction: float, tilt: float, tilted_about: float
+) -> Callable[[Complex], Complex]:
+    """Return the map from where a line of the scale is seen to where it was made."""
+    if not abs(stretch) < 1.0:
+        raise ModelError(f"the ellipticity must be between -1 and 1, got {stretch!r}")
+    if not abs(tilt) < 0.5 * np.pi:
+        raise ModelError(f"the tilt must be less than a quarter of a turn, got {tilt!r} rad")
+
+    def undo(point: Complex) -> Complex:
+        if tilt != 0.0:
+            point = _scaled(point, 1.0, 1.0 / np.cos(tilt), tilted_about)
+        if stretch != 0.0:
+            point = _scaled(point, 1.0 / (1.0 + stretch), 1.0 / (1.0 - stretch), direction)
+        return point
+
+    return undo
+
+
+def _scaled(point: Complex, along: float, across: float, direction: float) -> Complex:
+    turn = np.exp(1j * direction)
+    own = point * np.conj(turn)
+    return (along * own.real + 1j * across * own.imag) * turn
+
+
+def _on_rim(start: Complex, way: Complex, radius: float) -> Complex:
+    """Return where a ray from a point inside meets the circle about zero."""
+    unit = way / np.abs(way)
+    seen = start * np.conj(unit)
+    return (np.sqrt(radius**2 - seen.imag**2) + 1j * seen.imag) * unit

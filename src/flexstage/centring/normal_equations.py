@@ -1,0 +1,186 @@
+"""Sums over samples that a fit of harmonics needs, in one pass and with little memory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NormalEquations", "accumulated", "evaluated"]
+
+Array = NDArray[np.float64]
+
+#: Samples that are worked on together: their tables stay in the processor's own memory.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NormalEquations:
+    """Sums of the products of the functions that are fitted, with each other and with the values.
+
+    The functions are 1, the turn number where there is a drift, then cosine and sine of each order.
+
+    Parameters
+    ----------
+    gram : numpy.ndarray
+        Of the functions with each other, for each group of samples, shape (groups, p, p).
+    right : numpy.ndarray
+        Of the functions with each column of values, shape (groups, p, m).
+    squares : numpy.ndarray
+        Of the values with themselves, shape (groups, m).
+    """
+
+    gram: Array
+    right: Array
+    squares: Array
+
+
+def accumulated(
+    turns: Array,
+    values: Array,
+    orders: Sequence[int],
+    *,
+    drift: bool,
+    weights: Array | None = None,
+    bounds: Sequence[int] | None = None,
+) -> NormalEquations:
+    """Sum over samples what the fit of harmonics needs.
+
+    Products of cosines are cosines of sums and differences of orders: not the products of all pairs
+    of functions are summed, but cosines and sines up to twice the highest order, each found from
+    the two before it.
+
+    Parameters
+    ----------
+    turns : numpy.ndarray
+        Angle of each sample [turn], shape (n,).
+    values : numpy.ndarray
+        Columns of values that share the angles, shape (n, m).
+    orders : sequence of int
+        Orders to fit, rising.
+    drift : bool
+        Whether a change in proportion to the angle is fitted.
+    weights : numpy.ndarray, optional
+        Weight of each sample, shape (n,); zero leaves it out.
+    bounds : sequence of int, optional
+        First sample of each group and, at the end, the number of samples; one group if not given.
+
+    Returns
+    -------
+    NormalEquations
+        The sums.
+    """
+    edges = [0, turns.size] if bounds is None else list(bounds)
+    highest = max(orders, default=0)
+    m = values.shape[1]
+    groups = len(edges) - 1
+    # rows: cosine and sine of each order; columns: weight, weight x turn, weighted values
+    table = np.zeros((groups, 2, 2 * highest + 1, 2 + m))
+    drifts = np.zeros((groups, 1 + m))
+    squares = np.zeros((groups, m))
+    for g in range(groups):
+        for start in range(edges[g], edges[g + 1], _CHUNK):
+            part = slice(start, min(start + _CHUNK, edges[g + 1]))
+            u, y = turns[part], values[part]
+            w = np.ones(u.size) if weights is None else weights[part]
+            columns = np.column_stack((w, w * u, y * w[:, None]))
+            waves = _waves(u, 2 * highest)
+            # the values are needed up to the highest order only
+            table[g, :, :, :2] += waves @ columns[:, :2]
+            table[g, :, : highest + 1, 2:] += waves[:, : highest + 1] @ columns[:, 2:]
+            squares[g] += np.einsum("ij,ij->j", y, columns[:, 2:])
+            drifts[g] += u @ columns[:, 1:]
+    return NormalEquations(
+        gram=_gram(table, drifts, orders, drift),
+        right=_right(table, drifts, orders, drift),
+        squares=squares,
+    )
+
+
+def evaluated(turns: Array, coefficients: Array, orders: Sequence[int], *, drift: bool) -> Array:
+    """Return the sum of the fitted functions.
+
+    Parameters
+    ----------
+    turns : numpy.ndarray
+        Angle of each sample [turn], shape (n,).
+    coefficients : numpy.ndarray
+        Of the functions, in the order of `NormalEquations`, shape (p, m).
+    orders : sequence of int
+        Orders, rising.
+    drift : bool
+        Whether there is a drift among them.
+
+    Returns
+    -------
+    numpy.ndarray
+        The sum, shape (n, m).
+    """
+    # each column in one piece, as what comes after goes through columns
+    out = np.empty((coefficients.shape[1], turns.size)).T
+    first = 2 if drift else 1
+    at = np.asarray(orders, dtype=np.intp)
+    for start in range(0, turns.size, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        waves = _waves(turns[part], max(orders, default=0))
+        out[part] = (
+            coefficients[0]
+            + waves[0, at].T @ coefficients[first::2]
+            + waves[1, at].T @ coefficients[first + 1 :: 2]
+        )
+        if drift:
+            out[part] += turns[part, None] * coefficients[1]
+    return out
+
+
+def _waves(turns: Array, highest: int) -> Array:
+    """Return cosine and sine of the orders 0 to the highest, shape (2, highest + 1, n)."""
+    out = np.empty((2, highest + 1, turns.size))
+    out[0, 0], out[1, 0] = 1.0, 0.0
+    if highest == 0:
+        return out
+    # whole turns are taken off while they are exact
+    x = 2.0 * np.pi * (turns - np.rint(turns))
+    np.cos(x, out=out[0, 1])
+    np.sin(x, out=out[1, 1])
+    twice = 2.0 * out[0, 1]
+    for k in range(2, highest + 1):
+        np.multiply(out[:, k - 1], twice, out=out[:, k])
+        out[:, k] -= out[:, k - 2]
+    return out
+
+
+def _gram(table: Array, drifts: Array, orders: Sequence[int], drift: bool) -> Array:
+    k = np.asarray(orders, dtype=np.intp)
+    c, s = table[:, 0, :, 0], table[:, 1, :, 0]
+    total, apart = k[:, None] + k[None, :], k[:, None] - k[None, :]
+    near = c[:, np.abs(apart)]
+    sine = np.sign(apart) * s[:, np.abs(apart)]
+    first = 2 if drift else 1
+    out = np.zeros((table.shape[0], first + 2 * k.size, first + 2 * k.size))
+    out[:, first::2, first::2] = 0.5 * (near + c[:, total])
+    out[:, first + 1 :: 2, first + 1 :: 2] = 0.5 * (near - c[:, total])
+    # cos(a) sin(b) = (sin(a + b) - sin(a - b)) / 2
+    mixed = 0.5 * (s[:, total] - sine)
+    out[:, first::2, first + 1 :: 2] = mixed
+    out[:, first + 1 :: 2, first::2] = np.swapaxes(mixed, 1, 2)
+    edge = [(0, c[:, 0], 0)] + ([(1, table[:, 0, 0, 1], 1)] if drift else [])
+    for row, own, column in edge:
+        out[:, row, 0] = out[:, 0, row] = own
+        for offset, wave in ((first, 0), (first + 1, 1)):
+            out[:, row, offset::2] = out[:, offset::2, row] = table[:, wave][:, k, column]
+    if drift:
+        out[:, 1, 1] = drifts[:, 0]
+    return out
+
+
+def _right(table: Array, drifts: Array, orders: Sequence[int], drift: bool) -> Array:
+    k = np.asarray(orders, dtype=np.intp)
+    first = 2 if drift else 1
+    out = np.zeros((table.shape[0], first + 2 * k.size, table.shape[3] - 2))
+    out[:, 0] = table[:, 0, 0, 2:]
+    if drift:
+        out[:, 1] = drifts[:, 1:]
+    out[:, first::2] = table[:, 0, k, 2:]
+    out[:, first + 1 :: 2] = table[:, 1, k, 2:]
+    return out

@@ -1,0 +1,173 @@
+"""Samples that do not belong to the others: found by a robust fit, named, set aside."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+
+__all__ = ["Outlier", "stands_out", "without_outliers"]
+
+Array = NDArray[np.float64]
+
+# a normal distribution's rms over the median of its absolute values
+_RMS_OVER_MEDIAN = 1.4826022185056018
+# constants of Huber's and Tukey's weights, at which 95 % of the efficiency for normal noise is kept
+_HUBER, _TUKEY = 1.345, 4.685
+_ROUNDS = 60
+#: Up to this share is left out at once, in so many rounds.
+_FEW, _FEW_ROUNDS = 0.01, 6
+#: More than this share that stands out is no handful of outliers.
+_MOST = 0.25
+#: Samples that a median is taken of, at most.
+_SAMPLED = 50_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlier:
+    """A sample that was set aside.
+
+    Parameters
+    ----------
+    index : int
+        Its number in the record, from 0.
+    angle : float
+        Its angle [rad].
+    value : float
+        Its value, in the unit of the record.
+    residual : float
+        How far it is from what the others say, in the same unit.
+    """
+
+    index: int
+    angle: float
+    value: float
+    residual: float
+
+
+def stands_out(residual: Array, relative_weight: Array | None = None) -> bool:
+    """Say whether a residual is too large for normal noise of the size of the others.
+
+    Parameters
+    ----------
+    residual : numpy.ndarray
+        The residuals, shape (n,).
+    relative_weight : numpy.ndarray, optional
+        Weight of each, shape (n,).
+
+    Returns
+    -------
+    bool
+        Whether one is.
+    """
+    size = _sizes(residual, relative_weight)
+    return bool(size.max() > _threshold(size.size) * _spread(size))
+
+
+def without_outliers(
+    solve: Callable[[Array], Array],
+    start: Array,
+    value_size: float,
+    relative_weight: Array | None = None,
+) -> NDArray[np.bool_]:
+    """Return which samples to keep.
+
+    A few that stand out from the first fit are left out, and the fit is repeated until they are
+    the same. Where they are many, weighted least squares is repeated with Huber's weights (Huber
+    1964, Annals of Mathematical Statistics 35), then with Tukey's (Beaton and Tukey 1974,
+    Technometrics 16). Of normal noise one record in twenty or fewer loses a sample, however long it
+    is.
+
+    Parameters
+    ----------
+    solve : Callable
+        From the weights of the samples, shape (n,), to the residuals of the fit, shape (n,).
+    start : numpy.ndarray
+        Residuals of the fit with all samples, shape (n,).
+    value_size : float
+        The largest of the values: residuals within its rounding are none.
+    relative_weight : numpy.ndarray, optional
+        Weight of each sample before that, shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Whether each sample is kept, shape (n,).
+
+    Raises
+    ------
+    RecordError
+        More than a quarter of the samples stand out.
+    """
+    base = np.ones(start.size) if relative_weight is None else relative_weight
+    floor = 1e-13 * value_size
+    few = _few(solve, base, start, floor, relative_weight)
+    if few is not None:
+        return few
+    residual = start
+    for weigh, rounds in ((_huber, _ROUNDS // 4), (_tukey, _ROUNDS)):
+        last = math.inf
+        for _ in range(rounds):
+            size = _sizes(residual, relative_weight)
+            spread = max(_spread(size), floor)
+            residual = solve(base * weigh(size / spread))
+            if abs(spread - last) <= 1e-4 * spread:
+                break
+            last = spread
+    size = _sizes(residual, relative_weight)
+    keep = size <= _threshold(size.size) * max(_spread(size), floor)
+    if keep.mean() < 1.0 - _MOST:
+        raise RecordError(
+            f"{int(size.size - keep.sum())} of {size.size} samples stand out from the others: that "
+            "is no handful of outliers; check the columns and their units, or fit without naming "
+            "outliers"
+        )
+    return keep
+
+
+def _few(
+    solve: Callable[[Array], Array],
+    base: Array,
+    start: Array,
+    floor: float,
+    relative_weight: Array | None,
+) -> NDArray[np.bool_] | None:
+    """Return which to keep where a few stand out so far that leaving them out changes no other."""
+    residual, last = start, np.ones(start.size, dtype=bool)
+    for _ in range(_FEW_ROUNDS):
+        size = _sizes(residual, relative_weight)
+        keep = size <= _threshold(size.size) * max(_spread(size), floor)
+        if np.array_equal(keep, last):
+            return keep
+        if keep.mean() < 1.0 - _FEW:
+            return None
+        residual, last = solve(base * keep), keep
+    return None
+
+
+def _sizes(residual: Array, relative_weight: Array | None) -> Array:
+    size = np.abs(residual)
+    return size if relative_weight is None else size * np.sqrt(relative_weight)
+
+
+def _spread(size: Array) -> float:
+    step = max(1, size.size // _SAMPLED)
+    return _RMS_OVER_MEDIAN * float(np.median(size[::step]))
+
+
+def _threshold(count: int) -> float:
+    """Return the multiple of the rms that one of so many normal values passes once in 40 times."""
+    from scipy.special import ndtri
+
+    return max(4.0, -float(ndtri(0.0125 / count)))
+
+
+def _huber(x: Array) -> Array:
+    return np.minimum(1.0, _HUBER / np.maximum(x, _HUBER))
+
+
+def _tukey(x: Array) -> Array:
+    return np.where(x < _TUKEY, (1.0 - (x / _TUKEY) ** 2) ** 2, 0.0)

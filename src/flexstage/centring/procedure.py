@@ -1,0 +1,288 @@
+"""The whole procedure: measure, try, move, and measure again, until the scale is centred."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.centring.bench import CentreReading, Table
+from flexstage.centring.move import Approach, PlannedMove, move_errors, planned_move
+from flexstage.centring.move_model import MoveModel, unknown_moves
+from flexstage.centring.positioner import Positioner
+from flexstage.errors import ModelError
+from flexstage.estimate import Estimate
+
+__all__ = ["Centring", "CentringStep", "centre"]
+
+#: The longest trial move, as a share of the stroke: the gain beyond it is known less well.
+_LONGEST_TRIAL = 0.6
+#: The shortest one, in uncertainties of what it is measured and set with.
+_SHORTEST_TRIAL = 30.0
+#: A move is worth while if it is expected to leave less than this share.
+_WORTH_WHILE = 0.9
+_AXES = ("x", "y")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CentringStep:
+    """One measurement of the eccentricity, and what was done before it.
+
+    Parameters
+    ----------
+    kind : {"start", "trial", "move"}
+        What was done.
+    command : tuple of float
+        Commands of the axes [m].
+    reading : CentreReading
+        What was measured then.
+    predicted : Estimate, optional
+        What a move was expected to leave [m]; None before the moves are known.
+    """
+
+    kind: Literal["start", "trial", "move"]
+    command: tuple[float, float]
+    reading: CentreReading
+    predicted: Estimate | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Centring:
+    """What the procedure came to.
+
+    Parameters
+    ----------
+    steps : tuple of CentringStep
+        Every measurement, in order.
+    model : MoveModel
+        What is known of the moves.
+    target : float
+        Eccentricity that was asked for [m].
+    reached : bool
+        Whether the upper end of the 95 % interval of what was measured last is below it.
+    reason : str
+        Why it ended.
+    """
+
+    steps: tuple[CentringStep, ...]
+    model: MoveModel
+    target: float
+    reached: bool
+    reason: str
+
+    @property
+    def reading(self) -> CentreReading:
+        """The last measurement."""
+        return self.steps[-1].reading
+
+    @property
+    def eccentricity(self) -> Estimate:
+        """What was measured last [m]."""
+        return self.reading.length
+
+    @property
+    def predicted(self) -> Estimate | None:
+        """What the last move was expected to leave [m]; None if there was none."""
+        return self.steps[-1].predicted
+
+    @property
+    def trials(self) -> int:
+        """Number of trial moves."""
+        return sum(step.kind == "trial" for step in self.steps)
+
+    @property
+    def moves(self) -> int:
+        """Number of moves towards the centre, without the trial moves."""
+        return sum(step.kind == "move" for step in self.steps)
+
+
+def centre(
+    table: Table,
+    positioner: Positioner,
+    *,
+    target: float = 0.1e-6,
+    moves: int = 3,
+    trials: int = 2,
+    mirrored: bool = False,
+    matrix: ArrayLike | None = None,
+    matrix_uncertainty: float = 2.0,
+    approach: Approach = "from below",
+) -> Centring:
+    r"""Centre the scale: measure, move each axis on trial, and then go to the centre in few moves.
+
+    A trial move tells how an axis is turned on the table, which way it counts, and its gain; every
+    further move improves that. It ends when the target is reached, with 95 % confidence in what is
+    measured and in what was predicted of the last move; when the limits, the resolution or what is
+    not known promise no improvement; or when the moves are used up.
+
+    Parameters
+    ----------
+    table : Table
+        What measures the eccentricity.
+    positioner : Positioner
+        What moves the scale.
+    target : float
+        Eccentricity that shall be reached [m].
+    moves : int
+        The most moves towards the centre, not counting trial moves.
+    trials : int
+        Trial moves: 2, one of each axis; 1, of the first, with the other one taken as square and of
+        equal gain; 0 where the matrix is known.
+    mirrored : bool
+        Whether the axes count the other way round than those of the table; for one trial move.
+    matrix : array_like, optional
+        How the scale is thought to move for a command of each axis [1], shape (2, 2).
+    matrix_uncertainty : float
+        Standard uncertainty of each of its elements [1].
+    approach : {"direct", "from below"}
+        Whether each command is approached from the lower end of both axes, which takes hysteresis
+        and backlash out, or directly.
+
+    Returns
+    -------
+    Centring
+        All steps, and what is left.
+
+    Validity
+    --------
+    What is brought to zero is what the readings show: the eccentricity and the scale's own errors
+    of order 1 together. Trial moves tell how the stage moves the scale, and not how much of the
+    error is of the scale's own. The first order of an axis that runs out once in a turn is in it
+    for one head.
+
+    Raises
+    ------
+    ModelError
+        A figure is impossible, or there is no room for a trial move.
+
+    Examples
+    --------
+    >>> from flexstage.centring.bench import VirtualBench
+    >>> from flexstage.centring.positioner import VirtualPositioner
+    >>> from flexstage.centring.virtual_table import VirtualTable
+    >>> from flexstage.designs import design
+    >>> stage = VirtualPositioner(
+    ...     design("vgtu-piezo"), start=(-1.0, -1.0), mounting_angle=0.7, mirrored=True
+    ... )
+    >>> x, y = -50e-6 * np.array([np.cos(0.2), np.sin(0.2)]) - stage.true_position
+    >>> table = VirtualTable(
+    ...     radius=50e-3, heads=(0.0, 1.6, 3.1, 4.8), eccentricity=(x, y), noise=4.8e-6
+    ... )
+    >>> done = centre(VirtualBench(table, stage), stage)
+    >>> print(done.reached, done.moves, f"{1e6 * done.steps[0].reading.length.value:.1f} um")
+    True 3 50.0 um
+    """
+    _check(target, moves, trials, matrix)
+    errors = move_errors(positioner, approach)
+    # the start belongs to the same branch as all that follows
+    _go(positioner, positioner.position, approach)
+    first = table.measure()
+    steps = [CentringStep(kind="start", command=positioner.position, reading=first)]
+    model = unknown_moves(
+        first.vector, first.covariance, matrix=matrix, matrix_uncertainty=matrix_uncertainty
+    )
+    if _good(first, target):
+        return _ended(steps, model, target, "it was centred from the start")
+    for axis in range(trials):
+        command = _trial(positioner, axis, first)
+        by = _go(positioner, command, approach)
+        model, step = _measured(table, positioner, model.moved(by, errors), "trial", None)
+        steps.append(step)
+        if trials == 1:
+            model = model.square(mirrored=mirrored)
+    for _ in range(moves):
+        plan = planned_move(model, positioner, approach=approach)
+        if not _worth_while(plan, steps[-1].reading):
+            break
+        by = _go(positioner, plan.command, approach)
+        model, step = _measured(table, positioner, model.moved(by, errors), "move", plan.remaining)
+        steps.append(step)
+        # what was expected as well, so that a lucky measurement alone does not end it
+        if _good(step.reading, target) and plan.remaining.interval()[1] < target:
+            return _ended(steps, model, target, "the target is reached")
+    plan = planned_move(model, positioner, approach=approach)
+    return _ended(steps, model, target, _why(plan, steps[-1], target))
+
+
+def _check(target: float, moves: int, trials: int, matrix: ArrayLike | None) -> None:
+    if not 0.0 < target < math.inf:
+        raise ModelError(f"the target must be positive and finite, got {target!r} m")
+    if moves < 1:
+        raise ModelError(f"there must be at least one move, got {moves}")
+    if trials not in (0, 1, 2):
+        raise ModelError(f"the trial moves are 0, 1 or 2, got {trials}")
+    if trials == 0 and matrix is None:
+        raise ModelError("without a trial move, the matrix of the moves must be given")
+
+
+def _good(reading: CentreReading, target: float) -> bool:
+    return reading.length.interval()[1] < target
+
+
+def _trial(positioner: Positioner, axis: int, reading: CentreReading) -> tuple[float, float]:
+    """Command of a trial move: about as long as the later moves, to the side with more room."""
+    low, high = positioner.limits[axis]
+    now = positioner.position[axis]
+    u = math.sqrt(float(np.trace(reading.covariance))) + positioner.resolution[axis]
+    wanted = max(float(np.hypot(*reading.vector)) / math.sqrt(2.0), _SHORTEST_TRIAL * u)
+    room = max(high - now, now - low)
+    length = min(wanted, _LONGEST_TRIAL * (high - low), room)
+    if not length > 0.0:
+        raise ModelError(f"axis {_AXES[axis]} has no room for a trial move")
+    command = list(positioner.position)
+    command[axis] = now + (length if high - now >= now - low else -length)
+    return command[0], command[1]
+
+
+def _go(positioner: Positioner, command: tuple[float, float], approach: Approach) -> np.ndarray:
+    before = np.asarray(positioner.position)
+    if approach == "from below":
+        positioner.move_to(*positioner.settable(*(low for low, _ in positioner.limits)))
+    return np.asarray(positioner.move_to(*command)) - before
+
+
+def _measured(
+    table: Table,
+    positioner: Positioner,
+    model: MoveModel,
+    kind: Literal["trial", "move"],
+    predicted: Estimate | None,
+) -> tuple[MoveModel, CentringStep]:
+    reading = table.measure()
+    step = CentringStep(
+        kind=kind, command=positioner.position, reading=reading, predicted=predicted
+    )
+    return model.measured(reading.vector, reading.covariance), step
+
+
+def _worth_while(plan: PlannedMove, now: CentreReading) -> bool:
+    if not np.any(plan.by):
+        return False
+    return plan.remaining.value < _WORTH_WHILE * max(now.length.value, now.length.uncertainty)
+
+
+def _why(plan: PlannedMove, last: CentringStep, target: float) -> str:
+    if _good(last.reading, target):
+        return "the target is reached"
+    if not plan.within_limits:
+        return (
+            f"the limits of the stage leave {1e6 * plan.shortfall:.2f} um: begin with the axes at "
+            "the other end of their stroke, or mount the scale again, turned on the stage"
+        )
+    if not _worth_while(plan, last.reading):
+        return (
+            f"resolution and noise leave {1e6 * plan.remaining.value:.3f} um on average: a further "
+            "move is not expected to improve it"
+        )
+    return "the moves are used up"
+
+
+def _ended(steps: list[CentringStep], model: MoveModel, target: float, reason: str) -> Centring:
+    return Centring(
+        steps=tuple(steps),
+        model=model,
+        target=target,
+        reached=_good(steps[-1].reading, target),
+        reason=reason,
+    )

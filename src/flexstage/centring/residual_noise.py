@@ -1,0 +1,186 @@
+"""How much more or less than white noise the residuals disturb each harmonic."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.centring.normal_equations import NormalEquations
+
+__all__ = ["from_spectrum", "from_turns"]
+
+Array = NDArray[np.float64]
+
+#: Fewer free frequencies than this say nothing of a spectrum.
+_LEAST_FREE = 24
+#: Groups of frequencies that a spectrum is fitted to.
+_GROUPS = 240
+#: Gain of log likelihood from which noise counts as correlated.
+_GAIN = 3.0
+#: The slowest noise that is allowed for is a walk over the record: that bounds what can be beyond.
+_LEAST_FREEDOM = 3.0
+
+
+def from_turns(
+    equations: NormalEquations, coefficients: Array, white: Array, slow: int
+) -> tuple[Array, float]:
+    """Return the factors on the variance of each function, from how turns differ from each other.
+
+    The variance that the scores of whole turns give, as of clustered samples (Liang and Zeger 1986,
+    Biometrika 73), over that of white noise: whatever repeats itself within a turn, or not, is in
+    it.
+
+    Parameters
+    ----------
+    equations : NormalEquations
+        Sums over each turn, of one column of values.
+    coefficients : numpy.ndarray
+        What was fitted to all of them, shape (p,).
+    white : numpy.ndarray
+        Covariance of the coefficients for white noise, shape (p, p).
+    slow : int
+        How many of the functions, from the first, are no harmonics.
+
+    Returns
+    -------
+    factors : numpy.ndarray
+        Of each function, shape (p,); not pooled.
+    degrees_of_freedom : float
+        Number of turns less one.
+    """
+    groups = equations.gram.shape[0]
+    scores = equations.right[:, :, 0] - equations.gram @ coefficients
+    solved = np.linalg.solve(equations.gram.sum(axis=0), scores.T)
+    variance = np.sum(solved**2, axis=1)
+    # a slow drift lasts from turn to turn, and adds to the mean what it does not to harmonics
+    lasting = 2.0 * np.sum(solved[:, 1:] * solved[:, :-1], axis=1)
+    variance[:slow] += np.maximum(lasting[:slow], 0.0)
+    variance *= groups / (groups - 1)
+    return variance / np.maximum(np.diag(white), np.finfo(float).tiny), groups - 1.0
+
+
+def from_spectrum(
+    residual: Array, frequencies: Sequence[float] | Array, fitted: Sequence[float]
+) -> tuple[Array, Array] | None:
+    r"""Return the factors on the variance of each function, from the spectrum of the residuals.
+
+    The spectrum of an autoregressive and moving average process of orders 1 and 1, which white
+    noise and drift together have, is fitted to the periodogram by Whittle's likelihood (Whittle
+    1953, Arkiv för Matematik 2). Frequencies that were fitted, and so are missing in the residuals,
+    are left out. The variance of a harmonic is in proportion to the spectrum at its frequency
+    (Grenander 1954, Annals of Mathematical Statistics 25).
+
+    Parameters
+    ----------
+    residual : numpy.ndarray
+        Residuals in the order of the samples, shape (n,).
+    frequencies : sequence of float or numpy.ndarray
+        Those of the functions, in cycles per sample.
+    fitted : sequence of float
+        All frequencies that are missing, in cycles per sample.
+
+    Returns
+    -------
+    tuple of numpy.ndarray or None
+        Spectrum at the frequencies over the mean square of the residuals, 1 at least, and its
+        degrees of freedom; None where white noise explains the residuals as well, or they are too
+        few.
+
+    Validity
+    --------
+    Samples that follow one another at about equal steps.
+    """
+    n = residual.size
+    power = np.abs(np.fft.rfft(residual)[1:]) ** 2 / n
+    bins = np.arange(1, power.size + 1, dtype=np.float64)
+    free = np.ones(power.size, dtype=bool)
+    for f in fitted:
+        free &= np.abs(bins - f * n) >= 0.99
+    if n % 2 == 0:
+        free[-1] = False  # its power has but one degree of freedom
+    mean = float(np.mean(residual**2))
+    if free.sum() < _LEAST_FREE or mean == 0.0:
+        return None
+    at, own, count = _grouped(bins[free] / n, power[free] / mean)
+    if not _looks_correlated(at, own, count):
+        return None
+    # what lasts for longer than the record has, at the frequencies in it, the spectrum of a walk
+    found = _fitted_spectrum(at, own, count, 1.0 - 2.0 * math.pi / n)
+    if found is None:
+        return None
+    level, rho, theta = found
+    f = np.asarray(frequencies, dtype=np.float64)
+    gradient = _gradient(at, rho, theta)
+    information = (gradient * count[:, None]).T @ gradient
+    own_gradient = _gradient(f, rho, theta)
+    spread = np.einsum("ij,jk,ik->i", own_gradient, np.linalg.pinv(information), own_gradient)
+    # of chi squared with nu degrees the logarithm has the variance 2 / nu + 2 / nu^2, nearly
+    freedom = (1.0 + np.sqrt(1.0 + 2.0 * spread)) / np.maximum(spread, 1e-12)
+    # less than white noise would give is not believed: it may be chance, and would not be safe
+    return np.maximum(level * _shape(f, rho, theta), 1.0), np.maximum(freedom, _LEAST_FREEDOM)
+
+
+def _grouped(at: Array, power: Array) -> tuple[Array, Array, Array]:
+    """Average neighbouring frequencies, more of them the higher they are."""
+    edges = np.unique(
+        np.rint(np.geomspace(1.0, at.size + 1.0, min(_GROUPS, at.size + 1))).astype(np.intp) - 1
+    )
+    edges = edges[edges < at.size]
+    count = np.diff(np.append(edges, at.size)).astype(np.float64)
+    return np.add.reduceat(at, edges) / count, np.add.reduceat(power, edges) / count, count
+
+
+def _shape(f: Array, rho: float, theta: float) -> Array:
+    c = np.cos(2.0 * np.pi * f)
+    return (1.0 + theta**2 - 2.0 * theta * c) / (1.0 + rho**2 - 2.0 * rho * c)
+
+
+def _gradient(f: Array, rho: float, theta: float) -> Array:
+    """Derivatives of the logarithm of the spectrum by level, rho and theta."""
+    c = np.cos(2.0 * np.pi * f)
+    moving = 2.0 * (theta - c) / (1.0 + theta**2 - 2.0 * theta * c)
+    regressive = -2.0 * (rho - c) / (1.0 + rho**2 - 2.0 * rho * c)
+    return np.column_stack((np.ones(f.size), regressive, moving))
+
+
+def _looks_correlated(at: Array, power: Array, count: Array) -> bool:
+    """Say whether a small step away from white noise, of any colour, promises a better fit."""
+    wave = np.cos(2.0 * np.pi * at)
+    rho = np.array([-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.9, 0.96, 0.99, 0.998])[:, None]
+    slope = 2.0 * (wave - rho) / (1.0 + rho**2 - 2.0 * rho * wave)
+    slope = slope - (slope @ count / count.sum())[:, None]
+    mean = float(count @ power) / float(count.sum())
+    score = slope @ (count * (power / mean - 1.0))
+    return bool((0.5 * score**2 / (slope**2 @ count)).max() > 0.5 * _GAIN)
+
+
+def _fitted_spectrum(
+    at: Array, power: Array, count: Array, most: float
+) -> tuple[float, float, float] | None:
+    """Return level, rho and theta; None where white noise is as likely."""
+    from scipy.optimize import minimize
+
+    total = float(count.sum())
+
+    def cost(rho: float, theta: float) -> float:
+        shape = _shape(at, rho, theta)
+        level = float(count @ (power / shape)) / total
+        return total * math.log(max(level, 1e-300)) + float(count @ np.log(shape))
+
+    white = total * math.log(float(count @ power) / total)
+    grid = np.array([-0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.9, 0.96, 0.99])
+    _, rho, theta = min((cost(r, t), r, t) for r in grid for t in grid if r != t)
+
+    def in_range(x: Array) -> tuple[float, float]:
+        return most * math.tanh(x[0]), most * math.tanh(x[1])
+
+    start = np.arctanh(np.clip(np.array([rho, theta]) / most, -0.99, 0.99))
+    best = minimize(
+        lambda x: cost(*in_range(x)), start, method="Nelder-Mead", options={"maxfev": 400}
+    )
+    if white - float(best.fun) < _GAIN:
+        return None
+    rho, theta = in_range(best.x)
+    level = float(count @ (power / _shape(at, rho, theta))) / total
+    return level, rho, theta

@@ -1,0 +1,223 @@
+"""Harmonics of curves that were sampled over turns: what they are, and how noise gets into them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+
+__all__ = ["TurnSpectrum", "point_variance", "turn_spectrum", "whole_orders"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: The largest share of a turn that may lie between two neighbouring samples.
+_WIDEST_GAP = 0.1
+#: Largest condition of the normal equations: beyond it a harmonic is not told from its neighbours.
+_WORST_CONDITION = 1e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnSpectrum:
+    r"""Harmonics of several curves that were sampled at the same angles.
+
+    .. math:: y_j(\theta) = o_j + \mathrm{Re} \sum_n C_{jn} e^{i n \theta}
+
+    Parameters
+    ----------
+    orders : numpy.ndarray
+        The orders n, shape (n,).
+    coefficients : numpy.ndarray
+        Complex amplitudes C, cosine less i times sine, shape (curves, n).
+    residuals : numpy.ndarray
+        What the harmonics leave, shape (curves, k).
+    spread : numpy.ndarray, optional
+        Covariance of the real, then the imaginary parts of a curve's amplitudes for noise of
+        variance 1 in each sample, shape (2 n, 2 n); None where it is 2 / k times the unit matrix,
+        as for even sampling.
+    """
+
+    orders: NDArray[np.int64]
+    coefficients: Complex
+    residuals: Array
+    spread: Array | None = None
+
+
+def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
+    """Return orders in rising order, each once.
+
+    Parameters
+    ----------
+    orders : iterable of int
+        Orders, 1 or more.
+
+    Returns
+    -------
+    tuple of int
+        The orders.
+
+    Raises
+    ------
+    RecordError
+        There is none, or one is not a whole number of 1 or more.
+    """
+    given = list(orders)
+    bad = [n for n in given if isinstance(n, bool) or int(n) != n or n < 1]
+    if bad or not given:
+        raise RecordError(
+            "orders must be whole numbers of 1 or more, got "
+            f"{'none' if not given else repr(bad[0])}"
+        )
+    return tuple(sorted({int(n) for n in given}))
+
+
+def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) -> TurnSpectrum:
+    """Return the harmonics of curves by least squares, by Fourier transform where that is the same.
+
+    Parameters
+    ----------
+    angle : array_like
+        Angles [rad], shape (k,), in any order, over one turn or several.
+    curves : array_like
+        The curves, shape (curves, k).
+    orders : iterable of int
+        The orders that are wanted.
+
+    Returns
+    -------
+    TurnSpectrum
+        The harmonics.
+
+    Validity
+    --------
+    Orders that are left out of the fit must be absent or orthogonal to the others: they are where
+    whole turns are sampled evenly, by more than twice as many samples as the highest order.
+
+    Raises
+    ------
+    RecordError
+        A value is not finite, the shapes do not belong together, the angles leave a gap of more
+        than a tenth of a turn, or there are too few samples for the orders.
+
+    Examples
+    --------
+    >>> t = 2.0 * np.pi * np.arange(36) / 36
+    >>> found = turn_spectrum(t, [3.0 * np.cos(2.0 * t) + 0.7 * np.sin(5.0 * t)], (2, 5))
+    >>> print(f"{found.coefficients[0, 0].real:.3f}, {found.coefficients[0, 1].imag:.3f}")
+    3.000, -0.700
+    """
+    theta, y = np.asarray(angle, dtype=np.float64), np.asarray(curves, dtype=np.float64)
+    if y.ndim != 2 or theta.shape != y.shape[1:] or theta.size < 3:
+        raise RecordError(
+            "a turn needs an angle for each sample, and a row of samples for each curve, got "
+            f"shapes {theta.shape} and {y.shape}"
+        )
+    if not (np.isfinite(theta).all() and np.isfinite(y).all()):
+        raise RecordError("angles and readings must be finite: take out the samples that are not")
+    n = np.asarray(whole_orders(orders), dtype=np.int64)
+    per_turn = _even(theta)
+    if per_turn is None:
+        return _fitted(theta, y, n)
+    if 2 * n[-1] >= per_turn:
+        raise RecordError(
+            f"order {n[-1]} needs more than {2 * n[-1]} samples in a turn, got {per_turn}"
+        )
+    return _transformed(theta, y, n, per_turn)
+
+
+def point_variance(
+    spectrum: TurnSpectrum, gains: Complex, seen: NDArray[np.bool_], at: Array
+) -> tuple[Array, Array]:
+    """Return what noise does to a sum of curves, at given angles and in each order.
+
+    Parameters
+    ----------
+    spectrum : TurnSpectrum
+        Harmonics of the curves.
+    gains : numpy.ndarray
+        Factor of each curve and order, times the noise of the curve, shape (curves, n).
+    seen : numpy.ndarray
+        Which orders are in the sum, shape (n,).
+    at : numpy.ndarray
+        Angles [rad], shape (k,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Variance of the sum at each angle, shape (k,), and mean variance of cosine and sine of each
+        order that is in it.
+    """
+    h = gains[:, seen]
+    if spectrum.spread is None:
+        per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)
+        return np.full(at.size, float(per_order.sum())), per_order
+    keep = np.flatnonzero(np.concatenate((seen, seen)))
+    Q = spectrum.spread[np.ix_(keep, keep)]
+    covariance = np.zeros_like(Q)
+    for row in h:
+        a, b = np.diag(row.real), np.diag(row.imag)
+        T = np.block([[a, -b], [b, a]])
+        covariance += T @ Q @ T.T
+    phase = np.multiply.outer(at, spectrum.orders[seen].astype(np.float64))
+    waves = np.hstack((np.cos(phase), -np.sin(phase)))
+    own = np.diag(covariance).reshape(2, -1).mean(axis=0)
+    return np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True), own
+
+
+def _even(theta: Array) -> int | None:
+    """Samples in a turn, where whole turns were sampled evenly and in order, else None."""
+    steps = np.diff(theta)
+    step = float(steps.mean())
+    if step == 0.0 or np.max(np.abs(steps - step)) > 1e-9 * abs(step):
+        return None
+    per_turn = 2.0 * np.pi / abs(step)
+    whole = round(per_turn)
+    off = abs(per_turn - whole) * theta.size / max(whole, 1)
+    return whole if whole >= 3 and theta.size % whole == 0 and off < 1e-9 * theta.size else None
+
+
+def _transformed(theta: Array, y: Array, n: NDArray[np.int64], per_turn: int) -> TurnSpectrum:
+    mean = y.reshape(y.shape[0], -1, per_turn).mean(axis=1)
+    spectrum = np.fft.rfft(mean, axis=1) * (2.0 / per_turn)
+    # the transform counts samples from 0, rising; a turn may begin anywhere and go back
+    falling = theta[1] < theta[0]
+    found = spectrum[:, n]
+    found = (np.conj(found) if falling else found) * np.exp(-1j * n * theta[0])
+    kept = np.zeros_like(spectrum)
+    kept[:, n] = spectrum[:, n]
+    kept[:, 0] = spectrum[:, 0]
+    fit = np.fft.irfft(kept * (0.5 * per_turn), per_turn, axis=1)
+    residuals = y - np.tile(fit, (1, theta.size // per_turn))
+    return TurnSpectrum(orders=n, coefficients=found, residuals=residuals)
+
+
+def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
+    at = np.sort(np.mod(theta, 2.0 * np.pi))
+    gap = float(np.max(np.diff(np.append(at, at[0] + 2.0 * np.pi))))
+    if gap > _WIDEST_GAP * 2.0 * np.pi:
+        raise RecordError(
+            f"the angles leave a gap of {np.degrees(gap):.3g} degrees, and may leave one of "
+            f"{360.0 * _WIDEST_GAP:g}: measure a whole turn, and give the angles in radians"
+        )
+    phase = np.multiply.outer(theta, n.astype(np.float64))
+    X = np.hstack((np.ones((theta.size, 1)), np.cos(phase), -np.sin(phase)))
+    if theta.size < X.shape[1]:
+        raise RecordError(
+            f"{n.size} orders and a mean need at least {X.shape[1]} samples, got {theta.size}"
+        )
+    normal = X.T @ X
+    if np.linalg.cond(normal) > _WORST_CONDITION:
+        raise RecordError(
+            "the angles do not tell the orders apart: ask for fewer, or sample more evenly"
+        )
+    inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    solution, *_ = np.linalg.lstsq(X, y.T, rcond=None)
+    real, imaginary = np.split(solution[1:], 2)
+    return TurnSpectrum(
+        orders=n,
+        coefficients=(real + 1j * imaginary).T,
+        residuals=y - (X @ solution).T,
+        spread=inverse[1:, 1:],
+    )

@@ -1,0 +1,257 @@
+"""`flexstage centre`: eccentricity of a scale on a turning table, and the move that removes it."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexstage.cli.centre_heads import (
+    doubts,
+    each_has_one,
+    head_angles,
+    head_of,
+    orders_of,
+    radius_of,
+    spelled,
+)
+from flexstage.cli.centre_report import joined, print_setting, report
+from flexstage.cli.centre_setting import setting
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    output_path,
+    print_json,
+    write_file,
+)
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SkipLinesOption,
+    column,
+    read_records,
+)
+from flexstage.errors import ModelError, RecordError
+
+__all__ = ["centre"]
+
+_IMAGES = (".svg", ".png", ".pdf")
+_DIRECTIONS = ("ccw", "cw")
+
+
+def centre(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Records of the error over the angle of the table. Several files are heads of one "
+            "setting where --heads has an angle for each, else settings one after the other.",
+        ),
+    ],
+    error: Annotated[
+        str,
+        typer.Option(
+            metavar="COLUMN,...",
+            help="Numbers or names of the columns of errors, one for each head: angle read less "
+            "true angle; or, in a unit of length, what indicators read on the rim.",
+        ),
+    ],
+    angle: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Number or name of the column of the true angle, wrapped or not; samples evenly "
+            "spaced over --turns where not given.",
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help="Unit of both where neither the file nor an option of their own says it, such as "
+            '"deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in it.',
+        ),
+    ] = None,
+    angle_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the angle.")
+    ] = None,
+    error_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the errors.")
+    ] = None,
+    counts: Annotated[
+        float | None,
+        typer.Option(metavar="NUMBER", help="Counts in a turn, for what is in counts."),
+    ] = None,
+    heads: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ANGLES",
+            help="Where the heads or indicators stand in the room, in degrees, such as "
+            '"0,90,180,270".',
+        ),
+    ] = None,
+    radius: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH",
+            help='Radius at which the scale is read, such as "50 mm"; needed for the eccentricity.',
+        ),
+    ] = None,
+    diameter: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Diameter, in place of the radius.")
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(
+            metavar="disc|drum", help="Radial lines on a face, or lines along the axis on a rim."
+        ),
+    ] = "disc",
+    orders: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RANGE",
+            help='Orders to fit, such as "1:12" or "1,2,4"; 1:12 where not given, or fewer as '
+            "samples allow.",
+        ),
+    ] = None,
+    turns: Annotated[
+        float | None,
+        typer.Option(metavar="NUMBER", help="Turns that the samples go over, without --angle."),
+    ] = None,
+    sign: Annotated[
+        int,
+        typer.Option(
+            metavar="1|-1", help="-1 where the errors are true angle less angle that was read."
+        ),
+    ] = 1,
+    head_direction: Annotated[
+        str,
+        typer.Option(
+            metavar="ccw|cw",
+            help="How the heads travel round the scale as the angle grows, as seen in the frame x, "
+            "y that turns with the table; head angles count that way too. Over a table that turns "
+            "counter-clockwise they travel cw.",
+        ),
+    ] = "ccw",
+    mount_angle: Annotated[
+        float,
+        typer.Option(
+            metavar="DEG",
+            help="Direction of the x axis of the stage in the frame that turns with the table.",
+        ),
+    ] = 0.0,
+    outliers: Annotated[
+        bool, typer.Option(help="Look for outliers, name them, and set them aside.")
+    ] = True,
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Draw the error over the turn and its harmonics there: .svg, .png or .pdf.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Find the harmonics of a scale's error over the turn, its eccentricity, and the move."""
+    _require(figure, sign, head_direction, kind, angle, turns)
+    names = [column(word) for word in error.split(",") if word.strip()]
+    if not names:
+        raise RecordError("--error must name a column, got nothing")
+    wanted = names if angle is None else [column(angle), *names]
+    own = [] if angle is None else [spelled(angle_unit)]
+    read = read_records(
+        records,
+        wanted,
+        units=[*own, *[spelled(error_unit)] * len(names)],
+        sample_rate=None,
+        time=None,
+        format=format,
+        dataset=dataset,
+        rows=rows,
+        skip_lines=skip_lines,
+        delimiter=delimiter,
+        decimal=decimal,
+        over="point",
+    )
+    at = head_angles(heads, len(read), len(names))
+    mirror = -1.0 if head_direction == "cw" else 1.0
+    found = [
+        head_of(
+            record, name, None if angle is None else column(angle), turns, units, alpha * mirror
+        )
+        for units in [(angle_unit, error_unit, unit, counts)]
+        for (record, name), alpha in zip(
+            [(record, name) for record in read for name in names], at, strict=True
+        )
+    ]
+    size = (
+        len(found)
+        if len(read) > 1 and heads is not None and each_has_one(heads, found)
+        else len(names)
+    )
+    settings = [
+        setting(found[i : i + size], radius_of(radius, diameter), kind, orders_of(orders), outliers)
+        for i in range(0, len(found), size)
+    ]
+    written = error_unit or unit
+    reports = [report(s, sign, mirror, math.radians(mount_angle), written) for s in settings]
+    notes = (*(note for r in read for note in r.notes), *doubts(found))
+    result = joined(reports, notes)
+    if figure is not None:
+        from flexstage.report.figures import encode
+        from flexstage.report.figures.centring import draw_polar
+
+        drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
+        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
+        result["files"] = [str(figure)]
+    if json:
+        print_json(result)
+        return
+    for one in reports:
+        print_setting(one)
+    for note in notes:
+        console().print(f"note: {note}", style="dim", markup=False)
+    if figure is not None:
+        console().print(f"wrote {figure}", markup=False, soft_wrap=True)
+
+
+def _require(
+    figure: Path | None,
+    sign: int,
+    direction: str,
+    kind: str,
+    angle: str | None,
+    turns: float | None,
+) -> None:
+    from flexstage.centring import SCALE_KINDS
+
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
+    if sign not in (1, -1):
+        raise ModelError(f"--sign must be 1 or -1, got {sign}")
+    if direction not in _DIRECTIONS:
+        raise ModelError(f"--head-direction must be ccw or cw, got '{direction}'")
+    if kind not in SCALE_KINDS:
+        raise ModelError(f"--kind must be one of {', '.join(SCALE_KINDS)}, got '{kind}'")
+    if angle is None and turns is None:
+        raise RecordError(
+            "give the column of the angle by --angle, or, for samples that are evenly spaced, the "
+            "number of turns by --turns"
+        )
+    if angle is not None and turns is not None:
+        raise RecordError("--angle says how many turns there are: leave --turns out")
+    if turns is not None and not 0.9 <= turns < math.inf:
+        raise RecordError(f"--turns must be 0.9 or more, got {turns:g}")

@@ -1,0 +1,334 @@
+"""What `flexstage centre` is given: columns of heads or indicators, in SI units, and their fit."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from flexstage.errors import ModelError, RecordError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from flexstage.records import Channel, Record
+
+    Array = NDArray[np.float64]
+
+__all__ = [
+    "TURN_WORDS",
+    "Head",
+    "doubts",
+    "each_has_one",
+    "head_angles",
+    "head_of",
+    "orders_of",
+    "radius_of",
+    "spelled",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Head:
+    """A column of errors, in SI, with the angles that belong to it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column.
+    file : str
+        File that it is from.
+    angle : numpy.ndarray
+        Angle of the table [rad], shape (n,).
+    error : numpy.ndarray
+        Error [rad], or what an indicator reads [m], shape (n,).
+    head_angle : float
+        Where the head stands [rad], as the head travels.
+    radial : bool
+        Whether it is an indicator.
+    """
+
+    name: str
+    file: str
+    angle: "Array"
+    error: "Array"
+    head_angle: float
+    radial: bool
+
+
+def head_angles(text: str | None, files: int, columns: int) -> list[float]:
+    """Return the angle of each column of each file.
+
+    Parameters
+    ----------
+    text : str or None
+        What --heads was given.
+    files : int
+        Number of files.
+    columns : int
+        Number of columns of errors in each.
+
+    Returns
+    -------
+    list of float
+        The angles [rad].
+
+    Raises
+    ------
+    RecordError
+        There are too few or too many.
+    """
+    from flexstage.units import parse
+
+    total = files * columns
+    if text is None:
+        if columns > 1:
+            raise RecordError(
+                f"--heads must say where the {columns} heads stand, such as --heads "
+                f'"{",".join(f"{360 * i / columns:g}" for i in range(columns))}"'
+            )
+        return [0.0] * total
+    given = [parse(word.strip(), "angle", bare_unit="deg") for word in text.split(",")]
+    if len(given) == total:
+        return given
+    if len(given) == columns:
+        return given * files
+    raise RecordError(
+        f"--heads must have one angle for each of {columns} columns"
+        + (f", or for each of those of {files} files" if files > 1 else "")
+        + f", got {len(given)}"
+    )
+
+
+def each_has_one(text: str, found: Sequence[Head]) -> bool:
+    """Say whether every column of every file has an angle of its own.
+
+    Parameters
+    ----------
+    text : str
+        What --heads was given.
+    found : sequence of Head
+        The columns of all files.
+
+    Returns
+    -------
+    bool
+        Whether it has.
+    """
+    return len(text.split(",")) == len(found)
+
+
+def spelled(text: str | None) -> str | None:
+    """Return a unit as records know it; a turn is none of theirs, and is seen to afterwards.
+
+    Parameters
+    ----------
+    text : str or None
+        What an option was given.
+
+    Returns
+    -------
+    str or None
+        The unit; None for a turn.
+    """
+    return None if text is None or text.strip().lower() in TURN_WORDS else text
+
+
+#: Words for a turn as a unit.
+TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
+
+
+def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
+    """Return how many SI units a unit is, and which."""
+    from flexstage.units import si_unit
+
+    if text.strip().lower() in TURN_WORDS:
+        return 2.0 * math.pi, "rad"
+    factor, unit = si_unit(text)
+    if unit != "count":
+        return factor, unit
+    if counts is None or not 0.0 < abs(counts) < math.inf:
+        raise RecordError(f"{option} is in counts: say by --counts how many there are in a turn")
+    return 2.0 * math.pi / counts, "rad"
+
+
+def head_of(
+    record: "Record",
+    name: str | int,
+    angle: str | int | None,
+    turns: float | None,
+    units: tuple[str | None, str | None, str | None, float | None],
+    alpha: float,
+) -> Head:
+    """Return a column of errors with its angles, in SI.
+
+    Parameters
+    ----------
+    record : Record
+        The file's columns.
+    name : str or int
+        Column of errors.
+    angle : str or int or None
+        Column of the angle; even samples over the turns where None.
+    turns : float or None
+        Number of turns without a column of the angle.
+    units : tuple
+        Unit of the angle, of the errors, of both, and counts in a turn, as options say them.
+    alpha : float
+        Where the head stands [rad].
+
+    Returns
+    -------
+    Head
+        The column.
+
+    Raises
+    ------
+    RecordError
+        A unit is not known, or is none of an angle or a length.
+    """
+    import numpy as np
+
+    from flexstage.centring import unwrap_error
+
+    angle_unit, error_unit, unit, counts = units
+    errors = record.channel(name)
+    y, what = _values(errors, error_unit, unit, counts, "--error-unit", ("rad", "m"))
+    if angle is None:
+        assert turns is not None
+        theta = 2.0 * math.pi * turns * np.arange(record.size) / record.size
+    else:
+        theta, _ = _values(
+            record.channel(angle), angle_unit, unit, counts, "--angle-unit", ("rad",)
+        )
+    return Head(
+        name=errors.name,
+        file=record.source,
+        angle=theta,
+        error=unwrap_error(y) if what == "rad" else y,
+        head_angle=alpha,
+        radial=what == "m",
+    )
+
+
+def doubts(heads: Sequence[Head]) -> list[str]:
+    """Say where an angle looks as if it was in another unit.
+
+    Parameters
+    ----------
+    heads : sequence of Head
+        The columns.
+
+    Returns
+    -------
+    list of str
+        What a reader should know.
+    """
+    import numpy as np
+
+    # 57.3 turns are rare, and 0 to 360 of what are not degrees
+    doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
+    return [
+        f"the angle goes over {float(np.ptp(h.angle)):.0f} rad in '{h.file}': if that is in "
+        "degrees, say so by --unit deg or --angle-unit deg"
+        for h in doubtful[:1]
+    ]
+
+
+def _values(
+    channel: "Channel",
+    own: str | None,
+    general: str | None,
+    counts: float | None,
+    option: str,
+    allowed: tuple[str, ...],
+) -> "tuple[Array, str]":
+    """Return a column in SI, by its own option, by the file, by the option for both."""
+    known = channel.unit
+    if own is not None and spelled(own) is None:
+        factor, known = 2.0 * math.pi, "rad"
+    elif known == "count":
+        factor, known = _si("count", counts, f"column '{channel.name}'")
+    elif known:
+        factor = 1.0
+    elif general is None:
+        raise RecordError(
+            f"nobody says in which unit column '{channel.name}' is: give --unit or {option}, such "
+            f"as {option} deg"
+        )
+    else:
+        factor, known = _si(general, counts, f"column '{channel.name}'")
+    if known not in allowed:
+        raise RecordError(
+            f"column '{channel.name}' is in {known}, and must be an angle"
+            + (" or a length" if "m" in allowed else "")
+            + f": choose another column, or say its unit by {option}"
+        )
+    return channel.values * factor, known
+
+
+def radius_of(radius: str | None, diameter: str | None) -> float | None:
+    """Return the radius that options give.
+
+    Parameters
+    ----------
+    radius, diameter : str or None
+        What the options were given.
+
+    Returns
+    -------
+    float or None
+        The radius [m].
+
+    Raises
+    ------
+    ModelError
+        Both were given, or it is not positive.
+    """
+    from flexstage.units import parse
+
+    if radius is not None and diameter is not None:
+        raise ModelError("give --radius or --diameter, not both")
+    if radius is None and diameter is None:
+        return None
+    given = radius if radius is not None else diameter
+    value = parse(given, "length", bare_unit="mm") * (1.0 if radius is not None else 0.5)
+    if not value > 0.0:
+        raise ModelError(f"the radius of the scale must be positive, got '{given}'")
+    return value
+
+
+def orders_of(text: str | None) -> list[int] | None:
+    """Return the orders that an option gives.
+
+    Parameters
+    ----------
+    text : str or None
+        What the option was given.
+
+    Returns
+    -------
+    list of int or None
+        The orders; None where nothing was given.
+
+    Raises
+    ------
+    RecordError
+        They are none.
+
+    Examples
+    --------
+    >>> orders_of("1:4"), orders_of("3"), orders_of("1,5")
+    ([1, 2, 3, 4], [1, 2, 3], [1, 5])
+    """
+    if text is None:
+        return None
+    words = [word.strip() for word in text.replace(":", ",").split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
+        raise RecordError(f'--orders must be such as "1:12" or "1,2,4", got \'{text}\'')
+    given = [int(word) for word in words]
+    if ":" not in text:
+        return given if "," in text else list(range(1, given[0] + 1))
+    if len(given) != 2 or given[0] > given[1]:
+        raise RecordError(f"--orders must be a range such as \"1:12\", got '{text}'")
+    return list(range(given[0], given[1] + 1))

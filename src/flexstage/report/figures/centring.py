@@ -1,0 +1,183 @@
+"""The error of a scale over the turn, before and after it was centred, and its harmonics."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.centring import ARCSEC, HarmonicFit
+from flexstage.errors import ModelError
+from flexstage.report.figures.style import (
+    CYCLE,
+    GRID,
+    INK,
+    MUTED,
+    PAPER,
+    dress,
+    entitle,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_polar"]
+
+Array = NDArray[np.float64]
+
+#: Samples that are drawn, at most.
+_POINTS = 3000
+#: Below this share of the largest error, the last one cannot be read beside it.
+_SMALL = 0.25
+
+
+def draw_polar(
+    fits: Sequence[HarmonicFit],
+    angles: Sequence[Array],
+    labels: Sequence[str] | None = None,
+) -> "Figure":
+    """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics.
+
+    Parameters
+    ----------
+    fits : sequence of HarmonicFit
+        One record, or several one after the other: before and after. All in rad, or all in m.
+    angles : sequence of numpy.ndarray
+        Angles of the samples of each [rad].
+    labels : sequence of str, optional
+        What each is called; before, after, or before and their numbers where not given.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Errors about a dashed circle of none, outwards where the scale reads more; beside it the
+        harmonics, with their 95 % intervals.
+
+    Raises
+    ------
+    ModelError
+        There is no fit, not as many angles, or units differ.
+    """
+    if not fits or len(fits) != len(angles) or len({f.unit for f in fits}) > 1:
+        raise ModelError("a polar plot needs one fit or more, of one unit, each with its angles")
+    names = _labels(len(fits)) if labels is None else list(labels)
+    unit, factor = ("arcsec", 1.0 / ARCSEC) if fits[0].unit == "rad" else ("µm", 1e6)
+    # an error that is much smaller afterwards is drawn once more, on a scale of its own
+    alone = len(fits) > 1 and _reach(fits[-1:]) < _SMALL * _reach(fits)
+    figure = new_figure(12.6 if alone else 9.6, 4.3)
+    grid = figure.add_gridspec(1, 3 if alone else 2, width_ratios=(1.0, *[1.0] * alone, 1.15))
+    polar = figure.add_subplot(grid[0, 0], projection="polar")
+    colours = [CYCLE[i % len(CYCLE)] for i in range(len(fits))]
+    _polar(polar, fits, angles, names, colours, (unit, factor))
+    if alone:
+        own = figure.add_subplot(grid[0, 1], projection="polar")
+        _polar(own, fits[-1:], angles[-1:], names[-1:], colours[-1:], (unit, factor))
+    bars = figure.add_subplot(grid[0, -1])
+    _bars(bars, fits, names, unit, factor)
+    return figure
+
+
+def _labels(count: int) -> list[str]:
+    if count <= 2:
+        return ["before", "after"] if count == 2 else [""]
+    return ["before", *(f"after move {i}" for i in range(1, count))]
+
+
+def _polar(
+    axes: "Axes",
+    fits: Sequence[HarmonicFit],
+    angles: Sequence[Array],
+    names: Sequence[str],
+    colours: Sequence[str],
+    scale: tuple[str, float],
+) -> None:
+    unit, factor = scale
+    turn = np.linspace(0.0, 2.0 * math.pi, 721)
+    curves = [factor * (f.evaluate(turn) - f.offset.value) for f in fits]
+    reach = factor * _reach(fits) or 1.0
+    step = _round_step(reach)
+    top = step * math.ceil(reach / step * 1.02)
+    axes.set_facecolor(PAPER)
+    for i, (f, theta, curve, name) in enumerate(zip(fits, angles, curves, names, strict=True)):
+        colour = colours[i]
+        thin = slice(None, None, max(1, theta.size // _POINTS))
+        dots = factor * (f.residual + f.evaluate(theta) - f.offset.value)
+        kept = np.ones(theta.size, dtype=bool)
+        kept[[o.index for o in f.outliers]] = False
+        at = np.flatnonzero(kept)[thin]
+        axes.plot(theta[at], dots[at], ".", color=colour, markersize=1.6, alpha=0.45)
+        axes.plot(turn, curve, color=colour, linewidth=1.3, label=name or None)
+        out = [o for o in f.outliers if abs(factor * o.residual) < 1.9 * top]
+        if out:
+            index = [o.index for o in out]
+            axes.plot(
+                theta[index], dots[index], "x", color=INK, markersize=4.5,
+                label="outlier" if i == 0 else None,
+            )  # fmt: skip
+    axes.plot(turn, np.zeros_like(turn), color=INK, linewidth=0.8, linestyle=(0, (5, 3)))
+    axes.set_ylim(-2.0 * top, 1.15 * top)
+    ticks = [-top, 0.0, top]
+    axes.set_yticks(ticks, [f"{t:g}".replace("-", "\N{MINUS SIGN}") for t in ticks])
+    polar: Any = axes  # of polar axes, which the annotation does not tell
+    polar.set_rlabel_position(112.0)
+    axes.tick_params(labelsize=8, labelcolor=INK, pad=1)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.spines["polar"].set_color(MUTED)
+    axes.spines["polar"].set_linewidth(0.6)
+    what = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
+    entitle(axes, f"{what} [{unit}]; dashed: none")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc="upper left", bbox_to_anchor=(-0.22, 0.08), fontsize=7.5, frameon=False,
+            labelcolor=INK,
+        )  # fmt: skip
+
+
+def _reach(fits: Sequence[HarmonicFit]) -> float:
+    """Return the largest of the curves, and of the noise about them."""
+    turn = np.linspace(0.0, 2.0 * math.pi, 721)
+    curves = [float(np.abs(f.evaluate(turn) - f.offset.value).max()) for f in fits]
+    return max(*curves, *(3.0 * f.residual_rms for f in fits))
+
+
+def _bars(
+    axes: "Axes", fits: Sequence[HarmonicFit], names: Sequence[str], unit: str, factor: float
+) -> None:
+    dress(axes)
+    orders = sorted({n for f in fits for n in f.orders})
+    place = {n: i for i, n in enumerate(orders)}
+    width = 0.8 / len(fits)
+    least = math.inf
+    for i, (f, name) in enumerate(zip(fits, names, strict=True)):
+        colour = CYCLE[i % len(CYCLE)]
+        at = np.array([place[n] for n in f.orders]) + (i - 0.5 * (len(fits) - 1)) * width
+        value = np.array([factor * h.amplitude.value for h in f.harmonics])
+        ends = factor * np.array([h.amplitude.interval() for h in f.harmonics])
+        shown = np.abs(np.column_stack((value - ends[:, 0], ends[:, 1] - value)).T)
+        axes.bar(at, value, 0.86 * width, color=colour, label=name)
+        axes.errorbar(
+            at, value, yerr=shown, fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.6, capthick=0.7
+        )
+        positive = np.concatenate((value, ends[:, 0]))
+        positive = positive[positive > 0.0]
+        least = min(least, float(positive.min()) if positive.size else least)
+    most = max(factor * h.amplitude.interval()[1] for f in fits for h in f.harmonics)
+    if math.isfinite(least) and most > 0.0:
+        axes.set_yscale("log")
+        axes.set_ylim(max(0.6 * least, 1e-5 * most), 1.7 * most)
+    step = max(1, math.ceil(len(orders) / 13))
+    axes.set_xticks(range(0, len(orders), step), [str(n) for n in orders[::step]])
+    axes.set_xlabel("order, times per turn", color=INK)
+    axes.set_ylabel(f"amplitude [{unit}]", color=INK)
+    if len(fits) > 1:
+        axes.legend(loc="upper right", fontsize=7.5, frameon=False, labelcolor=INK)
+    entitle(axes, "harmonics, with their 95 % intervals")
+
+
+def _round_step(value: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, that goes one to five times into a value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(s * power for s in (0.5, 1.0, 2.0) if value <= 5.0 * s * power)
