@@ -8,10 +8,13 @@ from itertools import groupby
 
 from benchmarks import (
     cases,
+    centring,
     finite_elements,
+    frequency_response,
     hysteresis,
     hysteresis_identification,
     hysteresis_plant,
+    measuring,
     superelements,
 )
 
@@ -25,6 +28,9 @@ CASES = {
     "hysteresis": hysteresis.hysteresis,
     "identification": hysteresis_identification.identification,
     "plant": hysteresis_plant.plant,
+    "response": frequency_response.response,
+    "centring": centring.centring,
+    "characterise": measuring.characterise,
 }
 
 

@@ -1,12 +1,13 @@
 """Timing: the least of several warm runs here, or one run with a limit in a process of its own."""
 
+import math
 import multiprocessing
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Timed", "limited", "warm"]
+__all__ = ["Timed", "in_turns", "limited", "warm"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +33,22 @@ def warm(work: Callable[[], Any], *, runs: int = 5) -> Timed:
         work()
         times.append(time.perf_counter() - start)
     return Timed(seconds=min(times))
+
+
+def in_turns(works: Sequence[Callable[[], Any]], *, runs: int = 5) -> list[Timed]:
+    """Return the least processor time of each, after a warm-up; all take their turn in every run.
+
+    Time of the processor counts what this process did, so that other programs disturb it little;
+    it is that of the clock where a single thread works.
+    """
+    least = [math.inf] * len(works)
+    for turn in range(runs + 1):
+        for i, work in enumerate(works):
+            start = time.process_time()
+            work()
+            if turn:
+                least[i] = min(least[i], time.process_time() - start)
+    return [Timed(seconds=seconds) for seconds in least]
 
 
 def _child(connection: Any, work: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
