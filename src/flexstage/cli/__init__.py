@@ -12,15 +12,19 @@ import typer
 
 import flexstage
 from flexstage.cli.analyse import analyse
+from flexstage.cli.centre import centre
+from flexstage.cli.characterise import characterise
 from flexstage.cli.check import check
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
 from flexstage.cli.excite import excite
+from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.part import part
 from flexstage.cli.show import show
 from flexstage.cli.study import study
+from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import FlexstageError
 
 __all__ = ["app", "main"]
@@ -51,6 +55,10 @@ for _command in (
     excite,
     identify,
     compensate,
+    characterise,
+    frf,
+    uncertainty,
+    centre,
 ):
     app.command()(_command)
 

@@ -54,6 +54,21 @@ def study(
             help="Identify and compensate piezo drives on the virtual stage.",
         ),
     ] = True,
+    measured: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A description of tests of the stage, whose figures join the table.",
+        ),
+    ] = None,
+    virtual: Annotated[
+        bool,
+        typer.Option(
+            "--virtual/--no-virtual",
+            help="Measure a virtual stage as well, and centre an encoder scale with it.",
+        ),
+    ] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual stage.")] = 1,
     json: JsonOption = False,
 ) -> None:
     """Run the models of a stage, compare them with what was published, write a report.
@@ -75,7 +90,20 @@ def study(
     directory = out if out is not None else Path("out") / name_for_files(described.name)
     require_writable(directory)
     with progress_bar():
-        result = run_study(described, names, plane=plane, hysteresis=hysteresis)  # type: ignore[arg-type]
+        found = None
+        if measured is not None:
+            from flexstage.experiment.campaign import characterise, read_campaign
+
+            found = characterise(read_campaign(measured), measured.parent)
+        result = run_study(
+            described,
+            names,
+            plane=plane,  # type: ignore[arg-type]
+            hysteresis=hysteresis,
+            measured=found,
+            virtual=virtual,
+            seed=seed,
+        )
     files = write_files(
         directory,
         {

@@ -3,6 +3,14 @@
 from flexstage.report.comparison import Comparison, ComparisonRow, compare, difference_percent
 from flexstage.report.files import require_writable, write_files
 from flexstage.report.html import SECTIONS, report_html
+from flexstage.report.measurement import (
+    MeasuredRow,
+    Measurement,
+    measurement,
+    measurement_results,
+    set_beside,
+)
+from flexstage.report.measurement_html import measurement_section, measurement_text
 from flexstage.report.quantities import Display, display, number
 from flexstage.report.results import (
     analysis_results,
@@ -27,6 +35,8 @@ __all__ = [
     "Comparison",
     "ComparisonRow",
     "Display",
+    "MeasuredRow",
+    "Measurement",
     "ModelRun",
     "Study",
     "Wanted",
@@ -36,6 +46,10 @@ __all__ = [
     "compare",
     "difference_percent",
     "display",
+    "measurement",
+    "measurement_results",
+    "measurement_section",
+    "measurement_text",
     "number",
     "report_html",
     "require_writable",
@@ -43,6 +57,7 @@ __all__ = [
     "run_model",
     "run_results",
     "run_study",
+    "set_beside",
     "study_results",
     "write_files",
 ]

@@ -5,6 +5,8 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
+from flexstage.characteristic import Characteristics
+from flexstage.report.bench import bench_section, centring_section
 from flexstage.report.figures import (
     body_symbols,
     draw_bode,
@@ -21,6 +23,7 @@ from flexstage.report.figures import (
 from flexstage.report.figures.neck_stress import neck_sampler
 from flexstage.report.figures.style import css_variables
 from flexstage.report.hysteresis import hysteresis_section
+from flexstage.report.measurement_html import measurement_section
 from flexstage.report.quantities import display
 from flexstage.report.study import ModelRun, Study
 from flexstage.report.tables import (
@@ -30,7 +33,7 @@ from flexstage.report.tables import (
     published_table,
 )
 
-__all__ = ["DRIVE_SECTIONS", "MESH_SECTIONS", "SECTIONS", "report_html"]
+__all__ = ["BENCH_SECTIONS", "DRIVE_SECTIONS", "MESH_SECTIONS", "SECTIONS", "report_html"]
 
 
 def report_html(study: Study) -> str:
@@ -292,6 +295,23 @@ def _hysteresis(study: Study) -> str:
     return hysteresis_section(study.stage, study.experiments, study.experiments_left_out)
 
 
+def _measured(study: Study) -> str:
+    if study.measured is None:
+        return ""
+    from flexstage.report.measurement import set_beside
+
+    others = Characteristics(r for r in study.characteristics if r.origin != "measured")
+    return measurement_section(set_beside(study.measured, study.stage, others))
+
+
+def _virtual(study: Study) -> str:
+    return bench_section(study.virtual)
+
+
+def _centring(study: Study) -> str:
+    return centring_section(study.centring)
+
+
 def _hinges(study: Study) -> str:
     settings = study.main.provenance.settings
     if not study.stage.hinges:
@@ -374,13 +394,20 @@ DRIVE_SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     "hysteresis": ("Hysteresis and its inverse", _hysteresis),
 }
 
+#: Sections on what was measured, of the stage and of the virtual one, which stand after that.
+BENCH_SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
+    "measured": ("Measured", _measured),
+    "virtual": ("Virtual measurement", _virtual),
+    "centring": ("Centring an encoder scale", _centring),
+}
+
 
 def _in_order() -> dict[str, tuple[str, Callable[[Study], str]]]:
     ordered = {}
     for key, section in SECTIONS.items():
         ordered[key] = section
         if key == "stress":
-            ordered |= MESH_SECTIONS | DRIVE_SECTIONS
+            ordered |= MESH_SECTIONS | DRIVE_SECTIONS | BENCH_SECTIONS
     return ordered
 
 

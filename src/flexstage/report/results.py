@@ -5,7 +5,9 @@ import math
 from typing import Any
 
 from flexstage.characteristic import Characteristic
+from flexstage.report.bench import centring_results
 from flexstage.report.hysteresis import experiment_results
+from flexstage.report.measurement import Measurement, measurement_results
 from flexstage.report.study import ModelRun, Study
 from flexstage.system import Analysis, load_readings
 
@@ -176,8 +178,16 @@ def study_results(study: Study) -> dict[str, Any]:
         },
         "left_out": dict(study.left_out),
         "hysteresis": experiment_results(study.experiments),
+        "virtual_measurement": _virtual(study.virtual),
+        "centring": centring_results(study.centring),
         "variants": {name: analysis_results(a) for name, a in study.variants.items()},
     }
+
+
+def _virtual(found: Measurement | str | None) -> dict[str, Any]:
+    if found is None:
+        return {}
+    return {"left_out": found} if isinstance(found, str) else measurement_results(found)
 
 
 def results_json(results: dict[str, Any]) -> bytes:

@@ -16,8 +16,11 @@ from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
+    from flexstage.experiment.campaign import Characterisation
     from flexstage.fem import FiniteStroke, MeshSettings, Refinement, StageModel
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
+    from flexstage.report.bench import CentringTrial
+    from flexstage.report.measurement import Measurement
 
 __all__ = [
     "MODELS",
@@ -26,6 +29,7 @@ __all__ = [
     "Study",
     "Wanted",
     "analyse_model",
+    "known_model",
     "run_model",
     "run_study",
 ]
@@ -180,7 +184,7 @@ _BOUNDED = ("lumped", "plane")
 #: Time that the models take beside one another, for the progress that is told.
 _WEIGHTS: Mapping[str, float] = {"lumped": 0.2, "superelement": 1.0, "plane": 2.0, "solid": 25.0}
 
-#: Share of the time that the experiment on the virtual stage takes.
+#: Share of the time that experiments on the virtual stage take.
 _EXPERIMENT = 0.1
 
 #: Responses and modes are drawn of the first of these that was run.
@@ -211,6 +215,12 @@ class Study:
         Identification and compensation of hysteresis on the virtual stage, by axis.
     experiments_left_out : Mapping
         Why that could not be done, by axis.
+    measured : Characterisation or None
+        What was measured of the stage; its rows stand in the table.
+    virtual : Measurement or str or None
+        What measuring a virtual stage gave, or why that could not be done.
+    centring : CentringTrial or str or None
+        An encoder scale that was centred on the virtual table, or why that could not be done.
     """
 
     stage: Stage
@@ -221,12 +231,16 @@ class Study:
     left_out: Mapping[str, str] = field(default_factory=dict)
     experiments: "Mapping[str, AxisExperiment]" = field(default_factory=dict)
     experiments_left_out: Mapping[str, str] = field(default_factory=dict)
+    measured: "Characterisation | None" = None
+    virtual: "Measurement | str | None" = None
+    centring: "CentringTrial | str | None" = None
 
     @property
     def characteristics(self) -> Characteristics:
-        """What was published, then what each model gives."""
+        """What was published, then what each model gives, then what was measured."""
         ours = (row for analysis in self.analyses.values() for row in analysis.characteristics)
-        return Characteristics((*self.stage.published, *ours))
+        measured = () if self.measured is None else self.measured.characteristics
+        return Characteristics((*self.stage.published, *ours, *measured))
 
     @property
     def comparison(self) -> Comparison:
@@ -268,11 +282,26 @@ def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRu
         There is no such model, or no such plane state, or the model cannot give what is asked for.
     """
     wanted = wanted or Wanted()
-    _known(model, wanted)
+    known_model(model, wanted)
     return MODELS[model](stage, wanted)
 
 
-def _known(model: str, wanted: Wanted) -> None:
+def known_model(model: str, wanted: Wanted | None = None) -> None:
+    """Refuse a model that there is not, or choices that it cannot have.
+
+    Parameters
+    ----------
+    model : str
+        One of `MODELS`.
+    wanted : Wanted, optional
+        What is asked for.
+
+    Raises
+    ------
+    ModelError
+        There is no such model, no such plane state, or no such supports.
+    """
+    wanted = wanted or Wanted()
     if wanted.plane not in ("auto", "stress", "strain"):
         raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")
     if wanted.supports not in ("rigid", "elastic"):
@@ -312,6 +341,9 @@ def run_study(
     *,
     plane: Plane = "auto",
     hysteresis: bool = False,
+    measured: "Characterisation | None" = None,
+    virtual: bool = False,
+    seed: int = 1,
 ) -> Study:
     """Run the models of a stage.
 
@@ -326,6 +358,12 @@ def run_study(
         says nothing to the solid model.
     hysteresis : bool
         Whether to identify and compensate piezo drives on the virtual stage.
+    measured : Characterisation, optional
+        What was measured of the stage.
+    virtual : bool
+        Whether to measure a virtual stage, and to centre an encoder scale with it.
+    seed : int
+        Seed of that stage and its measurement.
 
     Returns
     -------
@@ -349,12 +387,12 @@ def run_study(
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     for model in models:  # before the first of them has taken its minutes
-        _known(model, Wanted(plane=plane))
+        known_model(model, Wanted(plane=plane))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
-    whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis else 1.0)
+    whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis or virtual else 1.0)
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
         with share(done / whole, (done + weight) / whole):
@@ -392,10 +430,20 @@ def run_study(
         paths=paths,
         runs=runs,
         left_out=left_out,
+        measured=measured,
     )
+    if virtual:
+        from flexstage.report.bench import run_centring, run_measurement
+
+        with share(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
+            made = replace(
+                made,
+                virtual=run_measurement(stage, made.characteristics, seed=seed),
+                centring=run_centring(stage, seed=seed),
+            )
     if not hysteresis:
         return made
-    with share(1.0 - _EXPERIMENT, 1.0):
+    with share(1.0 - 0.5 * _EXPERIMENT, 1.0):
         experiments, reasons = run_experiments(stage, made.main.system)
     return replace(made, experiments=experiments, experiments_left_out=reasons)
 

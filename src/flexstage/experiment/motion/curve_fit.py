@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _TERM_CHANCE = 0.0025
 #: Orders beyond the last that counts, as smaller terms still bend the curve.
 _MORE_ORDERS = 2
+#: Order that is fitted at least: a term that drowns in the noise bends the curve all the same.
+_LEAST_ORDER = 6
 #: Levels of a staircase that are fitted one by one, at most.
 _MOST_LEVELS = 64
 #: Runs of fewer samples are series of stations.
@@ -72,8 +74,8 @@ def fit_motion_curve(
     observations of it, with Student's t at one degree of freedom less than their number.
 
     Unless it is given, the order is two more than the last at which a term of both runs together
-    exceeds its scatter from cycle to cycle, by an F test at 0.25 %. A staircase has straight pieces
-    between its levels instead, through the means over their settled parts.
+    exceeds its scatter from cycle to cycle, by an F test at 0.25 %, and six at least. A staircase
+    has straight pieces between its levels instead, through the means over their settled parts.
 
     Parameters
     ----------
@@ -270,7 +272,7 @@ def _levels(basis: CurveBasis, coefficients: Array) -> Array:
 
 
 def _chosen_size(runs: list[list[_Run]], basis: CurveBasis, drift: bool) -> int:
-    """Return the number of terms: two more than the last that exceeds noise."""
+    """Return the number of terms: two more than the last that exceeds noise, or the least."""
     from scipy.stats import f
 
     reading, time = _of_cycles(runs, basis.size)
@@ -288,7 +290,7 @@ def _chosen_size(runs: list[list[_Run]], basis: CurveBasis, drift: bool) -> int:
     limit = f.ppf(1.0 - _TERM_CHANCE, 2, 6 * (len(runs) - 1))
     counting = np.flatnonzero(gain > limit) if floor > 0.0 else np.array([], dtype=np.intp)
     last = int(counting[-1]) if counting.size else 0
-    return min(max(last, 1) + _MORE_ORDERS + 1, basis.size)
+    return min(max(last + _MORE_ORDERS, _LEAST_ORDER) + 1, basis.size)
 
 
 def _smoothed(spectrum: Array) -> Array:

@@ -1,13 +1,20 @@
 """Figures of a stage and of what its models give, one file for each."""
 
 from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.budget import draw_budget
+from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.compensation import draw_compensation
 from flexstage.report.figures.convergence import draw_convergence
+from flexstage.report.figures.decay import draw_ring_down
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.fe_modes import draw_fe_modes
 from flexstage.report.figures.identification import draw_identification
+from flexstage.report.figures.measured_response import draw_response
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
+from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.neck_stress import draw_neck_stress
+from flexstage.report.figures.noise import draw_hold, draw_staircase
+from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.static_shape import draw_static_shape, exaggeration
 from flexstage.report.figures.stress_bars import draw_stress
 from flexstage.report.figures.stroke import draw_stroke
@@ -17,15 +24,25 @@ __all__ = [
     "FORMATS",
     "body_symbols",
     "draw_bode",
+    "draw_budget",
     "draw_compensation",
     "draw_convergence",
     "draw_fe_modes",
+    "draw_hold",
     "draw_identification",
+    "draw_modal_fit",
+    "draw_motion_error",
     "draw_neck_stress",
+    "draw_polar",
+    "draw_response",
+    "draw_ring_down",
+    "draw_stabilisation",
     "draw_stage",
+    "draw_staircase",
     "draw_static_shape",
     "draw_stress",
     "draw_stroke",
+    "draw_workspace",
     "encode",
     "exaggeration",
     "inline_svg",

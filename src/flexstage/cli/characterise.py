@@ -1,0 +1,369 @@
+"""`flexstage characterise`: the figures of a stage from measured records."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    load_stage,
+    make_table,
+    output_path,
+    print_json,
+    progress_bar,
+    relative,
+)
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    SampleRateOption,
+    TimeOption,
+)
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.experiment.campaign import Campaign, Characterisation
+    from flexstage.report import Measurement
+
+__all__ = ["characterise"]
+
+_PLANS = (".yaml", ".yml")
+
+
+def _column(what: str) -> Any:
+    return typer.Option(metavar="COLUMN", help=f"Number or name of the column of {what}.")
+
+
+def characterise(
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="FILE...",
+            help="One description of tests (.yaml), or measured files of one test.",
+        ),
+    ] = None,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE",
+            help="Stage file or built-in design; its models and published figures are set beside.",
+        ),
+    ] = None,
+    virtual: Annotated[
+        int | None,
+        typer.Option(
+            metavar="SEED",
+            min=0,
+            help="Measure a virtual stage, made by this seed, in place of files; needs --stage.",
+        ),
+    ] = None,
+    test: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="What the files are of: motion, spheres, positioning, staircase, hold, response, "
+            "ring-down or workspace.",
+        ),
+    ] = "motion",
+    axis: Annotated[
+        str, typer.Option(metavar="NAME", help="The axis that moves; of a workspace both, as xy.")
+    ] = "x",
+    command: Annotated[str | None, _column("what the drive was told")] = None,
+    along: Annotated[str | None, _column("the position along the axis")] = None,
+    across: Annotated[str | None, _column("the motion across it in the plane")] = None,
+    vertical: Annotated[str | None, _column("the motion out of the plane")] = None,
+    roll: Annotated[str | None, _column("the rotation about the axis")] = None,
+    pitch: Annotated[str | None, _column("the rotation about the direction across")] = None,
+    yaw: Annotated[str | None, _column("the rotation about the normal")] = None,
+    input: Annotated[str | None, _column("the force, or whatever excites")] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMNS", help="Columns of what follows it, with commas between."),
+    ] = None,
+    corner: Annotated[str | None, _column("the number of the corner")] = None,
+    x: Annotated[str | None, _column("the reading in x at the corners")] = None,
+    y: Annotated[str | None, _column("the reading in y at the corners")] = None,
+    spheres: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Names of the spheres, with commas between."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ROLE=UNIT",
+            help='Unit of a column that does not say its own, such as "along=um"; may be repeated.',
+        ),
+    ] = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SHARE",
+            help='Relative standard uncertainty of the sensitivity of the sensors, as "0.05%".',
+        ),
+    ] = None,
+    alignment: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ANGLE",
+            help='Standard uncertainty of the direction of the sensors, such as "1 mrad".',
+        ),
+    ] = None,
+    confidence: Annotated[
+        float, typer.Option(min=0.5, max=0.9999, help="Of a staircase: confidence of a step.")
+    ] = 0.95,
+    models: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST", help="Models of the stage to compare with, with commas between."
+        ),
+    ] = "lumped,superelement",
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="DIR",
+            help="Write report.html and results.json there, and the records of a virtual stage.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Find stroke, resolution, straightness, natural frequencies and workspace from measurements.
+
+    Every figure comes with its uncertainty, and with the difference to what the models of the stage
+    and publications say.
+    """
+    from flexstage.experiment.campaign import characterise as run
+    from flexstage.experiment.campaign import read_campaign
+    from flexstage.report import (
+        measurement,
+        measurement_results,
+        measurement_text,
+        require_writable,
+        write_files,
+    )
+
+    files = records or []
+    if out is not None:
+        require_writable(out)
+    written: dict[str, bytes] = {}
+    named = _named(
+        command=command, along=along, across=across, vertical=vertical, roll=roll, pitch=pitch,
+        yaw=yaw, input=input, corner=corner, x=x, y=y,
+    )  # fmt: skip
+    plans = [file for file in files if file.suffix.lower() in _PLANS]
+    if plans and len(files) > 1:
+        raise ModelError(
+            f"'{plans[0]}' describes tests and stands alone: give it without other files, or the "
+            "measured files of one test"
+        )
+    if virtual is not None or plans:
+        _no_columns(
+            "--virtual" if virtual is not None else f"'{plans[0]}'",
+            {
+                **named, "output": output, "spheres": spheres, "unit": unit,
+                "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
+                "time": time, "format": format, "dataset": dataset, "delimiter": delimiter,
+                "decimal": decimal,
+            },
+        )  # fmt: skip
+    folder = Path()
+    with progress_bar():
+        if virtual is not None:
+            if files or stage is None:
+                raise ModelError("--virtual needs --stage and no files: it makes its own records")
+            found, written = _virtual(stage, virtual)
+        elif plans:
+            folder = plans[0].parent
+            found = run(read_campaign(plans[0]), folder)
+        else:
+            campaign = _single(
+                files, test, axis, named,
+                output=_words(output), spheres=_words(spheres), units=unit or [],
+                calibration=calibration, alignment=alignment, confidence=confidence,
+                reading=_named(
+                    time=time, format=format, dataset=dataset, delimiter=delimiter,
+                    decimal=decimal,
+                ),
+                sample_rate=sample_rate,
+            )  # fmt: skip
+            found = run(campaign, Path())
+        described = stage or _beside(found.campaign.stage, folder)
+        result = measurement(
+            found,
+            load_stage(described) if described else None,
+            _words(models) if described else (),
+        )
+    results = measurement_results(result)
+    if out is not None:
+        import json as writer
+
+        written["report.html"] = measurement_text(result).encode()
+        written["results.json"] = (writer.dumps(results, indent=2, allow_nan=False) + "\n").encode()
+        saved = [str(path) for path in write_files(out, written)]
+    else:
+        saved = []
+    if json:
+        print_json({**results, "files": saved})
+        return
+    _print(console(), result, saved)
+
+
+def _words(text: str | None) -> tuple[str, ...]:
+    return tuple(w.strip() for w in (text or "").split(",") if w.strip())
+
+
+def _named(**given: str | None) -> dict[str, str]:
+    return {name: text for name, text in given.items() if text is not None}
+
+
+def _no_columns(source: str, given: dict[str, Any]) -> None:
+    """Refuse options on columns and files where a description says all that."""
+    idle = [f"--{name}" for name, value in given.items() if value]
+    if idle:
+        raise ModelError(
+            f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
+            "leave it out"
+        )
+
+
+def _beside(stage: str, folder: Path) -> str:
+    """Return the stage that a description names: its files are named from its own folder."""
+    from flexstage.designs import DESIGNS
+
+    if not stage or stage.casefold() in DESIGNS:
+        return stage
+    return str(folder / stage)
+
+
+def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
+    from flexstage.designs import DESIGNS
+    from flexstage.experiment.campaign import campaign_text, evaluate
+    from flexstage.experiment.virtual import as_built, virtual_campaign
+    from flexstage.records import record_bytes
+
+    described = load_stage(stage)
+    made = virtual_campaign(as_built(described, seed=seed), seed=seed)
+    files = {name: record_bytes(record, "csv") for name, record in made.records.items()}
+    campaign = made.campaign
+    if stage.casefold() not in DESIGNS:
+        # the description must find the stage that it belongs to, wherever the folder is taken
+        from flexstage.stage.file import stage_to_text
+
+        files["stage.yaml"] = stage_to_text(described).encode()
+        campaign = replace(campaign, stage="stage.yaml")
+    files["campaign.yaml"] = campaign_text(campaign).encode()
+    return evaluate(made.campaign, lambda test: [made.records[n] for n in test.records]), files
+
+
+def _single(
+    files: list[Path],
+    kind: str,
+    axis: str,
+    columns: dict[str, str],
+    *,
+    output: tuple[str, ...],
+    spheres: tuple[str, ...],
+    units: list[str],
+    calibration: str | None,
+    alignment: str | None,
+    confidence: float,
+    reading: dict[str, str],
+    sample_rate: str | None,
+) -> "Campaign":
+    from flexstage.experiment.campaign import Campaign, Columns, Instrument, Reading, Test
+    from flexstage.units import parse
+
+    if not files:
+        raise ModelError(
+            "no file is given: give measured files or a description of tests (.yaml), or --virtual "
+            "with --stage"
+        )
+    rate = None if sample_rate is None else parse(sample_rate, "frequency", bare_unit="Hz")
+    sensor = Instrument(
+        name="sensor",
+        calibration=0.0 if calibration is None else relative(calibration),
+        alignment=0.0 if alignment is None else parse(alignment, "angle"),
+    )
+    test = Test(
+        name=kind,
+        kind=kind,
+        axis=axis,
+        records=tuple(str(file) for file in files),
+        columns=Columns(output=output, spheres=spheres, **columns),
+        units=_units(units),
+        reading=Reading(sample_rate=rate, **reading),
+        along="sensor",
+        transverse="sensor",
+        angle="sensor",
+        confidence=confidence,
+    )
+    return Campaign(instruments=(sensor,), tests=(test,))
+
+
+def _units(given: list[str]) -> Any:
+    from dataclasses import fields
+
+    from flexstage.experiment.campaign import Columns
+
+    roles = [f.name for f in fields(Columns)]
+    found: dict[str, Any] = {}
+    for text in given:
+        role, _, unit = (word.strip() for word in text.partition("="))
+        if role not in roles or not unit:
+            raise ModelError(
+                f'--unit must be a role and a unit such as "along=um", got "{text}" (roles: '
+                f"{', '.join(roles)})"
+            )
+        found[role] = (unit,) if role in ("output", "spheres") else unit
+    return Columns(**found)
+
+
+def _print(screen: "Console", result: "Measurement", saved: list[str]) -> None:
+    from flexstage.report import display
+    from flexstage.report.tables import column_title
+
+    columns = list(result.references)
+    titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
+    table = make_table(result.title, "quantity", "<axis", "value", "± (95 %)", "<unit", *titles)
+    for row in result.rows:
+        shown = display(row.figure.quantity)
+        estimate = row.figure.estimate
+        cells = [
+            shown.text(estimate.value),
+            f"{estimate.expanded * shown.factor:.2g}",
+            shown.unit,
+        ]
+        for name in columns:
+            found = row.differences.get(name)
+            cells.append("" if found is None else _difference(found))
+        table.add_row(shown.label, row.figure.axis, *cells)
+    screen.print(table)
+    if columns:
+        screen.print(
+            "Differences of what was measured to each model and publication; * significant at 95 %."
+        )
+    for note in result.notes:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in saved:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _difference(found: Any) -> str:
+    mark = "*" if found.significant else ""
+    # against something near nothing a percentage says nothing
+    if found.percent is None or abs(found.percent) > 1e4:
+        return f"–{mark}"
+    return f"{found.percent:+.2f} %{mark}".replace("-", "−")

@@ -1,0 +1,378 @@
+"""`flexstage frf`: frequency responses and modes from measured records."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    make_table,
+    output_path,
+    print_json,
+    progress_bar,
+    write_file,
+)
+from flexstage.cli.frf_result import mode_result, response_record, response_result
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    read_records,
+    record_format,
+)
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.experiment.modal import ModalFit
+    from flexstage.experiment.spectra import MeasuredResponse, ResponseEstimate
+    from flexstage.records import Record
+
+__all__ = ["frf"]
+
+_IMAGES = (".svg", ".png", ".pdf")
+
+
+def frf(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Measured files, averaged together; or universal files (58) of responses.",
+        ),
+    ],
+    input: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="Number or name of the column that excites."),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMNS", help="Columns that follow it, with commas between."),
+    ] = None,
+    estimator: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="H1 for noise in the outputs, H2 for noise in the input, Hv for both.",
+        ),
+    ] = "H1",
+    excitation: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="random, periodic, hammer, step or sweep; auto looks at the input.",
+        ),
+    ] = "auto",
+    resolution: Annotated[
+        str | None,
+        typer.Option(metavar="FREQUENCY", help='Distance of the lines, such as "0.5 Hz".'),
+    ] = None,
+    segment: Annotated[
+        int | None, typer.Option(min=8, help="Samples of a segment, in place of --resolution.")
+    ] = None,
+    window: Annotated[
+        str, typer.Option(metavar="NAME", help="Window of random segments: hann, hamming...")
+    ] = "hann",
+    exponential: Annotated[
+        float | None,
+        typer.Option(
+            help="Of a hammer: what is left of an exponential window at the end of a hit; the "
+            "damping that it adds is taken off again."
+        ),
+    ] = None,
+    band: Annotated[
+        str | None,
+        typer.Option(metavar="LOW:HIGH", help="Band in which modes are fitted [Hz]."),
+    ] = None,
+    modes: Annotated[
+        str,
+        typer.Option(metavar="COUNT", help="How many modes to fit, or auto, or 0 for none."),
+    ] = "auto",
+    delay: Annotated[
+        bool, typer.Option("--delay", help="Fit a delay of the outputs as well.")
+    ] = False,
+    lag: Annotated[
+        bool, typer.Option("--lag", help="Fit a first-order lag of the outputs as well.")
+    ] = False,
+    ring_down: Annotated[
+        bool,
+        typer.Option("--ring-down", help="The record is a free decay: outputs alone, no input."),
+    ] = False,
+    input_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "N".')
+    ] = None,
+    output_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the outputs, such as "m/s^2".')
+    ] = None,
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Write the response there: .csv, .npz, .h5 or .mat.",
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Draw response and fit there, .svg, .png or .pdf, and the stabilisation diagram "
+            "beside it as NAME-stabilisation.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Estimate frequency responses from records, and fit modes to them."""
+    from flexstage.report import require_writable
+
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
+    record_format(out)
+    if ring_down:
+        _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,
+                           exponential=exponential, delay=delay, lag=lag, out=out)  # fmt: skip
+    for path in (out, figure):
+        if path is not None:
+            require_writable(path.parent)
+    count = _count(modes)
+    fitted_band = _band(band)
+    lines = _hertz(resolution, "--resolution")
+    inputs, outputs = _columns(input), _columns(output)
+    units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
+    with progress_bar():
+        read = read_records(
+            records,
+            [*inputs, *outputs],
+            units=units,
+            sample_rate=sample_rate,
+            time=time,
+            format=format,
+            dataset=dataset,
+            rows=rows,
+            skip_lines=skip_lines,
+            delimiter=delimiter,
+            decimal=decimal,
+            over="any",
+        )
+        if ring_down:
+            result, draw = _decayed(read, outputs, count)
+            response = None
+        else:
+            result, draw, response = _responded(
+                read,
+                inputs,
+                outputs,
+                how={
+                    "estimator": estimator,
+                    "excitation": excitation,
+                    "window": window,
+                    "segment": segment,
+                    "resolution_hz": lines,
+                },
+                exponential=exponential,
+                fit={"band": fitted_band, "count": count, "delay": delay, "lag": lag},
+            )
+    result["files"] = _written(out, figure, response, read, draw)
+    if json:
+        print_json(result)
+        return
+    _print(console(), result)
+
+
+def _written(
+    out: Path | None,
+    figure: Path | None,
+    response: "MeasuredResponse | None",
+    read: "list[Record]",
+    draw: Any,
+) -> list[str]:
+    """Write what was asked for, when all of it is there."""
+    from flexstage.records import record_bytes
+
+    contents: dict[Path, bytes] = {}
+    if out is not None and response is not None:
+        contents[out] = record_bytes(response_record(response, read), record_format(out))
+    if figure is not None:
+        from flexstage.report.figures import encode
+
+        for name, drawn in draw().items():
+            path = figure.with_name(f"{figure.stem}{name}{figure.suffix}")
+            contents[path] = encode(drawn, figure.suffix.lower().lstrip("."))
+    for path, content in contents.items():
+        write_file(path, content)
+    return [str(path) for path in contents]
+
+
+def _no_driven_options(**given: Any) -> None:
+    """Refuse options that a free decay has no use for."""
+    idle = [f"--{name}" for name, value in given.items() if value not in (None, False)]
+    if idle:
+        raise ModelError(
+            f"{', '.join(idle)} has no meaning with --ring-down, which fits outputs alone: leave "
+            "it out"
+        )
+
+
+def _columns(text: str | None) -> list[str | int]:
+    return [column(word) for word in (text or "").split(",") if word.strip()]
+
+
+def _count(text: str) -> int | None:
+    """How many modes; None for as many as there are."""
+    if text.strip().lower() == "auto":
+        return None
+    if not text.strip().isdecimal():
+        raise ModelError(f"--modes must be a number or auto, got '{text}'")
+    return int(text)
+
+
+def _hertz(text: str | None, option: str) -> float | None:
+    from flexstage.units import parse
+
+    if text is None:
+        return None
+    value = parse(text, "frequency", bare_unit="Hz")
+    if not value > 0.0:
+        raise ModelError(f"{option} must be a positive frequency, got '{text}'")
+    return value
+
+
+def _band(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    words = text.split(":")
+    if len(words) != 2:
+        raise ModelError(f"--band must be two frequencies such as 200:800, got '{text}'")
+    low, high = (_hertz(word, "--band") or 0.0 for word in words)
+    if not low < high:
+        raise ModelError(f"--band must rise, got '{text}'")
+    return low, high
+
+
+def _responded(
+    read: "list[Record]",
+    inputs: list[str | int],
+    outputs: list[str | int],
+    *,
+    how: dict[str, Any],
+    exponential: float | None,
+    fit: dict[str, Any],
+) -> "tuple[dict[str, Any], Any, MeasuredResponse]":
+    from flexstage.experiment.modal import fit_modes
+    from flexstage.experiment.spectra import HitOptions, estimate_response, response_from_record
+
+    estimate: ResponseEstimate | None = None
+    added = 0.0
+    if read[0].over == "frequency":
+        responses = [response_from_record(record) for record in read]
+    else:
+        if not inputs or not outputs:
+            raise ModelError("records over time need --input and --output: name the columns")
+        hits = None if exponential is None else HitOptions(exponential=exponential)
+        estimate = estimate_response(read, inputs, outputs, hits=hits, **how)
+        responses, added = [estimate.response], estimate.added_damping_rate
+    found: ModalFit | None = None
+    if fit["count"] != 0:
+        wanted = {**fit, "count": "auto" if fit["count"] is None else fit["count"]}
+        # a delay turns the phase as complex modes do: only modes in phase tell the two apart
+        wanted["real_modes"] = fit["delay"] or fit["lag"]
+        found = fit_modes(responses, added_damping_rate=added, **wanted)
+
+    def draw() -> Any:
+        from flexstage.report.figures import draw_modal_fit, draw_response, draw_stabilisation
+
+        if found is None:
+            return {"": draw_response(responses[0])}
+        drawn = {"": draw_modal_fit(found)}
+        if found.stabilisation is not None:
+            drawn["-stabilisation"] = draw_stabilisation(found)
+        return drawn
+
+    return response_result(read, responses[0], estimate, found), draw, responses[0]
+
+
+def _decayed(
+    read: "list[Record]", outputs: list[str | int], count: int | None
+) -> tuple[dict[str, Any], Any]:
+    from flexstage.experiment.modal import ring_down
+
+    if len(read) != 1 or not outputs:
+        raise ModelError("--ring-down needs one file and --output: name the columns that decay")
+    if read[0].over != "time":
+        raise ModelError(
+            f"--ring-down needs samples over time, and '{read[0].source}' is over {read[0].over}: "
+            "leave the option out, or give a record of the decay"
+        )
+    if count == 0:
+        raise ModelError("--ring-down fits modes and nothing else: leave --modes 0 out")
+    found = ring_down(read[0], outputs, count=count)
+
+    def draw() -> Any:
+        from flexstage.report.figures import draw_ring_down
+
+        return {"": draw_ring_down(found, read[0])}
+
+    return {
+        "records": [r.source for r in read],
+        "modes": [mode_result(mode, list(found.channels)) for mode in found.modes],
+        "notes": list(found.notes),
+    }, draw
+
+
+def _print(screen: "Console", result: dict[str, Any]) -> None:
+    table = make_table(
+        f"modes: {', '.join(result['records'])}",
+        "mode",
+        "frequency [Hz]",
+        "± (95 %)",
+        "damping ratio [%]",
+        "± (95 %)",
+        "<shape",
+    )
+    for i, mode in enumerate(result["modes"], start=1):
+        f, zeta = mode["frequency_hz"], mode["damping_ratio"]
+        shape = ", ".join(
+            f"{s['output']} {s['real']:+.3f}" for s in mode["shape"] if s["real"] is not None
+        )
+        table.add_row(
+            str(i),
+            f"{f['value']:.4f}",
+            f"{0.5 * (f['interval'][1] - f['interval'][0]):.2g}",
+            f"{100.0 * zeta['value']:.4f}",
+            f"{50.0 * (zeta['interval'][1] - zeta['interval'][0]):.2g}",
+            shape.replace("-", "−"),
+        )
+    screen.print(table)
+    if "averages" in result:
+        averages = f"{result['averages']:g} averages, " if result["averages"] else ""
+        kind = f"{result['excitation']}, " if result["excitation"] else ""
+        screen.print(f"{kind}{result['estimator']} {averages}{result['lines']} lines".strip())
+    for name in ("delay", "lag"):
+        if name in result:
+            value, u = result[name]["value"], result[name]["uncertainty"]
+            screen.print(f"{name} {value:.4g} s, standard uncertainty {u:.2g} s")
+    for note in result["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in result["files"]:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)

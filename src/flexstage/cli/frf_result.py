@@ -1,0 +1,150 @@
+"""What `flexstage frf` finds, as plain data and as a record."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexstage.estimate import Estimate
+    from flexstage.experiment.modal import ModalFit
+    from flexstage.experiment.spectra import MeasuredResponse, ResponseEstimate
+    from flexstage.records import Record
+
+__all__ = ["mode_result", "response_record", "response_result"]
+
+
+def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
+    """Return a response as columns, for other programs.
+
+    Parameters
+    ----------
+    response : MeasuredResponse
+        The response.
+    read : list of Record
+        What it was estimated from.
+
+    Returns
+    -------
+    Record
+        Frequency; real and imaginary part, variance and coherence as far as they are known.
+    """
+    import numpy as np
+
+    from flexstage.records import Channel, Record
+
+    channels = [Channel(name="frequency", values=response.frequency_hz, unit="Hz")]
+    for o, name in enumerate(response.outputs):
+        for i, other in enumerate(response.inputs):
+            h = response.response[:, o, i]
+            label = f"{name}/{other}"
+            channels += [
+                Channel(name=f"{label} real", values=h.real.copy()),
+                Channel(name=f"{label} imaginary", values=h.imag.copy()),
+            ]
+            if response.variance is not None:
+                channels.append(
+                    Channel(name=f"{label} variance", values=response.variance[:, o, i].copy())
+                )
+        if response.coherence is not None:
+            channels.append(
+                Channel(name=f"{name} coherence", values=response.coherence[:, o].copy())
+            )
+    return Record(
+        channels=tuple(channels),
+        time=np.arange(response.frequency_hz.size, dtype=np.float64),
+        source=", ".join(r.source for r in read),
+        notes=response.notes,
+        over="point",
+    )
+
+
+def response_result(
+    read: "list[Record]",
+    response: "MeasuredResponse",
+    estimate: "ResponseEstimate | None",
+    found: "ModalFit | None",
+) -> dict[str, Any]:
+    """Return a response and its modes as plain data.
+
+    Parameters
+    ----------
+    read : list of Record
+        The records.
+    response : MeasuredResponse
+        The response.
+    estimate : ResponseEstimate or None
+        How it was estimated, where it was.
+    found : ModalFit or None
+        What was fitted to it.
+
+    Returns
+    -------
+    dict
+        Plain data.
+    """
+    notes = list(response.notes)
+    if estimate is not None:
+        notes += [*estimate.notes, *(f"left out: {what}" for what in estimate.left_out)]
+    result: dict[str, Any] = {
+        "records": [r.source for r in read],
+        "inputs": list(response.inputs),
+        "outputs": list(response.outputs),
+        "estimator": response.estimator,
+        "excitation": "" if estimate is None else estimate.excitation,
+        "averages": response.averages,
+        "lines": int(response.frequency_hz.size),
+        "frequency_range_hz": [float(response.frequency_hz[0]), float(response.frequency_hz[-1])],
+        "modes": [],
+    }
+    if found is not None:
+        result["band_hz"] = list(found.band)
+        result["modes"] = [mode_result(mode, list(found.outputs)) for mode in found.modes]
+        result["reduced_chi_squared"] = found.reduced_chi_squared
+        for name in ("delay", "lag"):
+            estimated = getattr(found, name)
+            if estimated is not None:
+                result[name] = _estimate(estimated)
+        notes += found.notes
+    result["notes"] = list(dict.fromkeys(notes))
+    return result
+
+
+def mode_result(mode: Any, outputs: list[str]) -> dict[str, Any]:
+    """Return a mode as plain data.
+
+    Parameters
+    ----------
+    mode : Mode or DecayMode
+        The mode.
+    outputs : list of str
+        What its shape goes over.
+
+    Returns
+    -------
+    dict
+        Frequency, damping and shape.
+    """
+    import numpy as np
+
+    return {
+        "frequency_hz": _estimate(mode.frequency_hz),
+        "damping_ratio": _estimate(mode.damping_ratio),
+        "shape": [
+            {
+                "output": name,
+                "real": float(value.real) if np.isfinite(value) else None,
+                "imaginary": float(value.imag) if np.isfinite(value) else None,
+            }
+            for name, value in zip(outputs, mode.shape, strict=True)
+        ],
+    }
+
+
+def _estimate(estimate: "Estimate") -> dict[str, Any]:
+    low, high = estimate.interval()
+    nu = estimate.degrees_of_freedom
+    return {
+        "value": estimate.value,
+        "uncertainty": estimate.uncertainty,
+        "degrees_of_freedom": None if nu == float("inf") else nu,
+        "interval": [low, high],
+        "unit": estimate.unit,
+    }

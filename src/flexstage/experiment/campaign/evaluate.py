@@ -1,0 +1,103 @@
+"""Evaluate the tests of a campaign, one by one."""
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from flexstage.errors import FlexstageError, RecordError
+from flexstage.experiment.campaign.holding import evaluate_hold, evaluate_staircase
+from flexstage.experiment.campaign.loading import load_records
+from flexstage.experiment.campaign.motion import evaluate_motion
+from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.experiment.campaign.response import evaluate_response, evaluate_ring_down
+from flexstage.experiment.campaign.results import Characterisation, TestResult
+from flexstage.experiment.campaign.spheres import evaluate_spheres
+from flexstage.experiment.campaign.workspace import evaluate_positioning, evaluate_workspace
+from flexstage.progress import share, tell
+from flexstage.records import Record
+
+__all__ = ["EVALUATIONS", "characterise", "evaluate"]
+
+#: What evaluates each kind of test.
+EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] = {
+    "motion": evaluate_motion,
+    "spheres": evaluate_spheres,
+    "positioning": evaluate_positioning,
+    "staircase": evaluate_staircase,
+    "hold": evaluate_hold,
+    "response": evaluate_response,
+    "ring-down": evaluate_ring_down,
+    "workspace": evaluate_workspace,
+}
+
+
+def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
+    """Evaluate all tests of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The tests.
+    load : callable
+        Gives the records of a test.
+
+    Returns
+    -------
+    Characterisation
+        What the tests gave.
+
+    Raises
+    ------
+    FlexstageError
+        A test cannot be evaluated; the message names it.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.experiment.virtual import as_built, virtual_campaign
+    >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1), seed=1)
+    >>> found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
+    >>> stroke = found.figure("output_displacement", "x").estimate
+    >>> print(f"{stroke.value * 1e6:.1f} um")
+    63.1 um
+    """
+    results = []
+    sources: dict[str, str] = {}
+    for k, test in enumerate(campaign.tests):
+        with share(k / len(campaign.tests), (k + 1) / len(campaign.tests)):
+            tell(f"test {test.name}"[:17])
+            try:
+                records = load(test)
+                results.append(EVALUATIONS[test.kind](test, records, campaign))
+            except FlexstageError as error:
+                if f"'{test.name}'" in str(error):
+                    raise
+                raise type(error)(f"test '{test.name}': {error}") from error
+            sources |= {r.source: r.source_hash for r in records if r.source_hash}
+    return Characterisation(campaign=campaign, results=tuple(results), sources=sources)
+
+
+def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:
+    """Read the files of a campaign, and evaluate its tests.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The tests.
+    folder : str or os.PathLike
+        Where its files are named from.
+
+    Returns
+    -------
+    Characterisation
+        What the tests gave.
+
+    Raises
+    ------
+    FlexstageError
+        A file cannot be read, or a test cannot be evaluated; the message names it.
+    """
+    base = Path(folder)
+    if not campaign.tests:
+        raise RecordError("the campaign has no test: describe one at least")
+    return evaluate(campaign, lambda test: load_records(test, base))

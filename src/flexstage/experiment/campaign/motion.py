@@ -1,0 +1,245 @@
+"""Tests of an axis that runs in cycles over its stroke, read by sensors or by spheres."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.characteristic import QUANTITIES
+from flexstage.errors import RecordError
+from flexstage.estimate import Estimate
+from flexstage.experiment.campaign.loading import column, optional_column
+from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.motion import (
+    MotionCurve,
+    MotionCycles,
+    fit_motion_curve,
+    linearity,
+    motion_cycles,
+    stroke,
+)
+from flexstage.experiment.noise import screw_resolution
+from flexstage.experiment.uncertainty import SensorSetup, measured
+from flexstage.experiment.uncertainty.sensor import Role
+from flexstage.records import Record
+
+__all__ = ["evaluate_motion", "motion_figures"]
+
+Array = NDArray[np.float64]
+
+_ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
+_REVERSED = "the reading falls as the command rises: the stroke is given as a length"
+_NOTES = {
+    "output_displacement": "from end to end of the command, mean of both directions and all cycles",
+    "resolution": "smallest step of the drive times the measured ratio",
+    "linearity": "largest less smallest distance of the position from its least-squares line over "
+    "the command, mean of both directions",
+    "hysteresis_loop_width": "largest distance of the two directions at equal command",
+    "repeatability": "standard deviation of the upper end from cycle to cycle, drift taken off",
+    "straightness": "largest less smallest distance from the least-squares line, in the plane",
+    "straightness_out_of_plane": "largest less smallest distance from the least-squares line, out "
+    "of the plane",
+    "cross_coupling": "slope of the least-squares line of the motion across over that along",
+    "roll": "largest less smallest rotation about the axis of travel",
+    "pitch": "largest less smallest rotation about the direction across",
+    "parasitic_rotation": "largest less smallest rotation in the plane",
+    "drift": "linear drift of the position over all cycles",
+}
+
+
+def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate cycles over the stroke.
+
+    Parameters
+    ----------
+    test : Test
+        The test, whose columns are the command, ``along`` and what else was read.
+    records : list of Record
+        One record.
+    campaign : Campaign
+        The campaign, for the instruments.
+
+    Returns
+    -------
+    TestResult
+        Stroke, linearity, hysteresis, repeatability and drift; straightness, coupling and rotations
+        where they were read.
+
+    Raises
+    ------
+    RecordError
+        There are several records, or one cannot be evaluated.
+    """
+    record = only(test, records)
+    motions = {
+        name: values
+        for name in ("across", "vertical", "roll", "pitch", "yaw")
+        if (values := optional_column(test, record, name)) is not None
+    }
+    command = column(test, record, "command")
+    unit = record.channel(test.columns.command or 0).unit
+    return motion_figures(
+        test, campaign, command, unit, column(test, record, "along"), record.time, motions
+    )
+
+
+def only(test: Test, records: list[Record]) -> Record:
+    """Return the record of a test that has one.
+
+    Parameters
+    ----------
+    test : Test
+        The test.
+    records : list of Record
+        Its records.
+
+    Returns
+    -------
+    Record
+        The only one.
+
+    Raises
+    ------
+    RecordError
+        There are several.
+    """
+    if len(records) != 1:
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind} is evaluated from one file, got "
+            f"{len(records)}: describe a test for each"
+        )
+    return records[0]
+
+
+def motion_figures(
+    test: Test,
+    campaign: Campaign,
+    command: Array,
+    command_unit: str,
+    along: Array,
+    time: Array,
+    motions: dict[str, Array],
+    *,
+    timed: bool = True,
+) -> TestResult:
+    """Return the figures of an axis from its motions over repeated cycles.
+
+    Parameters
+    ----------
+    test : Test
+        The test.
+    campaign : Campaign
+        The campaign, for the instruments.
+    command : numpy.ndarray
+        Command [V or m], shape (n,).
+    command_unit : str
+        Its unit.
+    along : numpy.ndarray
+        Position along the axis [m], shape (n,).
+    time : numpy.ndarray
+        Time [s], or number of the station, shape (n,).
+    motions : dict
+        Other motions by role [m or rad], each of shape (n,).
+    timed : bool
+        Whether the times are times, so that a drift has a rate.
+
+    Returns
+    -------
+    TestResult
+        The figures, with the curves behind them.
+    """
+    cycles = motion_cycles(command)
+    found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
+    straight = linearity(found.curve)
+    sensor, side, angle = (campaign.setup(n) for n in (test.along, test.transverse, test.angle))
+    lasting = _half_cycle(cycles, time) if timed else 0.0
+    figures: list[Figure] = []
+
+    def add(
+        quantity: str,
+        raw: Estimate,
+        setup: SensorSetup | None,
+        role: Role,
+        pitch: Estimate | None = None,
+    ) -> None:
+        whole = (
+            raw if setup is None else measured(raw, setup, role=role, duration=lasting, pitch=pitch)
+        )
+        figures.append(
+            Figure(
+                quantity=quantity,
+                axis=test.axis,
+                estimate=_in_unit(whole, quantity, _NOTES[quantity]),
+                test=test.name,
+            )
+        )
+
+    # a sensor that counts the other way reads the same stroke
+    way = math.copysign(1.0, found.stroke.value)
+    pitching = motions.get("pitch")
+    add(
+        "output_displacement",
+        found.stroke.times(way),
+        sensor,
+        "length",
+        None if pitching is None else _over_stroke(along, pitching, time, cycles).times(way),
+    )
+    add("linearity", straight.range, sensor, "transverse range")
+    add("hysteresis_loop_width", found.loop_width, sensor, "transverse range")
+    if timed:
+        # of few stations the noise of the machine would be taken for it
+        add("repeatability", found.end_repeatability[1], sensor, "noise")
+    if found.drift_rate is not None and timed:
+        add("drift", found.drift_rate, sensor, "drift")
+    if test.smallest_step is not None:
+        if command_unit != "m":
+            raise RecordError(
+                f"test '{test.name}': smallest_step belongs to a command in m, got one in "
+                f"'{command_unit}': leave it out"
+            )
+        step = Estimate(value=test.smallest_step, unit="m")
+        ratio = found.gain.times(math.copysign(1.0, found.gain.value), "1")
+        add("resolution", screw_resolution(step, ratio), sensor, "transverse range")
+    curves: dict[str, MotionCurve] = {}
+    for name, values in motions.items():
+        turning = name in _ROTATIONS
+        curve = fit_motion_curve(along, values, time, cycles=cycles, unit="rad" if turning else "m")
+        curves[name] = curve
+        if turning:
+            add(_ROTATIONS[name], curve.range(), angle, "angle")
+        elif name == "vertical":
+            add(
+                "straightness_out_of_plane",
+                curve.range(line="least_squares"),
+                side,
+                "transverse range",
+            )
+        else:
+            add("straightness", curve.range(line="least_squares"), side, "transverse range")
+            add("cross_coupling", curve.slope(), side, "coupling")
+    return TestResult(
+        test=test,
+        figures=tuple(figures),
+        details={"stroke": found, "linearity": straight, "curves": curves},
+        notes=(*cycles.notes, *found.curve.notes, *([] if way > 0.0 else [_REVERSED])),
+    )
+
+
+def _over_stroke(along: Array, pitch: Array, time: Array, cycles: MotionCycles) -> Estimate:
+    """Pitch from the lower to the upper end of the stroke, by which an Abbe offset counts [rad]."""
+    curve = fit_motion_curve(along, pitch, time, cycles=cycles, unit="rad")
+    return curve.functional([-1.0, 1.0], [curve.basis.low, curve.basis.high])
+
+
+def _half_cycle(cycles: MotionCycles, time: Array) -> float:
+    """Time of one run, over which drift that is not taken off adds up [s]."""
+    first, last = int(cycles.runs[0, 0, 0]), int(cycles.runs[-1, -1, 1])
+    return float(time[last] - time[first]) / (2 * cycles.count)
+
+
+def _in_unit(estimate: Estimate, quantity: str, note: str) -> Estimate:
+    from dataclasses import replace
+
+    said = f"{note}; {estimate.note}" if estimate.note else note
+    return replace(estimate.times(1.0, QUANTITIES[quantity]), note=said)

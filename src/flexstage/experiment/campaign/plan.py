@@ -1,0 +1,332 @@
+"""What was measured and how: the description of a set of tests."""
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Annotated
+
+from flexstage.errors import ModelError
+from flexstage.experiment.uncertainty import SensorSetup
+from flexstage.units import DIMENSIONS
+
+__all__ = ["EXCITATIONS", "KINDS", "Campaign", "Columns", "Instrument", "Reading", "Test"]
+
+#: Kinds of tests, and what each of them is.
+KINDS: dict[str, str] = {
+    "motion": "cycles over the stroke: stroke, hysteresis, straightness, rotations, coupling",
+    "spheres": "the same by spheres of a plate that a measuring machine probes at stations",
+    "positioning": "targets gone to from both sides: accuracy and repeatability as in ISO 230-2",
+    "staircase": "small steps: resolution",
+    "hold": "the stage held: noise and drift",
+    "response": "hammer, sweep or noise: natural frequencies and damping",
+    "ring-down": "free decay: natural frequencies and damping",
+    "workspace": "corners gone to again and again: area, squareness",
+}
+
+#: What can excite a response; auto looks at the input.
+EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", "sweep")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Which column of a record is what, by name or number; or the unit of each.
+
+    Parameters
+    ----------
+    command : str, optional
+        What the drive was told.
+    along, across, vertical : str, optional
+        Position along the axis, across it in the plane, and out of the plane.
+    roll, pitch, yaw : str, optional
+        Rotations about the axis, about the direction across, and about the normal.
+    input : str, optional
+        Force, or whatever excites.
+    output : tuple of str
+        What follows it.
+    corner : str, optional
+        Number of the corner, from 0 and anticlockwise.
+    x, y : str, optional
+        Readings at the corners.
+    spheres : tuple of str
+        Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``.
+    """
+
+    command: str | None = None
+    along: str | None = None
+    across: str | None = None
+    vertical: str | None = None
+    roll: str | None = None
+    pitch: str | None = None
+    yaw: str | None = None
+    input: str | None = None
+    output: tuple[str, ...] = ()
+    corner: str | None = None
+    x: str | None = None
+    y: str | None = None
+    spheres: tuple[str, ...] = ()
+
+    def named(self) -> dict[str, str]:
+        """Return the single columns that are given, by what they are."""
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {k: v for k, v in given.items() if isinstance(v, str)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """How the files of a test are read; what they say themselves need not be repeated.
+
+    Parameters
+    ----------
+    sample_rate : float, optional
+        Sample rate [Hz].
+    time : str, optional
+        Column of time.
+    format : str, optional
+        Format of the files.
+    dataset : str, optional
+        Dataset of the files.
+    delimiter, decimal : str, optional
+        Of text files.
+    """
+
+    sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
+    time: str | None = None
+    format: str | None = None
+    dataset: str | None = None
+    delimiter: str | None = None
+    decimal: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instrument:
+    """A sensor by name, with what is known of its errors.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    calibration : float
+        Relative standard uncertainty of its sensitivity [1].
+    nonlinearity : float
+        Largest deviation from its line, over its range [1].
+    alignment : float
+        Standard uncertainty of the angle between its direction and that of the axis [rad].
+    abbe_offset, abbe_uncertainty : float
+        Distance of its line from the point that counts, and standard uncertainty of it [m].
+    temperature_uncertainty : float
+        Standard uncertainty of the temperature over a test [K].
+    expansion : float
+        Expansion of the loop between sensor and stage [1/K].
+    length_of_loop : float
+        Length of that loop [m].
+    drift : float
+        Standard uncertainty of the drift that is left [m/s].
+    resolution_step : float
+        Step of its reading [m].
+    time_base : float
+        Relative standard uncertainty of the clock that samples it [1].
+
+    Raises
+    ------
+    ModelError
+        A figure is negative or not finite.
+    """
+
+    name: str
+    calibration: float = 0.0
+    nonlinearity: float = 0.0
+    alignment: Annotated[float, DIMENSIONS["angle"]] = 0.0
+    abbe_offset: Annotated[float, DIMENSIONS["length"]] = 0.0
+    abbe_uncertainty: Annotated[float, DIMENSIONS["length"]] = 0.0
+    temperature_uncertainty: float = 0.0
+    expansion: Annotated[float, DIMENSIONS["expansion"]] = 0.0
+    length_of_loop: Annotated[float, DIMENSIONS["length"]] = 0.0
+    drift: float = 0.0
+    resolution_step: Annotated[float, DIMENSIONS["length"]] = 0.0
+    time_base: float = 0.0
+
+    def __post_init__(self) -> None:
+        try:
+            _ = self.setup
+        except ModelError as error:
+            raise ModelError(f"instrument '{self.name}': {error}") from error
+
+    @property
+    def setup(self) -> SensorSetup:
+        """The same without the name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "name"}
+        return SensorSetup(**values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Test:
+    """One test: its records, and what is in them.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    kind : str
+        One of `KINDS`.
+    axis : str
+        The axis that moves or is excited; of a workspace both axes, such as ``xy``.
+    records : tuple of str
+        Its files, from the folder of the file that describes them.
+    columns : Columns
+        What is in which column.
+    units : Columns
+        Units of columns that do not say theirs.
+    reading : Reading
+        How the files are read.
+    along, transverse, angle : str, optional
+        Names of the instruments that read position, the directions across it, and rotations.
+    excitation : str
+        Of a response: hammer, random, periodic, step, sweep, or auto.
+    modes : float, optional
+        Of a response: how many modes to fit; chosen by stabilisation where not given.
+    band : tuple of float, optional
+        Of a response: ends of the band that is fitted [Hz].
+    confidence : float
+        Of a staircase: confidence at which a step shall be told from its neighbours [1].
+    smallest_steps : bool
+        Of a staircase: whether its steps are the smallest that the drive can make, so that they
+        are the resolution, and not what the noise would still let one see.
+    smallest_step : float, optional
+        Of a motion commanded in metres: smallest step of the drive, whose product with the
+        measured ratio is the resolution [m].
+    commands : tuple of float
+        Of spheres: what the drive was told at each station, where no column says it, as in the
+        report of a measuring machine [m].
+
+    Raises
+    ------
+    ModelError
+        The kind or the excitation is not known, there is no record, or a number is impossible.
+    """
+
+    __test__ = False  # a name that the collector of tests would take for its own
+
+    name: str
+    kind: str
+    axis: str
+    records: tuple[str, ...]
+    columns: Columns = field(default_factory=Columns)
+    units: Columns = field(default_factory=Columns)
+    reading: Reading = field(default_factory=Reading)
+    along: str | None = None
+    transverse: str | None = None
+    angle: str | None = None
+    excitation: str = "auto"
+    modes: float | None = None
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    confidence: float = 0.95
+    smallest_steps: bool = False
+    smallest_step: Annotated[float, DIMENSIONS["length"]] | None = None
+    commands: tuple[Annotated[float, DIMENSIONS["length"]], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ModelError(
+                f"test '{self.name}' has the unknown kind '{self.kind}': choose from "
+                f"{', '.join(KINDS)}"
+            )
+        if not self.records:
+            raise ModelError(f"test '{self.name}' names no record: give at least one file")
+        if not self.axis.strip():
+            raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
+        if self.excitation not in EXCITATIONS:
+            raise ModelError(
+                f"test '{self.name}' has the unknown excitation '{self.excitation}': choose from "
+                f"{', '.join(EXCITATIONS)}"
+            )
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        if self.modes is not None and not (self.modes >= 1.0 and self.modes == int(self.modes)):
+            raise ModelError(
+                f"test '{self.name}': modes must be a whole number from 1, got {self.modes:g}: "
+                "leave it out to have them counted"
+            )
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
+            low, high = self.band
+            raise ModelError(
+                f"test '{self.name}': a band must rise from 0 Hz or more, got {low:g} to {high:g} "
+                "Hz: give its lower end first"
+            )
+        if not 0.5 < self.confidence < 1.0:
+            raise ModelError(
+                f"test '{self.name}': a confidence lies above 0.5 and below 1, got "
+                f"{self.confidence:g}"
+            )
+        if self.smallest_step is not None and not 0.0 < self.smallest_step < math.inf:
+            raise ModelError(
+                f"test '{self.name}': the smallest step must be positive and finite, got "
+                f"{self.smallest_step:g} m"
+            )
+        rate = self.reading.sample_rate
+        if rate is not None and not 0.0 < rate < math.inf:
+            raise ModelError(
+                f"test '{self.name}': the sample rate must be positive and finite, got {rate:g} Hz"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """Everything that was measured of a stage.
+
+    Parameters
+    ----------
+    stage : str
+        Stage file or name of a built-in design; empty where there is none.
+    origin : str
+        ``measured``, or ``virtual`` where the records are simulated.
+    instruments : tuple of Instrument
+        The sensors.
+    tests : tuple of Test
+        The tests.
+    notes : tuple of str
+        Remarks that belong to every figure.
+
+    Raises
+    ------
+    ModelError
+        The origin is not known, two things share a name, or a test names an unknown instrument.
+    """
+
+    stage: str = ""
+    origin: str = "measured"
+    instruments: tuple[Instrument, ...] = ()
+    tests: tuple[Test, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.origin not in ("measured", "virtual"):
+            raise ModelError(f"the origin must be measured or virtual, got '{self.origin}'")
+        for noun, named in (("instrument", self.instruments), ("test", self.tests)):
+            names = [n.name for n in named]
+            twice = sorted({n for n in names if names.count(n) > 1})
+            if twice:
+                raise ModelError(f"two {noun} entries are called '{twice[0]}': give each its own")
+        known = {i.name for i in self.instruments}
+        for test in self.tests:
+            for name in (test.along, test.transverse, test.angle):
+                if name is not None and name not in known:
+                    listed = ", ".join(sorted(known)) or "none"
+                    raise ModelError(
+                        f"test '{test.name}' names the instrument '{name}', which is not described "
+                        f"(there are: {listed})"
+                    )
+
+    def setup(self, name: str | None) -> SensorSetup | None:
+        """Return what is known of an instrument.
+
+        Parameters
+        ----------
+        name : str or None
+            Its name.
+
+        Returns
+        -------
+        SensorSetup or None
+            What is known; None where no instrument is named.
+        """
+        return next((i.setup for i in self.instruments if i.name == name), None)

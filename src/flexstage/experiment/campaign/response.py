@@ -1,0 +1,166 @@
+"""Tests that make an axis vibrate: natural frequency and damping."""
+
+import numpy as np
+
+from flexstage.errors import RecordError
+from flexstage.estimate import Estimate
+from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.modal import DecayMode, Mode, RingDown, fit_modes, ring_down
+from flexstage.experiment.spectra import estimate_response, response_from_record
+from flexstage.experiment.uncertainty import measured
+from flexstage.records import Record
+
+__all__ = ["evaluate_response", "evaluate_ring_down", "mode_of_axis"]
+
+
+def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate a driven response, or one that has been estimated already.
+
+    Parameters
+    ----------
+    test : Test
+        The test, whose columns are the input and the outputs.
+    records : list of Record
+        Records over time, averaged together, or one over frequency.
+    campaign : Campaign
+        The campaign, for the instruments.
+
+    Returns
+    -------
+    TestResult
+        Natural frequency and damping ratio of the mode by which the axis moves.
+
+    Raises
+    ------
+    RecordError
+        A record cannot be evaluated, or shows no mode.
+    """
+    notes: tuple[str, ...] = ()
+    added = 0.0
+    if records[0].over == "frequency":
+        responses = [response_from_record(record) for record in records]
+        estimate = None
+    else:
+        if test.columns.input is None or not test.columns.output:
+            raise RecordError(
+                f"test '{test.name}' of kind response needs the columns of 'input' and 'output': "
+                "name them"
+            )
+        estimate = estimate_response(
+            records,
+            test.columns.input,
+            list(test.columns.output),
+            excitation=test.excitation,  # type: ignore[arg-type]
+        )
+        responses, added = [estimate.response], estimate.added_damping_rate
+        notes = (*estimate.notes, *(f"left out: {what}" for what in estimate.left_out))
+    fit = fit_modes(
+        responses,
+        band=test.band,
+        count="auto" if test.modes is None else int(test.modes),
+        added_damping_rate=added,
+    )
+    return TestResult(
+        test=test,
+        figures=_figures(test, campaign, _found(test, fit.modes)),
+        details={"estimate": estimate, "response": responses[0], "fit": fit},
+        notes=(*notes, *fit.notes),
+    )
+
+
+def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
+    """Evaluate a free decay.
+
+    Parameters
+    ----------
+    test : Test
+        The test, whose columns are the outputs.
+    records : list of Record
+        One record.
+    campaign : Campaign
+        The campaign, for the instruments.
+
+    Returns
+    -------
+    TestResult
+        Natural frequency and damping ratio of the strongest mode.
+
+    Raises
+    ------
+    RecordError
+        The record cannot be evaluated, or shows no decay.
+    """
+    if len(records) != 1 or not test.columns.output:
+        raise RecordError(
+            f"test '{test.name}' of kind ring-down needs one record and the columns of 'output'"
+        )
+    fit = ring_down(
+        records[0],
+        list(test.columns.output),
+        count=None if test.modes is None else int(test.modes),
+    )
+    return TestResult(
+        test=test,
+        figures=_figures(test, campaign, _strongest(test, fit)),
+        details={"decay": fit},
+        notes=fit.notes,
+    )
+
+
+def mode_of_axis(modes: tuple[Mode, ...]) -> Mode:
+    """Return the mode that gives most of the static response of any output to the first input.
+
+    Parameters
+    ----------
+    modes : tuple of Mode
+        At least one mode.
+
+    Returns
+    -------
+    Mode
+        That mode.
+    """
+    return max(modes, key=lambda m: float(np.nanmax(np.abs(m.residues[:, 0]))) / abs(m.pole))
+
+
+def _strongest(test: Test, fit: RingDown) -> DecayMode:
+    if not fit.modes:
+        raise RecordError(
+            f"test '{test.name}': no mode stands out of the noise: give a record that begins with "
+            "the decay"
+        )
+    return max(fit.modes, key=lambda m: float(np.abs(m.amplitudes).max()))
+
+
+def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
+    if not modes:
+        raise RecordError(
+            f"test '{test.name}': no mode stands out of the noise: widen the band, or average more"
+        )
+    return mode_of_axis(modes)
+
+
+def _figures(test: Test, campaign: Campaign, mode: Mode | DecayMode) -> tuple[Figure, ...]:
+    sensor = campaign.setup(test.along)
+
+    def whole(raw: Estimate, note: str, *, clocked: bool) -> Estimate:
+        from dataclasses import replace
+
+        seen = raw if sensor is None or not clocked else measured(raw, sensor, role="frequency")
+        return replace(seen, note=note)
+
+    return (
+        Figure(
+            quantity="natural_frequency_hz",
+            axis=test.axis,
+            estimate=whole(mode.frequency_hz, "undamped, by modal fit", clocked=True),
+            test=test.name,
+        ),
+        Figure(
+            quantity="damping_ratio",
+            axis=test.axis,
+            estimate=whole(mode.damping_ratio, "share of the critical", clocked=False),
+            test=test.name,
+        ),
+    )

@@ -1,0 +1,94 @@
+"""Whether two figures differ by more than their uncertainties explain."""
+
+import math
+from dataclasses import dataclass
+
+from flexstage.characteristic import Characteristic
+from flexstage.errors import ModelError
+
+__all__ = ["Difference", "difference"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """How far one figure is above another.
+
+    Parameters
+    ----------
+    value : float
+        The difference, in the unit of the figures.
+    percent : float or None
+        The same in percent of the reference; None where that is 0.
+    expanded : float or None
+        Expanded uncertainty of the difference at 95 %; None where neither figure has one.
+    significant : bool or None
+        Whether the difference is larger than that; None where it cannot be said.
+    """
+
+    value: float
+    percent: float | None
+    expanded: float | None
+    significant: bool | None
+
+
+def difference(figure: Characteristic, reference: Characteristic) -> Difference:
+    """Compare two figures of the same quantity.
+
+    The difference is significant at 95 % where it exceeds its expanded uncertainty, with degrees of
+    freedom after Welch and Satterthwaite (JCGM 100:2008, G.4). A figure without uncertainty counts
+    as exact beside one that has one: of a model the verdict then asks whether the measurement
+    contradicts it, not by how much the model itself may be off.
+
+    Parameters
+    ----------
+    figure : Characteristic
+        The figure, as a measured one.
+    reference : Characteristic
+        What it is compared with, as that of a model.
+
+    Returns
+    -------
+    Difference
+        The difference, and the verdict.
+
+    Raises
+    ------
+    ModelError
+        They are not of the same quantity.
+
+    Examples
+    --------
+    >>> measured = Characteristic(quantity="natural_frequency_hz", axis="x", origin="measured",
+    ...     value=337.0, unit="Hz", uncertainty=0.4, degrees_of_freedom=9.0)
+    >>> model = Characteristic(quantity="natural_frequency_hz", axis="x", origin="solid",
+    ...     value=320.9, unit="Hz")
+    >>> found = difference(measured, model)
+    >>> print(f"{found.percent:.1f} %, significant: {found.significant}")
+    5.0 %, significant: True
+    """
+    if figure.quantity != reference.quantity:
+        raise ModelError(
+            f"a {figure.quantity} cannot be compared with a {reference.quantity}: choose rows of "
+            "one quantity"
+        )
+    value = float(figure.value - reference.value)
+    percent = None if reference.value == 0.0 else float(100.0 * value / abs(reference.value))
+    parts = [c for c in (figure, reference) if c.uncertainty is not None]
+    if not parts:
+        return Difference(value=value, percent=percent, expanded=None, significant=None)
+    u = math.hypot(*(c.uncertainty or 0.0 for c in parts))
+    expanded = _factor(parts, u) * u
+    return Difference(
+        value=value, percent=percent, expanded=expanded, significant=bool(abs(value) > expanded)
+    )
+
+
+def _factor(parts: list[Characteristic], u: float) -> float:
+    from scipy.special import ndtri, stdtrit
+
+    terms = sum(
+        ((c.uncertainty or 0.0) / u) ** 4 / c.degrees_of_freedom
+        for c in parts
+        if u > 0.0 and c.degrees_of_freedom is not None
+    )
+    return float(ndtri(0.975) if terms == 0.0 else stdtrit(1.0 / terms, 0.975))

@@ -1,0 +1,361 @@
+"""Records of the virtual stage, as a laboratory would write them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
+from flexstage.experiment.virtual.guide import MOTIONS
+from flexstage.experiment.virtual.laboratory import Laboratory, Sensor, drawn
+from flexstage.records import Channel, Record
+from flexstage.system import modes
+
+__all__ = [
+    "HammerBench",
+    "hold_record",
+    "motion_record",
+    "sphere_record",
+    "staircase_record",
+    "workspace_record",
+]
+
+Array = NDArray[np.float64]
+
+_ANGLES = ("roll", "pitch", "yaw")
+#: Steps of a staircase over the noise of the sensor.
+_STEP_OVER_NOISE = 6.0
+#: A blow: half a sine of this length [s], of about this size [N].
+_BLOW, _FORCE = 0.5e-3, 8.0
+_HAMMER_RATE_HZ, _HAMMER_TIME, _PRE_TRIGGER = 8192.0, 0.8, 0.02
+#: Samples after the last blow has decayed.
+_REST = 1024
+#: Spheres of the plate on the platform, from its reading point [m].
+_SPHERES = np.array(
+    [
+        (-22e-3, -18e-3, 14e-3),
+        (21e-3, -19e-3, 14e-3),
+        (20e-3, 18e-3, 14e-3),
+        (-19e-3, 21e-3, 14e-3),
+        (1e-3, 2e-3, 26e-3),
+    ]
+)
+
+
+def _generator(seed: int, what: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, what)))
+
+
+def _record(
+    built: AsBuilt, channels: Mapping[str, tuple[Array, str]], time: Array, *, over: str = "time"
+) -> Record:
+    return Record(
+        channels=tuple(Channel(name=n, values=v, unit=u) for n, (v, u) in channels.items()),
+        time=time,
+        source=f"virtual {built.stage.name}",
+        notes=("virtual record: simulated, not measured", *built.notes),
+        attributes={"origin": "virtual"},
+        over="point" if over == "point" else "time",
+    )
+
+
+def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
+    """Run an axis over its whole stroke in cycles, and read all six motions.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage.
+    laboratory : Laboratory
+        What it is measured with.
+    axis : str
+        The axis.
+    seed : int
+        Seed of what the sensors are off by, of their noise, and of the approaches.
+
+    Returns
+    -------
+    Record
+        Command, along, across, vertical, roll, pitch and yaw.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.experiment.virtual.as_built import as_built
+    >>> built = as_built(design("vgtu-piezo"), seed=1)
+    >>> record = motion_record(built, Laboratory(), "x")
+    >>> print(f"{np.ptp(record.channel('along').values) * 1e6:.1f} um")
+    63.1 um
+    """
+    own = built.axis(axis)
+    rng = _generator(seed, 10 + [a.name for a in built.axes].index(axis))
+    lab = laboratory
+    size = lab.cycles * lab.samples + 1
+    time = np.arange(size) / lab.sample_rate_hz
+    command = np.append(np.tile(own.cycle(lab.samples), lab.cycles), own.command_range[0])
+    position = own.position(command)
+    cycle = np.minimum(np.arange(size) // lab.samples, lab.cycles - 1)
+    approach = own.repeatability * rng.standard_normal(lab.cycles)
+    position = position + approach[cycle]
+    channels = {
+        "command": (command, own.command_unit),
+        "along": (_read(lab.position, position, 0.0, time, rng), "m"),
+    }
+    for motion in MOTIONS:
+        sensor = lab.angle if motion in _ANGLES else lab.transverse
+        beside = 0.0 if motion in _ANGLES else position
+        truth = own.guide.at(position, motion)
+        channels[motion] = (_read(sensor, truth, beside, time, rng), sensor.unit)
+    return _record(built, channels, time)
+
+
+def _read(
+    sensor: Sensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
+) -> Array:
+    clean = drawn(sensor, rng).read(truth, along, time)
+    return clean + sensor.noise * rng.standard_normal(clean.size)
+
+
+def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
+    """Hold an axis in the middle of its stroke, and read it.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage.
+    laboratory : Laboratory
+        What it is measured with.
+    axis : str
+        The axis.
+    seed : int
+        Seed of sensor and noise.
+
+    Returns
+    -------
+    Record
+        Position.
+    """
+    own = built.axis(axis)
+    rng = _generator(seed, 20 + [a.name for a in built.axes].index(axis))
+    time = np.arange(laboratory.hold) / laboratory.sample_rate_hz
+    held = np.full(time.size, 0.5 * own.stroke)
+    reading = _read(laboratory.position, held, 0.0, time, rng)
+    return _record(built, {"along": (reading, "m")}, time)
+
+
+def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
+    """Climb a staircase of small steps from the middle of the stroke, and read the position.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage.
+    laboratory : Laboratory
+        What it is measured with.
+    axis : str
+        The axis.
+    seed : int
+        Seed of sensor and noise.
+
+    Returns
+    -------
+    Record
+        Command and position; the steps are some times the noise, or the smallest step of the drive.
+    """
+    own = built.axis(axis)
+    lab = laboratory
+    rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
+    low, high = own.command_range
+    step = own.smallest_step or _STEP_OVER_NOISE * lab.position.noise
+    level = np.repeat(np.arange(lab.levels, dtype=np.float64), lab.per_level)
+    time = np.arange(level.size) / lab.sample_rate_hz
+    rise = step / own.stroke * (high - low)
+    command = 0.5 * (low + high) + rise * level
+    # from the low end up, so that every step goes on in the same direction
+    position = own.position(np.concatenate((np.linspace(low, command[0], 50), command)))[50:]
+    reading = _read(lab.position, position, 0.0, time, rng)
+    return _record(built, {"command": (command, own.command_unit), "along": (reading, "m")}, time)
+
+
+def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -> Record:
+    """Go to the four corners of the workspace again and again, and read x and y.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage, of two axes.
+    laboratory : Laboratory
+        What it is measured with.
+    seed : int
+        Seed of sensors, noise and approaches.
+
+    Returns
+    -------
+    Record
+        Number of the corner, from 0 and anticlockwise, and readings of both axes.
+    """
+    first, second = built.axes[:2]
+    rng = _generator(seed, 40)
+    corner = np.tile(np.arange(4.0), laboratory.repeats)
+    a = np.where((corner == 1) | (corner == 2), 1.0, 0.0) * first.stroke
+    b = np.where(corner >= 2, 1.0, 0.0) * second.stroke
+    a = a + first.repeatability * rng.standard_normal(a.size)
+    b = b + second.repeatability * rng.standard_normal(b.size)
+    x = a + second.guide.at(b, "across")
+    y = b + first.guide.at(a, "across")
+    time = np.arange(corner.size, dtype=np.float64)
+    # corners are gone to in turn: drift of the sensors counts by the point
+    channels = {
+        "corner": (corner, "1"),
+        first.name: (_read(laboratory.position, x, y, time, rng), "m"),
+        second.name: (_read(laboratory.position, y, x, time, rng), "m"),
+    }
+    return _record(built, channels, time, over="point")
+
+
+def sphere_record(
+    built: AsBuilt,
+    laboratory: Laboratory,
+    axis: str,
+    *,
+    stations: int = 21,
+    noise: float = 1e-7,
+    seed: int = 0,
+) -> Record:
+    """Probe the spheres of a plate on the platform at stations along the stroke, there and back.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage.
+    laboratory : Laboratory
+        How many cycles, and the calibration of the machine's scales.
+    axis : str
+        The axis.
+    stations : int
+        Stations of a run.
+    noise : float
+        Standard deviation of each coordinate of a sphere's centre [m].
+    seed : int
+        Seed of the mounting of the plate, of noise and of the approaches.
+
+    Returns
+    -------
+    Record
+        Command, and ``SPH1.X`` to ``SPH5.Z``, a row for each station.
+    """
+    own = built.axis(axis)
+    names = [a.name for a in built.axes]
+    rng = _generator(seed, 50 + names.index(axis))
+    low, high = own.command_range
+    run = np.linspace(low, high, stations)
+    command = np.tile(np.concatenate((run, run[::-1])), laboratory.cycles)
+    approach = own.repeatability * rng.standard_normal(laboratory.cycles)
+    position = own.position(command) + np.repeat(approach, 2 * stations)
+    x, y, z, roll, pitch, yaw = _pose(own, position, along_x=axis != "y")
+    gain = 1.0 + laboratory.position.setup.calibration * rng.standard_normal(3)
+    # the plate lies a little askew, which the rigid motion does not see
+    spheres = _SPHERES @ _rotation(*(2e-3 * rng.standard_normal(3))).T
+    channels: dict[str, tuple[Array, str]] = {"command": (command, own.command_unit)}
+    centres = np.empty((command.size, len(spheres), 3))
+    for k in range(command.size):
+        turned = spheres @ _rotation(roll[k], pitch[k], yaw[k]).T
+        centres[k] = gain * (turned + np.array((x[k], y[k], z[k])))
+    centres += noise * rng.standard_normal(centres.shape)
+    for i in range(len(spheres)):
+        for j, letter in enumerate("XYZ"):
+            channels[f"SPH{i + 1}.{letter}"] = (centres[:, i, j], "m")
+    return _record(built, channels, np.arange(command.size, dtype=np.float64), over="point")
+
+
+def _pose(own: AsBuiltAxis, position: Array, *, along_x: bool) -> tuple[Array, ...]:
+    """Displacement x, y, z and rotations about x, y, z."""
+    e = {motion: own.guide.at(position, motion) for motion in MOTIONS}
+    if along_x:
+        return position, e["across"], e["vertical"], e["roll"], e["pitch"], e["yaw"]
+    return e["across"], position, e["vertical"], e["pitch"], e["roll"], e["yaw"]
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """Rotation by a vector of angles about x, y, z."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec((roll, pitch, yaw)).as_matrix()
+
+
+class HammerBench:
+    """A virtual stage struck by a hammer at its platform, drives removed.
+
+    Force and acceleration belong together as of the continuous system: the response is that of all
+    its modes, up to half the sample rate.
+
+    Parameters
+    ----------
+    built : AsBuilt
+        The virtual stage.
+    laboratory : Laboratory
+        How many blows, and the noise.
+    """
+
+    def __init__(self, built: AsBuilt, laboratory: Laboratory) -> None:
+        self._built = built
+        self._laboratory = laboratory
+        self._block = int(_HAMMER_RATE_HZ * _HAMMER_TIME)
+        found = modes(built.system, drives="removed", count=None)
+        f = np.fft.rfftfreq(self._block, 1.0 / _HAMMER_RATE_HZ)
+        omega = 2.0 * np.pi * f[:, None]
+        own = found.omega[None, :]
+        dynamic = own**2 - omega**2 + 2j * found.damping_ratio[None, :] * own * omega
+        self._response: dict[tuple[str, str], NDArray[np.complex128]] = {}
+        for struck in built.system.axes:
+            for read in built.system.axes:
+                weight = (built.system.probe(struck.probe).vector @ found.shapes) * (
+                    built.system.probe(read.probe).vector @ found.shapes
+                )
+                value = np.sum(weight / dynamic, axis=1) * -(omega[:, 0] ** 2)
+                self._response[struck.name, read.name] = value
+
+    def record(self, axis: str, *, seed: int = 0) -> Record:
+        """Strike along an axis.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        seed : int
+            Seed of blows and noise.
+
+        Returns
+        -------
+        Record
+            Force, and acceleration along every axis.
+        """
+        lab = self._laboratory
+        names = [a.name for a in self._built.axes]
+        rng = _generator(seed, 60 + names.index(axis))
+        size = lab.hits * self._block
+        time = np.arange(size + _REST) / _HAMMER_RATE_HZ
+        force = np.zeros((lab.hits, self._block))
+        local = np.arange(self._block) / _HAMMER_RATE_HZ
+        for k in range(lab.hits):
+            height = _FORCE * (1.0 + 0.2 * rng.standard_normal())
+            since = local - _PRE_TRIGGER * (1.0 + 0.3 * rng.random())
+            inside = (since > 0.0) & (since < _BLOW)
+            force[k, inside] = height * np.sin(np.pi * since[inside] / _BLOW)
+        spectrum = np.fft.rfft(force, axis=1)
+        channels: dict[str, tuple[Array, str]] = {}
+        clean = {
+            name: np.append(
+                np.fft.irfft(spectrum * self._response[axis, name], n=self._block, axis=1),
+                np.zeros(_REST),
+            )
+            for name in names
+        }
+        noise = float(np.sqrt(np.mean(clean[axis] ** 2))) / lab.signal_to_noise
+        pressed = np.append(force, np.zeros(_REST))
+        pressed = pressed + 1e-4 * _FORCE * rng.standard_normal(pressed.size)
+        channels["force"] = (pressed, "N")
+        for name in names:
+            reading = clean[name] + noise * rng.standard_normal(time.size)
+            channels[f"acceleration {name}"] = (reading, "m/s^2")
+        return _record(self._built, channels, time)

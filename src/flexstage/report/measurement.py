@@ -1,0 +1,254 @@
+"""What was measured of a stage, beside what models and publications say of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.experiment.significance import Difference, difference
+from flexstage.report.quantities import display
+
+if TYPE_CHECKING:
+    from flexstage.experiment.campaign import Characterisation, Figure
+    from flexstage.stage import Stage
+
+__all__ = [
+    "MeasuredRow",
+    "Measurement",
+    "measurement",
+    "measurement_results",
+    "set_beside",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredRow:
+    """One measured figure, and how far it is from what others say.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    references : Mapping
+        What others say, by origin.
+    differences : Mapping
+        The differences of the figure to them, by origin.
+    """
+
+    figure: "Figure"
+    references: Mapping[str, Characteristic]
+    differences: Mapping[str, Difference]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Measurement:
+    """A characterisation beside its references.
+
+    Parameters
+    ----------
+    found : Characterisation
+        What the tests gave.
+    stage : Stage or None
+        The stage, where it is described.
+    rows : tuple of MeasuredRow
+        Its figures.
+    references : tuple of str
+        Origins that have something to compare with.
+    left_out : Mapping
+        Why a model could not be made of the stage, by model.
+    """
+
+    found: "Characterisation"
+    stage: "Stage | None"
+    rows: tuple[MeasuredRow, ...]
+    references: tuple[str, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """What it is of, in one line."""
+        name = self.stage.name if self.stage is not None else "records"
+        kind = "virtual measurement" if self.found.campaign.origin == "virtual" else "measured"
+        return f"{name}: {kind}"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks of the campaign, of its tests, and on models that were left out."""
+        own = [n for r in self.found.results for n in (f"{r.test.name}: {t}" for t in r.notes)]
+        out = [f"the {name} model was left out: {why}" for name, why in self.left_out.items()]
+        return tuple(dict.fromkeys((*self.found.campaign.notes, *own, *out)))
+
+
+def measurement(
+    found: "Characterisation", stage: "Stage | None", models: Sequence[str] = ()
+) -> Measurement:
+    """Compare what was measured with the models of the stage and with what is published.
+
+    Parameters
+    ----------
+    found : Characterisation
+        What the tests gave.
+    stage : Stage or None
+        The stage; nothing is compared where there is none.
+    models : sequence of str
+        Models to make of it.
+
+    Returns
+    -------
+    Measurement
+        Figures, references, differences and their verdicts.
+
+    Raises
+    ------
+    ModelError
+        There is no such model.
+    """
+    from flexstage.errors import ConvergenceError, ModelError, StageError
+    from flexstage.report.study import analyse_model, known_model
+
+    if stage is None:
+        return set_beside(found, None, Characteristics())
+    rows = list(stage.published)
+    left_out: dict[str, str] = {}
+    for model in models:
+        known_model(model)
+    for model in models:
+        try:
+            rows += analyse_model(stage, model).characteristics
+        except (ConvergenceError, ModelError, StageError) as error:
+            left_out[model] = str(error)
+    return set_beside(found, stage, Characteristics(rows), left_out)
+
+
+def set_beside(
+    found: "Characterisation",
+    stage: "Stage | None",
+    references: Characteristics,
+    left_out: Mapping[str, str] | None = None,
+) -> Measurement:
+    """Compare what was measured with rows that are there already.
+
+    Parameters
+    ----------
+    found : Characterisation
+        What the tests gave.
+    stage : Stage or None
+        The stage.
+    references : Characteristics
+        Rows of models and publications.
+    left_out : Mapping, optional
+        Why a model could not be made of the stage, by model.
+
+    Returns
+    -------
+    Measurement
+        Figures, references, differences and their verdicts.
+    """
+    measured = {(row.quantity, row.axis): row for row in found.characteristics}
+    rows = []
+    present: dict[str, None] = {}
+    for figure in found.figures:
+        own = measured[figure.quantity, figure.axis]
+        given: dict[str, Characteristic] = {}
+        for row in references.select(figure.quantity, figure.axis):
+            if row.origin == found.campaign.origin:
+                continue  # its own row, of a table that it has joined
+            # a model gives some figures for several conditions; the first is the usual one
+            given.setdefault(row.origin, row)
+        present |= dict.fromkeys(given)
+        rows.append(
+            MeasuredRow(
+                figure=figure,
+                references=given,
+                differences={origin: _compared(own, row) for origin, row in given.items()},
+            )
+        )
+    order = {row.origin: i for i, row in reversed(list(enumerate(references)))}
+    return Measurement(
+        found=found,
+        stage=stage,
+        rows=tuple(rows),
+        references=tuple(sorted(present, key=lambda origin: order[origin])),
+        left_out=dict(left_out or {}),
+    )
+
+
+def _compared(own: Characteristic, other: Characteristic) -> Difference:
+    found = difference(own, other)
+    # a model that gives nothing but rounding is no reference for a percentage
+    if abs(other.value) < display(other.quantity).zero:
+        return replace(found, percent=None)
+    return found
+
+
+def measurement_results(result: Measurement) -> dict[str, Any]:
+    """Return what was measured as plain data.
+
+    Parameters
+    ----------
+    result : Measurement
+        The figures.
+
+    Returns
+    -------
+    dict
+        stage, origin, characteristics (with interval, degrees of freedom, budget and differences),
+        tests, sources, notes. SI units.
+    """
+    return {
+        "stage": result.stage.name if result.stage is not None else "",
+        "origin": result.found.campaign.origin,
+        "characteristics": [_row(row) for row in result.rows],
+        "tests": [
+            {
+                "name": r.test.name,
+                "kind": r.test.kind,
+                "axis": r.test.axis,
+                "records": list(r.test.records),
+                "figures": [f.quantity for f in r.figures],
+                "notes": list(r.notes),
+            }
+            for r in result.found.results
+        ],
+        "sources": dict(result.found.sources),
+        "notes": list(result.notes),
+    }
+
+
+def _row(row: MeasuredRow) -> dict[str, Any]:
+    estimate = row.figure.estimate
+    low, high = estimate.interval()
+    return {
+        "quantity": row.figure.quantity,
+        "axis": row.figure.axis,
+        "value": estimate.value,
+        "unit": estimate.unit,
+        "uncertainty": estimate.uncertainty,
+        "degrees_of_freedom": _finite(estimate.degrees_of_freedom),
+        "interval": [low, high],
+        "test": row.figure.test,
+        "note": estimate.note,
+        "budget": [
+            {
+                "name": c.name,
+                "uncertainty": c.uncertainty,
+                "degrees_of_freedom": _finite(c.degrees_of_freedom),
+                "kind": c.kind,
+            }
+            for c in estimate.components
+        ],
+        "differences": {
+            origin: {
+                "reference": row.references[origin].value,
+                "difference": d.value,
+                "percent": d.percent,
+                "expanded": d.expanded,
+                "significant": d.significant,
+            }
+            for origin, d in row.differences.items()
+        },
+    }
+
+
+def _finite(value: float) -> float | None:
+    return None if value == float("inf") else value

@@ -1,0 +1,296 @@
+"""What was measured, as HTML: a page of its own, or a section of the report of a study."""
+
+from collections.abc import Iterator
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+import flexstage
+from flexstage.experiment.campaign import TestResult
+from flexstage.report.figures import (
+    draw_hold,
+    draw_modal_fit,
+    draw_motion_error,
+    draw_stabilisation,
+    draw_staircase,
+    draw_workspace,
+    inline_svg,
+)
+from flexstage.report.figures.style import css_variables
+from flexstage.report.measurement import MeasuredRow, Measurement
+from flexstage.report.quantities import display, number
+from flexstage.report.tables import column_title
+
+__all__ = ["measurement_section", "measurement_text"]
+
+_MOTIONS = {
+    "across": "motion across, in the plane",
+    "vertical": "motion out of the plane",
+    "roll": "roll",
+    "pitch": "pitch",
+    "yaw": "yaw",
+}
+
+
+def measurement_text(result: Measurement) -> str:
+    """Write a page of what was measured, which needs nothing else.
+
+    Parameters
+    ----------
+    result : Measurement
+        The figures.
+
+    Returns
+    -------
+    str
+        The page.
+    """
+    parts = dict(_parts(result))
+    sections = "".join(
+        f'<section id="{key}"><h2>{title}</h2>{content}</section>'
+        for key, (title, content) in parts.items()
+    )
+    links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in parts.items())
+    page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
+    notes = "".join(f"<li>{escape(note)}</li>" for note in result.found.campaign.notes)
+    return page.substitute(
+        version=escape(flexstage.__version__),
+        title=escape(result.title),
+        light=css_variables(),
+        heading=escape(result.title),
+        lead=escape(
+            f"{len(result.found.results)} tests, {len(result.rows)} figures; intervals are those "
+            "of 95 %"
+        ),
+        notes=f'<div class="note"><ul>{notes}</ul></div>' if notes else "",
+        navigation=links,
+        symbols="",
+        sections=sections,
+    )
+
+
+def measurement_section(result: Measurement, *, prefix: str = "") -> str:
+    """Write what was measured as a section of another page.
+
+    Parameters
+    ----------
+    result : Measurement
+        The figures.
+    prefix : str
+        What the ids of its pictures begin with, where a page has several such sections.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    whole = "".join(
+        content if key == "figures" else f"<h3>{title}</h3>{content}"
+        for key, (title, content) in _parts(result, prefix)
+    )
+    notes = "; ".join(result.found.campaign.notes)
+    return (f'<div class="note"><p>{escape(notes)}</p></div>' if notes else "") + whole
+
+
+def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[str, str]]]:
+    yield "figures", ("Figures", _table(result))
+    named = (
+        ("motion", "Motion over the stroke", _motion),
+        ("workspace", "Workspace", _workspace),
+        ("response", "Frequency responses and modes", _response),
+        ("standing", "Steps and noise", _standing),
+    )
+    for key, title, draw in named:
+        content = "".join(draw(r, f"{prefix}{key}-{i}") for i, r in enumerate(result.found.results))
+        if content:
+            yield key, (title, content)
+    yield "budgets", ("Budgets of uncertainty", _budgets(result))
+    words = [n for n in result.notes if n not in result.found.campaign.notes]
+    if words or result.found.sources:
+        yield "records", ("Records", _records(result, words))
+
+
+def _table(result: Measurement) -> str:
+    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
+    heads += "<th>value</th><th>±&nbsp;(95&nbsp;%)</th>"
+    for origin in result.references:
+        heads += f"<th>{escape(column_title(origin))}</th>"
+    groups = '<th></th><th></th><th colspan="2">measured here</th>'
+    published = [o for o in result.references if o.startswith("published")]
+    models = [o for o in result.references if not o.startswith("published")]
+    for title, origins in (("published", published), ("computed here", models)):
+        if origins:
+            groups += f'<th colspan="{len(origins)}">{title}</th>'
+    lines, before = [], ""
+    for row in result.rows:
+        opening = '<tr class="next">' if row.figure.quantity != before else "<tr>"
+        lines.append(f"{opening}{_cells(row, result.references)}</tr>")
+        before = row.figure.quantity
+    key = (
+        "<p>Small print: by how much what was measured here is above the other, in percent of it; "
+        "a difference that its uncertainty does not explain is marked *. A model or a publication "
+        "that states no uncertainty counts as exact.</p>"
+        if result.references
+        else ""
+    )
+    return (
+        f'<div class="scroll"><table><thead><tr class="groups">{groups}</tr>'
+        f"<tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>{key}"
+    )
+
+
+def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
+    shown = display(row.figure.quantity)
+    estimate = row.figure.estimate
+    unit = f" [{shown.unit}]" if shown.unit else ""
+    cells = [
+        f'<td class="text">{escape(shown.label + unit)}</td>',
+        f'<td class="text">{escape(row.figure.axis)}</td>',
+        f'<td class="ours" title="{escape(estimate.note, quote=True)}">'
+        f"{_value(shown, estimate.value)}</td>",
+        f'<td class="ours">{number(shown.factor * estimate.expanded, 2)}</td>',
+    ]
+    for origin in origins:
+        other, found = row.references.get(origin), row.differences.get(origin)
+        if other is None or found is None:
+            cells.append("<td>–</td>")
+            continue
+        note = f' title="{escape(other.note, quote=True)}"' if other.note else ""
+        cells.append(
+            f"<td{note}>{shown.text(other.value)}<br><small>{_difference(found)}</small></td>"
+        )
+    return "".join(cells)
+
+
+def _value(shown: Any, value: float) -> str:
+    return number(shown.factor * value).replace("-", "−")
+
+
+def _difference(found: Any) -> str:
+    # against something near nothing a percentage says nothing
+    if found.percent is None or abs(found.percent) > 1e4:
+        return "*" if found.significant else ""
+    mark = " *" if found.significant else ""
+    return f"{found.percent:+.2f} %{mark}".replace("-", "−")
+
+
+def _budgets(result: Measurement) -> str:
+    names = list(
+        dict.fromkeys(c.name for row in result.rows for c in row.figure.estimate.components)
+    )
+    heads = "".join(f"<th>{escape(name)}</th>" for name in names)
+    lines = []
+    for row in result.rows:
+        shown, estimate = display(row.figure.quantity), row.figure.estimate
+        own: dict[str, float] = {}
+        for c in estimate.components:
+            own[c.name] = (own.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5
+        u = estimate.uncertainty
+        cells = "".join(
+            f"<td>{100.0 * (own[n] / u) ** 2:.0f}</td>" if u > 0.0 and n in own else "<td></td>"
+            for n in names
+        )
+        unit = f" [{shown.unit}]" if shown.unit else ""
+        nu = estimate.degrees_of_freedom
+        freedom = "∞" if nu > 1e4 else f"{nu:.0f}"
+        lines.append(
+            f'<tr><td class="text">{escape(shown.label + unit)}</td>'
+            f'<td class="text">{escape(row.figure.axis)}</td>'
+            f"<td>{number(shown.factor * u, 2)}</td><td>{freedom}</td>{cells}</tr>"
+        )
+    return (
+        "<p>Standard uncertainty, its degrees of freedom, and the share of each contribution in "
+        "its square [%].</p>"
+        '<div class="scroll"><table><thead><tr><th class="text">Quantity</th>'
+        f'<th class="text">Axis</th><th>u</th><th>degrees</th>{heads}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _motion(result: TestResult, key: str) -> str:
+    curves = result.details.get("curves")
+    if curves is None:
+        return ""
+    axis = result.test.axis
+    plots = [
+        inline_svg(
+            draw_motion_error(
+                result.details["stroke"].curve,
+                title=f"{axis}: position less its line",
+                position_label="command",
+                label="distance from the line",
+            ),
+            f"{key}-along",
+            f"{axis}: position less its least-squares line",
+        )
+    ]
+    for name, curve in curves.items():
+        turning = curve.unit == "rad"
+        figure = draw_motion_error(
+            curve,
+            title=f"{axis}: {_MOTIONS[name]}",
+            position_label=f"position {axis}",
+            label="rotation" if turning else "distance from the line",
+            line="none" if turning else "least_squares",
+        )
+        plots.append(inline_svg(figure, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}"))
+    return f'<div class="plots two">{"".join(plots)}</div>'
+
+
+def _workspace(result: TestResult, key: str) -> str:
+    found = result.details.get("workspace")
+    if found is None:
+        return ""
+    svg = inline_svg(draw_workspace(found), key, "workspace")
+    return f'<div class="plots two">{svg}</div>'
+
+
+def _response(result: TestResult, key: str) -> str:
+    fit = result.details.get("fit")
+    if fit is None:
+        return ""
+    plots = [
+        inline_svg(
+            draw_modal_fit(fit, output=_driven(fit)),
+            f"{key}-fit",
+            f"{result.test.name}: response and fit",
+        )
+    ]
+    if fit.stabilisation is not None:
+        figure = draw_stabilisation(fit)
+        plots.append(
+            inline_svg(figure, f"{key}-stabilisation", f"{result.test.name}: stabilisation")
+        )
+    return f'<p>Test {escape(result.test.name)}.</p><div class="plots two">{"".join(plots)}</div>'
+
+
+def _driven(fit: Any) -> int:
+    """The output that the first input moves most."""
+    import numpy as np
+
+    measured = fit.fitted[0].measured.response[:, :, 0]
+    return int(np.argmax(np.abs(measured).max(axis=0)))
+
+
+def _standing(result: TestResult, key: str) -> str:
+    details = result.details
+    if "hold" in details:
+        figure = draw_hold(details["values"], details["hold"], details["allan"])
+    elif "staircase" in details:
+        time = details["time"]
+        rate = (time.size - 1) / float(time[-1] - time[0])
+        figure = draw_staircase(details["along"], rate, details["staircase"])
+    else:
+        return ""
+    svg = inline_svg(figure, key, f"test {result.test.name}")
+    return f'<p>Test {escape(result.test.name)}.</p><div class="plots">{svg}</div>'
+
+
+def _records(result: Measurement, words: list[str]) -> str:
+    notes = "".join(f"<li>{escape(note)}</li>" for note in words)
+    rows = "".join(
+        f"<dt>{escape(name)}</dt><dd>SHA-256 {escape(digest)}</dd>"
+        for name, digest in result.found.sources.items()
+    )
+    return (f"<ul>{notes}</ul>" if notes else "") + (f"<dl>{rows}</dl>" if rows else "")

@@ -1,0 +1,55 @@
+"""Every figure of a stage comes back within its stated 95 % interval as often as it should."""
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.experiment.campaign import evaluate
+from flexstage.experiment.virtual import (
+    HammerBench,
+    Laboratory,
+    as_built,
+    true_figures,
+    virtual_campaign,
+)
+
+STAGES, MEASUREMENTS = 20, 50
+
+
+def covered(name: str, stages: int, measurements: int) -> dict[tuple[str, str], list[bool]]:
+    """Whether the interval of each figure holds the truth, stage by stage and again and again."""
+    found: dict[tuple[str, str], list[bool]] = defaultdict(list)
+    laboratory = Laboratory()
+    for k in range(stages):
+        built = as_built(design(name), seed=k)
+        bench = HammerBench(built, laboratory)
+        truth = true_figures(built, laboratory)
+        for i in range(measurements):
+            made = virtual_campaign(built, laboratory=laboratory, bench=bench, seed=1000 * k + i)
+            result = evaluate(
+                made.campaign, lambda test, m=made: [m.records[r] for r in test.records]
+            )
+            for figure in result.figures:
+                key = figure.quantity, figure.axis
+                found[key].append(figure.estimate.covers(truth[key]))
+    return found
+
+
+@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
+def test_figures_of_a_few_measurements(name: str) -> None:
+    found = covered(name, 2, 2)
+    # every figure that a campaign gives has a truth, and most intervals hold it
+    assert len(found) >= 25
+    assert np.mean([held for all_held in found.values() for held in all_held]) > 0.85
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
+def test_intervals_hold_the_truth_in_95_of_100_cases(name: str) -> None:
+    # of 1000 cases at 95 % the share is known to 0.7 %: the limits are three times that
+    found = covered(name, STAGES, MEASUREMENTS)
+    share = {key: float(np.mean(held)) for key, held in found.items()}
+    outside = {key: value for key, value in share.items() if not 0.93 <= value <= 0.97}
+    assert not outside, outside

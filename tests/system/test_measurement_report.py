@@ -1,0 +1,340 @@
+"""Reports of what was measured: one file, whole, and with the numbers of the results."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.designs import design
+from flexstage.experiment.campaign import evaluate
+from flexstage.experiment.virtual import Laboratory, as_built, virtual_campaign
+from flexstage.report import (
+    display,
+    measurement,
+    measurement_results,
+    measurement_text,
+    report_html,
+    results_json,
+    run_study,
+    study_results,
+)
+from flexstage.report.html import BENCH_SECTIONS
+from tests.system.test_report import Page
+
+#: A shorter campaign than the usual one: what is read of it matters here, not how sharply.
+LAB = Laboratory(cycles=4, samples=120, hold=1024, levels=8, per_level=40, hits=3, repeats=3)
+
+
+class Tables(HTMLParser):
+    """Cells of every row, by the section that they stand in."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.rows = []
+        self.sections = {}
+        self._section = ""
+        self._row = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "section":
+            self._section = dict(attrs)["id"]
+        elif tag == "tr":
+            self._row = []
+            self.sections.setdefault(self._section, []).append(self._row)
+        elif tag in ("td", "th") and self._row is not None:
+            self._row.append("")
+
+    def handle_data(self, data):
+        if self._row:
+            self._row[-1] += data
+
+    def handle_endtag(self, tag):
+        if tag == "table":
+            self._row = None
+
+
+def characterised(stage, seed=4, kinds=None):
+    made = virtual_campaign(as_built(stage, seed=seed), laboratory=LAB, seed=seed)
+    kept = tuple(t for t in made.campaign.tests if kinds is None or t.kind in kinds)
+    return evaluate(
+        replace(made.campaign, tests=kept), lambda test: [made.records[n] for n in test.records]
+    )
+
+
+@pytest.fixture(
+    scope="module",
+    params=["vgtu-mechanical", pytest.param("vgtu-piezo", marks=pytest.mark.slow)],
+)
+def result(request):
+    stage = design(request.param)
+    return measurement(characterised(stage), stage, ("lumped",))
+
+
+@pytest.fixture(scope="module")
+def page(result):
+    return measurement_text(result)
+
+
+def loads_nothing(text):
+    parsed = Page(text)
+    assert not parsed.loads
+    assert "http://" not in text
+    assert "https://" not in text
+    assert not re.search(r"url\((?!#)", text)
+    assert "default-src 'none'" in text
+    assert len(parsed.ids) == len(set(parsed.ids)), "an id stands twice in the page"
+    assert set(parsed.references) <= set(parsed.ids)
+    return parsed
+
+
+def test_the_page_is_whole_and_loads_nothing(result, page):
+    parsed = loads_nothing(page)
+    wanted = {"figures", "motion", "workspace", "response", "standing", "budgets"}
+    assert wanted <= set(parsed.ids)
+    assert "virtual measurement: simulated, not measured" in page
+    assert len(page.encode()) < 5e6
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.S).lower().split()
+
+
+def numeral(text):
+    return float(text.replace("−", "-"))
+
+
+def test_numbers_of_the_table_are_those_of_the_results(result, page):
+    rows = Tables(page).sections["figures"][2:]
+    results = measurement_results(result)["characteristics"]
+    assert len(rows) == len(results)
+    for cells, one in zip(rows, results, strict=True):
+        shown = display(one["quantity"])
+        assert cells[0].startswith(shown.label)
+        assert cells[1] == one["axis"]
+        value = shown.factor * one["value"]
+        assert numeral(cells[2]) == pytest.approx(value, rel=2e-3)
+        half = 0.5 * shown.factor * (one["interval"][1] - one["interval"][0])
+        assert numeral(cells[3]) == pytest.approx(half, rel=0.06)
+        for cell, origin in zip(cells[4:], result.references, strict=True):
+            given = one["differences"].get(origin)
+            if given is None:
+                assert cell == "–"
+                continue
+            assert cell.endswith("*") == bool(given["significant"])
+            assert given["difference"] == pytest.approx(
+                one["value"] - given["reference"], abs=1e-18
+            )
+            if given["percent"] is not None and abs(given["percent"]) < 1e4:
+                printed = re.search(r"([+−]\d+\.\d\d) %", cell)
+                assert printed is not None, cell
+                assert numeral(printed[1]) == pytest.approx(given["percent"], abs=0.006)
+
+
+def test_budgets_add_up(result, page):
+    rows = Tables(page).sections["budgets"]
+    names = rows[0][4:]
+    assert {"calibration", "alignment"} <= set(names)
+    for cells, one in zip(rows[1:], measurement_results(result)["characteristics"], strict=True):
+        shares = {n: numeral(c) for n, c in zip(names, cells[4:], strict=True) if c}
+        total = sum(c["uncertainty"] ** 2 for c in one["budget"])
+        assert one["uncertainty"] == pytest.approx(np.sqrt(total), rel=1e-9)
+        assert sum(shares.values()) == pytest.approx(100.0, abs=0.51 * len(shares))
+        assert set(shares) == {c["name"] for c in one["budget"]}
+
+
+def test_results_are_plain_data(result):
+    results = measurement_results(result)
+    assert set(results) == {"stage", "origin", "characteristics", "tests", "sources", "notes"}
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+    kinds = {t["kind"] for t in results["tests"]}
+    assert {"staircase", "hold", "response", "workspace"} < kinds
+    for one in results["characteristics"]:
+        assert one["interval"][0] <= one["value"] <= one["interval"][1]
+
+
+def test_words_of_files_cannot_break_the_page(result):
+    found = result.found
+    tricky = replace(found, campaign=replace(found.campaign, notes=('<b>bold & "quoted"</b>',)))
+    first = found.results[0]
+    named = replace(first, test=replace(first.test, name="<i>'m'"), notes=("a <script> b",))
+    # with the pictures of one test
+    quiet = [replace(r, details={}) for r in found.results[2:]]
+    tricky = replace(tricky, results=(named, replace(found.results[1], details={}), *quiet))
+    text = measurement_text(replace(result, found=tricky))
+    loads_nothing(text)
+    assert "<b>bold" not in text
+    assert "a <script>" not in text
+    assert "<i>'m'" not in text
+
+
+def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
+    from flexstage.errors import ModelError
+    from flexstage.report import study
+
+    def fail(stage, wanted):
+        raise ModelError("no such notch")
+
+    monkeypatch.setattr(study, "MODELS", {**study.MODELS, "plane": fail})
+    found = measurement(result.found, result.stage, ("lumped", "plane"))
+    assert found.left_out == {"plane": "no such notch"}
+    assert "the plane model was left out: no such notch" in found.notes
+    with pytest.raises(ModelError, match="not known"):
+        measurement(result.found, result.stage, ("lumped", "plain"))
+
+
+@pytest.fixture(scope="module")
+def study():
+    stage = design("vgtu-piezo")
+    found = characterised(stage, kinds=("motion",))
+    real = replace(found, campaign=replace(found.campaign, origin="measured", notes=("bench 7",)))
+    return run_study(stage, ("lumped",), measured=real, virtual=True, seed=2)
+
+
+@pytest.fixture(scope="module")
+def study_page(study):
+    sections = {key: write(study) for key, (_, write) in BENCH_SECTIONS.items()}
+    return "".join(f'<section id="{k}">{text}</section>' for k, text in sections.items())
+
+
+@pytest.mark.slow
+def test_the_whole_report_of_a_study_loads_nothing(study, study_page):
+    page = report_html(study)
+    assert {"measured", "virtual", "centring", "drawing"} <= set(loads_nothing(page).ids)
+
+
+def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
+    parsed = Page(study_page)
+    # pictures of both measurements stand in one page
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert {"measured", "virtual", "centring"} <= set(parsed.ids)
+    virtual = study_page[study_page.index('<section id="virtual">') :]
+    assert "Nothing here was measured." in virtual[:2000]
+    assert "bench 7" in study_page
+    rows = {(r.quantity, r.axis, r.origin): r for r in study.characteristics}
+    row = rows["output_displacement", "x", "measured"]
+    figure = study.measured.figure("output_displacement", "x").estimate
+    assert (row.value, row.uncertainty) == (figure.value, figure.uncertainty)
+    # the virtual ones are no row of the table of the stage
+    assert "virtual" not in {r.origin for r in study.characteristics}
+    # nothing is compared with itself
+    heads = Tables(study_page).sections["measured"][1]
+    assert "measured" in heads  # the published one
+    assert sum("measured" in h for h in heads) == 1
+
+
+def test_a_virtual_campaign_that_joins_a_study_is_not_its_own_reference(study):
+    found = replace(study.measured, campaign=replace(study.measured.campaign, origin="virtual"))
+    found = replace(found, results=tuple(replace(r, details={}) for r in found.results))
+    section = BENCH_SECTIONS["measured"][1](replace(study, measured=found))
+    heads = Tables(section).sections[""][1]
+    assert "virtual" not in " ".join(heads)
+
+
+def test_sections_that_were_not_asked_for_are_empty(study):
+    bare = replace(study, measured=None, virtual=None, centring=None)
+    assert [write(bare) for _, write in BENCH_SECTIONS.values()] == ["", "", ""]
+
+
+def test_results_of_a_study(study):
+    results = json.loads(results_json(study_results(study)))
+    virtual = results["virtual_measurement"]
+    assert virtual["origin"] == "virtual"
+    assert {c["quantity"] for c in virtual["characteristics"]} > {"straightness", "workspace_area"}
+    centring = results["centring"]
+    assert centring["kind"] == "virtual experiment"
+    assert centring["reached"] is True
+    assert 0.0 <= centring["left"] < 1e-7
+    first, last = centring["steps"][0], centring["steps"][-1]
+    assert first["eccentricity"] > 4e-5
+    assert last["eccentricity"] < 2e-7
+    assert sum(r["origin"] == "measured" for r in results["characteristics"]) == 22
+    origins = {r["origin"] for r in results["characteristics"]}
+    assert "virtual" not in origins
+
+
+@pytest.mark.slow
+def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
+    made = run_study(design("parallelogram"), ("lumped",), virtual=True, seed=3)
+    assert isinstance(made.centring, str)
+    assert "No scale could be centred: " in BENCH_SECTIONS["centring"][1](made)
+    results = study_results(made)
+    assert results["centring"] == {"left_out": made.centring}
+    assert results["virtual_measurement"]["stage"] == "parallelogram"
+
+
+def run(capsys, *words):
+    with pytest.raises(SystemExit) as ended:
+        main(["study", *(str(word) for word in words)])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+QUICK = ("vgtu-piezo", "--models", "lumped", "--no-hysteresis")
+
+
+def test_measured_files_join_a_study(capsys, tmp_path):
+    rng = np.random.default_rng(6)
+    s = 1.0 - np.abs(2.0 * (np.arange(801) % 160) / 160 - 1.0)
+    data = np.column_stack((120.0 * s, 63.1 * s + 0.004 * rng.standard_normal(s.size)))
+    np.savetxt(tmp_path / "x.csv", data, delimiter=",", header="u (V),p (um)", comments="")
+    plan = tmp_path / "bench.yaml"
+    plan.write_text(
+        "campaign: 1\ntests:\n  stroke of x:\n    kind: motion\n    axis: x\n"
+        "    records: [x.csv]\n    columns: {command: u, along: p}\n"
+        "    reading: {sample_rate: 40 Hz}\n"
+    )
+    out = tmp_path / "out"
+    status, text, err = run(
+        capsys, *QUICK, "--no-virtual", "--measured", plan, "--out", out, "--json"
+    )
+    assert (status, err) == (0, "")
+    rows = [r for r in json.loads(text)["characteristics"] if r["origin"] == "measured"]
+    stroke = next(r for r in rows if r["quantity"] == "output_displacement")
+    assert stroke["value"] == pytest.approx(63.1e-6, rel=1e-3)
+    assert stroke["uncertainty"] > 0.0
+    parsed = loads_nothing((out / "report.html").read_text())
+    assert "measured" in parsed.ids
+    assert not {"virtual", "centring"} & set(parsed.ids)
+    results = json.loads((out / "results.json").read_text())
+    assert results["virtual_measurement"] == {}
+    assert results["centring"] == {}
+
+
+def test_a_bad_description_leaves_no_study(capsys, tmp_path):
+    plan = tmp_path / "bench.yaml"
+    plan.write_text("campaign: 1\ntests: {}\n")
+    for path, said in ((plan, "no test"), (tmp_path / "none.yaml", "none.yaml")):
+        status, text, err = run(capsys, *QUICK, "--measured", path, "--out", tmp_path / "out")
+        assert (status, text) == (2, "")
+        assert said in err
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [plan]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
+def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
+    status, _, err = run(
+        capsys, name, "--models", "lumped,superelement", "--no-hysteresis", "--out", tmp_path
+    )
+    assert (status, err) == (0, "")
+    results = json.loads((tmp_path / "results.json").read_text())
+    got = {(c["quantity"], c["axis"]): c for c in results["virtual_measurement"]["characteristics"]}
+    rows = [r for r in design(name).published if r.origin == "published-measured"]
+    count = 0
+    for row in rows:
+        if (row.quantity, row.axis) in got:
+            one = got[row.quantity, row.axis]
+            half = 0.5 * (one["interval"][1] - one["interval"][0])
+            assert abs(one["value"] - row.value) < 2.0 * half + 2e-4 * row.value, row
+            for origin in ("published-analytic", "published-fem", "lumped", "superelement"):
+                if origin in one["differences"]:
+                    given = one["differences"][origin]
+                    assert given["difference"] == pytest.approx(
+                        one["value"] - given["reference"], abs=1e-15
+                    )
+            count += 1
+    assert count >= 10
+    assert results["centring"]["reached"] is True
