@@ -603,3 +603,43 @@ def test_campaigns_that_cannot_be() -> None:
         Instrument(name="g", calibration=-1e-3)
     with pytest.raises(FlexstageError, match="no test"):
         characterise(Campaign(tests=()))
+
+
+def test_commands_of_a_report_that_has_none() -> None:
+    data = probed("x")
+    told = data.channel("command").values
+    without = replace(data, channels=tuple(c for c in data.channels if c.name != "command"))
+    named = Test(
+        name="b", kind="spheres", axis="x", records=("a",),
+        columns=Columns(command="command", spheres=("A", "B", "C")),
+    )  # fmt: skip
+    listed = replace(named, columns=Columns(spheres=("A", "B", "C")), commands=tuple(told.tolist()))
+    assert run(listed, without).figures == run(named, data).figures
+    with pytest.raises(RecordError, match=r"gives 3 commands for 180 stations: give one for each"):
+        run(replace(listed, commands=(0.0, 1e-6, 2e-6)), without)
+
+
+def test_an_abbe_offset_counts_by_the_pitch_that_was_read() -> None:
+    """The stroke at a point off the sensor's line differs by the offset times the pitch."""
+    s, _, t = cycles(6)
+    rng = np.random.default_rng(12)
+    pitch = 9e-6 * s + 2e-8 * rng.standard_normal(s.size)
+    data = record(
+        t,
+        command=(90.0 * s, "V"),
+        along=(STROKE * s + 2e-9 * rng.standard_normal(s.size), "m"),
+        pitch=(pitch, "rad"),
+    )
+    columns = Columns(command="command", along="along", pitch="pitch")
+    test = Test(
+        name="m", kind="motion", axis="x", records=("a",), columns=columns, along="off", angle="off"
+    )
+
+    def stroke_of(**sensor: float) -> Estimate:
+        campaign = Campaign(tests=(test,), instruments=(Instrument(name="off", **sensor),))
+        return evaluate(campaign, lambda _: [data]).figure("output_displacement", "x").estimate
+
+    plain, off = stroke_of(), stroke_of(abbe_offset=30e-3, abbe_uncertainty=2e-3)
+    assert plain.value - off.value == pytest.approx(30e-3 * 9e-6, rel=2e-2)
+    parts = {c.name: c.uncertainty for c in off.components}
+    assert parts["Abbe"] == pytest.approx(2e-3 * 9e-6, rel=2e-2)

@@ -277,8 +277,9 @@ def test_figures(capsys, struck, tmp_path, modes):
         capsys, struck, "--input", "force", "--output", "a,b", "--modes", modes,
         "--band", "80:350", "--figure", picture, "--out", out,
     )  # fmt: skip
-    assert result["files"] == [str(out), str(picture)]
-    assert b"<svg" in picture.read_bytes()
+    diagram = [tmp_path / "r-stabilisation.svg"] if modes == "2" else []
+    assert result["files"] == [str(path) for path in (out, picture, *diagram)]
+    assert all(b"<svg" in path.read_bytes() for path in (picture, *diagram))
 
 
 def test_table(capsys, struck):
