@@ -171,12 +171,12 @@ def test_words_of_files_cannot_break_the_page(result):
 
 def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
     from flexstage.errors import ModelError
-    from flexstage.report import study
+    from flexstage.report import models
 
     def fail(stage, wanted):
         raise ModelError("no such notch")
 
-    monkeypatch.setattr(study, "MODELS", {**study.MODELS, "plane": fail})
+    monkeypatch.setattr(models, "MODELS", {**models.MODELS, "plane": fail})
     found = measurement(result.found, result.stage, ("lumped", "plane"))
     assert found.left_out == {"plane": "no such notch"}
     assert "the plane model was left out: no such notch" in found.notes

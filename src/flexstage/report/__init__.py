@@ -11,6 +11,7 @@ from flexstage.report.measurement import (
     set_beside,
 )
 from flexstage.report.measurement_html import measurement_section, measurement_text
+from flexstage.report.models import MODELS, ModelRun, Wanted, analyse_model, run_model
 from flexstage.report.quantities import Display, display, number
 from flexstage.report.results import (
     analysis_results,
@@ -19,15 +20,7 @@ from flexstage.report.results import (
     run_results,
     study_results,
 )
-from flexstage.report.study import (
-    MODELS,
-    ModelRun,
-    Study,
-    Wanted,
-    analyse_model,
-    run_model,
-    run_study,
-)
+from flexstage.report.study import Study, run_study
 
 __all__ = [
     "MODELS",

@@ -24,8 +24,9 @@ from flexstage.report.figures.neck_stress import neck_sampler
 from flexstage.report.figures.style import css_variables
 from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.measurement_html import measurement_section
+from flexstage.report.models import ModelRun
 from flexstage.report.quantities import display
-from flexstage.report.study import ModelRun, Study
+from flexstage.report.study import Study
 from flexstage.report.tables import (
     characteristics_table,
     differences_table,

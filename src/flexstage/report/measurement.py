@@ -104,7 +104,7 @@ def measurement(
         There is no such model.
     """
     from flexstage.errors import ConvergenceError, ModelError, StageError
-    from flexstage.report.study import analyse_model, known_model
+    from flexstage.report.models import analyse_model, known_model
 
     if stage is None:
         return set_beside(found, None, Characteristics())

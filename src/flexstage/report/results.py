@@ -8,7 +8,8 @@ from flexstage.characteristic import Characteristic
 from flexstage.report.bench import centring_results
 from flexstage.report.hysteresis import experiment_results
 from flexstage.report.measurement import Measurement, measurement_results
-from flexstage.report.study import ModelRun, Study
+from flexstage.report.models import ModelRun
+from flexstage.report.study import Study
 from flexstage.system import Analysis, load_readings
 
 __all__ = ["analysis_results", "characteristic_row", "results_json", "run_results", "study_results"]

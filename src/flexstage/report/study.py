@@ -1,179 +1,28 @@
 """The main job: every model of a stage, beside what others gave for it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
-from flexstage.lumped import StrokePath, lumped_system, mechanism, stroke_path
+from flexstage.lumped import StrokePath, mechanism, stroke_path
 from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
+from flexstage.report.models import MODELS, ModelRun, Plane, Wanted, known_model, run_model
 from flexstage.stage import Stage
-from flexstage.system import Analysis, analyse
+from flexstage.system import Analysis
 
 if TYPE_CHECKING:
     from flexstage.experiment.campaign import Characterisation
-    from flexstage.fem import FiniteStroke, MeshSettings, Refinement, StageModel
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
     from flexstage.report.bench import CentringTrial
     from flexstage.report.measurement import Measurement
 
-__all__ = [
-    "MODELS",
-    "ModelRun",
-    "Plane",
-    "Study",
-    "Wanted",
-    "analyse_model",
-    "known_model",
-    "run_model",
-    "run_study",
-]
-
-Plane = Literal["auto", "stress", "strain"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ModelRun:
-    """What one model made of a stage.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        What it says of the stage.
-    mesh : StageModel or None
-        The finite-element model behind it, for pictures; None where there is none.
-    refinement : Refinement or None
-        How its mesh was refined, where an accuracy was asked for.
-    strokes : tuple of FiniteStroke
-        Motion over the whole stroke with finite displacements, where it was asked for.
-    bars : Mapping
-        Axial load at which each bar between two notches buckles [N], where that was asked for.
-    """
-
-    analysis: Analysis
-    mesh: "StageModel | None" = None
-    refinement: "Refinement | None" = None
-    strokes: "tuple[FiniteStroke, ...]" = ()
-    bars: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
-    """What is asked of a model beyond its stage.
-
-    Parameters
-    ----------
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-    accuracy : float or None
-        Relative accuracy of `quantity` [1]; None for the usual mesh.
-    quantity : str
-        The quantity that shall be accurate.
-    supports : str
-        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
-    stroke : bool
-        Whether to follow the stage over its stroke with finite displacements (plane model).
-    """
-
-    plane: Plane = "auto"
-    accuracy: float | None = None
-    quantity: str = "natural_frequency_hz"
-    supports: Literal["rigid", "elastic"] = "rigid"
-    stroke: bool = False
-
-
-def _lumped(stage: Stage, wanted: Wanted) -> ModelRun:
-    _no_accuracy("lumped", wanted)
-    _no_stroke("lumped", wanted)
-    if wanted.supports != "rigid":
-        raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
-    return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=wanted.plane)))
-
-
-def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
-    from flexstage.fem import superelement_model
-
-    _no_accuracy("superelement", wanted)
-    _no_stroke("superelement", wanted)
-    model = superelement_model(stage, plane=wanted.plane, supports=wanted.supports)
-    return ModelRun(analysis=analyse(stage, model.system))
-
-
-def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
-    from flexstage.fem import bar_buckling_load, plane_model, two_notch_bars, with_stroke
-
-    with share(0.0, 0.4 if wanted.stroke else 1.0):
-        run = _meshed(
-            stage,
-            wanted,
-            "plane",
-            lambda mesh: plane_model(stage, mesh, plane=wanted.plane, supports=wanted.supports),
-        )
-    if not wanted.stroke or run.mesh is None:
-        return run
-    with share(0.4, 0.9):
-        analysis, strokes = with_stroke(run.analysis, run.mesh)
-    with share(0.9, 1.0):
-        bars = {body: bar_buckling_load(stage, body) for body in two_notch_bars(stage)}
-    return replace(run, analysis=analysis, strokes=strokes, bars=bars)
-
-
-def _solid(stage: Stage, wanted: Wanted) -> ModelRun:
-    from flexstage.fem import solid_model
-
-    _no_stroke("solid", wanted)
-    if wanted.plane != "auto":
-        raise ModelError(
-            f"the solid model has no plane state, got '{wanted.plane}': leave the option out"
-        )
-    return _meshed(
-        stage, wanted, "solid", lambda mesh: solid_model(stage, mesh, supports=wanted.supports)
-    )
-
-
-def _meshed(
-    stage: Stage,
-    wanted: Wanted,
-    name: str,
-    build: "Callable[[MeshSettings | None], StageModel]",
-) -> ModelRun:
-    from flexstage.fem import LADDERS, refine
-
-    if wanted.accuracy is None:
-        model = build(None)
-        return ModelRun(analysis=analyse(stage, model.system), mesh=model)
-    found = refine(build, LADDERS[name], accuracy=wanted.accuracy, quantity=wanted.quantity)
-    return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
-
-
-def _no_accuracy(model: str, wanted: Wanted) -> None:
-    if wanted.accuracy is not None:
-        raise ModelError(
-            f"the {model} model has no mesh to refine to an accuracy: ask the plane or the solid "
-            "one, or leave the accuracy out"
-        )
-
-
-def _no_stroke(model: str, wanted: Wanted) -> None:
-    if wanted.stroke:
-        raise ModelError(
-            f"only the plane model is followed over the stroke, not the {model} one: choose plane, "
-            "or leave the stroke out"
-        )
-
-
-#: Models by name: each makes an analysis from a stage and what is asked for.
-MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
-    "lumped": _lumped,
-    "superelement": _superelement,
-    "plane": _plane,
-    "solid": _solid,
-}
+__all__ = ["Study", "run_study"]
 
 #: What a study asks of a model beyond its usual mesh.
 _ASKED: Mapping[str, Wanted] = {"plane": Wanted(accuracy=1e-3, stroke=True)}
@@ -257,82 +106,6 @@ class Study:
             if name in self.analyses:
                 return self.analyses[name]
         return next(iter(self.analyses.values()))
-
-
-def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRun:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Returns
-    -------
-    ModelRun
-        What the model says of the stage, and the mesh behind it.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state, or the model cannot give what is asked for.
-    """
-    wanted = wanted or Wanted()
-    known_model(model, wanted)
-    return MODELS[model](stage, wanted)
-
-
-def known_model(model: str, wanted: Wanted | None = None) -> None:
-    """Refuse a model that there is not, or choices that it cannot have.
-
-    Parameters
-    ----------
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, no such plane state, or no such supports.
-    """
-    wanted = wanted or Wanted()
-    if wanted.plane not in ("auto", "stress", "strain"):
-        raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")
-    if wanted.supports not in ("rigid", "elastic"):
-        raise ModelError(f"unknown supports '{wanted.supports}': expected rigid or elastic")
-    if model not in MODELS:
-        raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
-
-
-def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-
-    Returns
-    -------
-    Analysis
-        What the model says of the stage.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state.
-    """
-    return run_model(stage, model, Wanted(plane=plane)).analysis
 
 
 def run_study(
