@@ -82,7 +82,7 @@ def response_result(
     """
     notes = list(response.notes)
     if estimate is not None:
-        notes += [*estimate.notes, *(f"left out: {what}" for what in estimate.left_out)]
+        notes += estimate.notes
     result: dict[str, Any] = {
         "records": [r.source for r in read],
         "inputs": list(response.inputs),

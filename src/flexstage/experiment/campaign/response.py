@@ -54,7 +54,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
             excitation=test.excitation,  # type: ignore[arg-type]
         )
         responses, added = [estimate.response], estimate.added_damping_rate
-        notes = (*estimate.notes, *(f"left out: {what}" for what in estimate.left_out))
+        notes = estimate.notes
     fit = fit_modes(
         responses,
         band=test.band,

@@ -6,6 +6,7 @@ import numpy as np
 
 from flexstage.experiment.modal import RingDown
 from flexstage.records import Record
+from flexstage.report.figures.identification import scale
 from flexstage.report.figures.measured_response import shown_lines
 from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figure
 
@@ -39,8 +40,8 @@ def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
     for axes in panels:
         dress(axes)
     for k, name in enumerate(names):
-        unit = record.channel(name).unit
-        measured, fitted = fit.measured[:, k], fit.fitted[:, k]
+        unit, factor = scale(record.channel(name).unit)
+        measured, fitted = factor * fit.measured[:, k], factor * fit.fitted[:, k]
         upper, lower = panels[2 * k], panels[2 * k + 1]
         colour = CYCLE[k % len(CYCLE)]
         at = shown_lines(measured)
@@ -48,7 +49,7 @@ def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
         upper.plot(
             fit.time[at], fitted[at], color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="fit"
         )
-        upper.set_ylabel(f"{name} [{unit}]" if unit else name, color=INK)
+        upper.set_ylabel(f"{name}{unit}", color=INK)
         rest = measured - fitted
         at = shown_lines(rest)
         lower.plot(fit.time[at], rest[at], color=colour, linewidth=0.7)
