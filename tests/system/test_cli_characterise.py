@@ -425,3 +425,28 @@ def test_help(capsys):
     assert status == 0
     for option in ("--stage", "--virtual", "--unit", "--out", "--json", "--spheres"):
         assert option in out
+
+
+def test_a_report_of_a_measuring_machine(capsys, tmp_path):
+    """Spheres of a plate, as the machine prints them, with the commands on the command line."""
+    plate = np.array([(-21.0, -17.0, 12.0), (19.0, -22.0, 11.0), (3.0, 23.0, 17.0)])
+    share = np.tile(np.concatenate((np.linspace(0.0, 1.0, 9), np.linspace(1.0, 0.0, 9))), 3)
+    rng = np.random.default_rng(5)
+    points = []
+    for s in share:
+        centres = plate + (0.0837 * s, 0.0, 0.0) + 2e-5 * rng.standard_normal(plate.shape)
+        points.append(
+            [
+                (f"S{i + 1}", list(zip("XYZ", nominal, centre, strict=True)))
+                for i, (nominal, centre) in enumerate(zip(plate, centres, strict=True))
+            ]
+        )
+    path = tmp_path / "report.txt"
+    path.write_text(report(points, digits=5))
+    told = ",".join(f"{300.0 * s:.3f} um" for s in share)
+    words = (path, "--test", "spheres", "--spheres", "S1,S2,S3", "--commands")
+    stroke = values(found(capsys, *words, told))["output_displacement", "x"]
+    assert stroke["value"] == pytest.approx(83.7e-6, abs=3e-8)
+    assert stroke["interval"][0] < 83.7e-6 < stroke["interval"][1]
+    refused(capsys, "gives 2 commands for 54 stations", tmp_path, *words, "0 um, 5 um")
+    refused(capsys, "length", tmp_path, *words, "0 V")

@@ -94,6 +94,14 @@ def characterise(
         str | None,
         typer.Option(metavar="NAMES", help="Names of the spheres, with commas between."),
     ] = None,
+    commands: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTHS",
+            help="Of spheres: what the drive was told at each station, with commas between, where "
+            'no column says it: "0 um,5 um,10 um,5 um,0 um".',
+        ),
+    ] = None,
     unit: Annotated[
         list[str] | None,
         typer.Option(
@@ -173,7 +181,7 @@ def characterise(
         _no_columns(
             "--virtual" if virtual is not None else f"'{plans[0]}'",
             {
-                **named, "output": output, "spheres": spheres, "unit": unit,
+                **named, "output": output, "spheres": spheres, "commands": commands, "unit": unit,
                 "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
                 "time": time, "format": format, "dataset": dataset, "delimiter": delimiter,
                 "decimal": decimal,
@@ -191,7 +199,8 @@ def characterise(
         else:
             campaign = _single(
                 files, test, axis, named,
-                output=_words(output), spheres=_words(spheres), units=unit or [],
+                output=_words(output), spheres=_words(spheres), commands=_words(commands),
+                units=unit or [],
                 calibration=calibration, alignment=alignment, confidence=confidence,
                 reading=_named(
                     time=time, format=format, dataset=dataset, delimiter=delimiter,
@@ -276,6 +285,7 @@ def _single(
     *,
     output: tuple[str, ...],
     spheres: tuple[str, ...],
+    commands: tuple[str, ...],
     units: list[str],
     calibration: str | None,
     alignment: str | None,
@@ -309,6 +319,7 @@ def _single(
         transverse="sensor",
         angle="sensor",
         confidence=confidence,
+        commands=tuple(parse(text, "length") for text in commands),
     )
     return Campaign(instruments=(sensor,), tests=(test,))
 
