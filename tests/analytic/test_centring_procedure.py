@@ -62,7 +62,7 @@ def run(seed, *, procedure=None, **settings) -> tuple[Centring, float, bool]:
     return done, float(np.hypot(*truth)), done.reading.covers(truth)
 
 
-# ------------------------------------------------------------------------ what the issue is about
+# ------------------------------------------------------------------------ a scale far off its axis
 
 
 @pytest.mark.parametrize("heads", [(0.3,), FOUR])
