@@ -1,6 +1,7 @@
 """Modal fits: exact on responses of known modes, and honest about noise."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -696,3 +697,38 @@ def test_figures_show_the_fit():
         draw_modal_fit(fit, output=5)
     with pytest.raises(ModelError, match="response 2"):
         draw_stabilisation(fit, 2)
+
+
+@pytest.mark.parametrize(("samples", "segment"), [(100_000, 4096), (400_000, 8192)])
+def test_noise_through_a_window_with_few_lines_to_a_peak(samples: int, segment: int) -> None:
+    """A Hann window mixes lines: at three in the half-power width peaks look like two modes."""
+    from scipy.signal import lfilter
+
+    from flexstage.experiment.spectra import estimate_response
+    from flexstage.records import Channel, Record
+
+    rate, truth = 8192.0, ((337.0, 0.0087, 1.0), (527.0, 0.0075, 0.6))
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal(samples)
+    y = np.zeros(samples)
+    for f, zeta, gain in truth:
+        w = 2.0 * np.pi * f / rate
+        damped, decay = w * np.sqrt(1.0 - zeta**2), np.exp(-zeta * w)
+        b = [0.0, decay * np.sin(damped) / damped]
+        y += gain * lfilter(b, [1.0, -2.0 * decay * np.cos(damped), decay**2], u)
+    # 40 dB
+    y += 0.01 * y.std() * rng.standard_normal(samples)
+    channels = (Channel(name="u", values=u, unit="N"), Channel(name="y", values=y, unit="m"))
+    record = Record(channels=channels, time=np.arange(samples) / rate)
+    made = estimate_response(record, "u", "y", excitation="random", segment=segment).response
+    assert made.blur == pytest.approx(1.0 / 3.0, rel=1e-3)
+    fit = fit_modes(made, band=(200.0, 800.0))
+    assert len(fit.modes) == 2
+    for mode, (f, zeta, _) in zip(fit.modes, truth, strict=True):
+        assert mode.frequency_hz.value == pytest.approx(f, rel=1e-4)
+        assert mode.damping_ratio.value == pytest.approx(zeta, rel=0.015)
+        assert abs(mode.frequency_hz.value - f) < 1.5 * mode.frequency_hz.expanded
+    assert 0.7 < fit.reduced_chi_squared < 1.5
+    if segment == 4096:
+        # left as they are, the same lines are read as more modes
+        assert len(fit_modes(replace(made, blur=0.0), band=(200.0, 800.0)).modes) > 2

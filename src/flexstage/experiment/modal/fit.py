@@ -96,7 +96,8 @@ def fit_modes(
     --------
     Linear, time-invariant, lightly to moderately damped (found at up to 30 % of critical), modes at
     least about one half-power bandwidth apart. Errors of the lines are taken as normal and free of
-    bias: leakage of a window is neither, so resolve each peak by several lines. Uncertainties
+    bias. Lines that a window has mixed (`MeasuredResponse.blur`) are parted to second order first,
+    which is enough where a peak has three lines or more in its half-power width. Uncertainties
     contain noise alone: no calibration, no loading by sensors.
 
     Raises

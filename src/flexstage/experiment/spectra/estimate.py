@@ -23,6 +23,7 @@ from flexstage.experiment.spectra.repeated import periodic_response
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.experiment.spectra.sums import Spectra
 from flexstage.experiment.spectra.transient import hammer_spectra, step_spectra
+from flexstage.experiment.spectra.windows import window_blur, window_values
 from flexstage.records import Record
 
 __all__ = ["ResponseEstimate", "estimate_response"]
@@ -132,7 +133,8 @@ def estimate_response(
     --------
     A linear system that does not change. The lines of random segments must be narrower than its
     resonances, some four to the half-power width with a Hann window, or peaks come out low and
-    wide, which the variance does not contain. A hit or a sweep must be over, and its motion
+    wide, which the variance does not contain; `fit_modes` undoes it to second order, by
+    `MeasuredResponse.blur`. A hit or a sweep must be over, and its motion
     decayed, at the end of the segment; before a step the motion rests, and creep is not told from
     slow response.
 
@@ -192,7 +194,11 @@ def estimate_response(
             length = segment_length(signals.sizes, signals.sample_rate_hz, segment, resolution_hz)
         work = hammer_spectra if kind == "hammer" else step_spectra
         cut = work(signals, hits or HitOptions(), length)
-    return _completed(signals, kind, cut, estimator, noise_ratio, power_floor, notes)
+    done = _completed(signals, kind, cut, estimator, noise_ratio, power_floor, notes)
+    if kind != "random":
+        return done
+    blur = window_blur(window_values(window, cut.segment))
+    return replace(done, response=replace(done.response, blur=blur))
 
 
 def _listed(columns: str | int | Sequence[str | int]) -> list[str | int]:
