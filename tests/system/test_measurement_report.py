@@ -338,3 +338,21 @@ def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
             count += 1
     assert count >= 10
     assert results["centring"]["reached"] is True
+
+
+def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
+    from dataclasses import replace as changed
+
+    from flexstage.characteristic import Characteristic, Characteristics
+    from flexstage.report import set_beside
+
+    row = next(r for r in result.rows if r.figure.quantity == "parasitic_rotation")
+    value = row.figure.estimate.value
+    model = Characteristic(
+        quantity="parasitic_rotation", axis=row.figure.axis, origin="solid", value=-2.0 * value,
+        unit="rad",
+    )  # fmt: skip
+    for given in (model, changed(model, value=2.0 * value)):
+        beside = set_beside(result.found, result.stage, Characteristics((given,)))
+        found = next(r for r in beside.rows if r.figure == row.figure).differences["solid"]
+        assert found.percent == pytest.approx(-50.0)

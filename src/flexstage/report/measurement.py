@@ -21,6 +21,10 @@ __all__ = [
 ]
 
 
+#: Quantities whose measured value has no sign.
+_RANGES = frozenset(("parasitic_rotation",))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredRow:
     """One measured figure, and how far it is from what others say.
@@ -174,6 +178,9 @@ def set_beside(
 
 
 def _compared(own: Characteristic, other: Characteristic) -> Difference:
+    if own.quantity in _RANGES:
+        # what was measured is largest less smallest, a model gives the end of it with its sign
+        other = replace(other, value=abs(other.value))
     found = difference(own, other)
     # a model that gives nothing but rounding is no reference for a percentage
     if abs(other.value) < display(other.quantity).zero:
