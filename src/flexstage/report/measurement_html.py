@@ -262,7 +262,7 @@ def _response(result: TestResult, key: str) -> str:
         plots.append(
             inline_svg(figure, f"{key}-stabilisation", f"{result.test.name}: stabilisation")
         )
-    return f'<p>Test {escape(result.test.name)}.</p><div class="plots two">{"".join(plots)}</div>'
+    return f'<p>Test {escape(result.test.name)}.</p><div class="plots">{"".join(plots)}</div>'
 
 
 def _driven(fit: Any) -> int:
