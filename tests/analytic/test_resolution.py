@@ -19,10 +19,10 @@ from flexstage.experiment.noise import (
     mains_lines,
     resolution,
     screw_resolution,
-    spectral_density,
     staircase,
 )
 from flexstage.experiment.noise.allan_freedom import allan_freedom
+from flexstage.experiment.spectra import spectral_density
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.style import encode
 
@@ -198,25 +198,26 @@ def test_slow_noise_is_spoken_of() -> None:
     assert not hold_noise(noise(3, 4096), 100.0).notes
 
 
-def test_spectra_hold_the_power_and_cover() -> None:
+def test_the_spectrum_of_a_hold_holds_its_power_and_covers() -> None:
     y = 3.0 * noise(8, 2**15, 0.7)
-    found = spectral_density(y, 400.0)
-    assert found.rms(0.0, 200.0) == pytest.approx(float(y.std()), rel=0.02)
+    found = hold_noise(y, 400.0).spectrum
+    assert found.unit == "m"
+    assert found.rms(0.0, 200.0).value == pytest.approx(float(y.std()), rel=0.02)
     f = found.frequency_hz
     # of a first-order autoregression
     true = 9.0 * 2.0 / 400.0 * 0.51 / np.abs(1.0 - 0.7 * np.exp(-2j * np.pi * f / 400.0)) ** 2
-    inner = slice(3, -3)
-    inside = (found.low <= true) & (true <= found.high)
-    assert 0.92 <= float(np.mean(inside[inner])) <= 0.98
+    low, high = found.bounds()
+    inside = (low <= true) & (true <= high)
+    assert 0.92 <= float(np.mean(inside[3:-3])) <= 0.98
 
 
 def test_the_ends_of_a_spectrum_have_half_the_freedom() -> None:
     inside = []
     for seed in range(200):
-        found = spectral_density(noise(seed, 512), 2.0)
+        low, high = spectral_density(noise(seed, 512), 2.0, segment=64).bounds()
         # white noise of variance 1 up to 1 Hz has a density of 1, half of it from frequencies below
         # 0; at 1 Hz the two are one
-        inside.append(found.low[-1] <= 0.5 <= found.high[-1])
+        inside.append(low[-1] <= 0.5 <= high[-1])
     assert 0.9 <= np.mean(inside) <= 0.99
 
 
@@ -402,7 +403,7 @@ def test_the_figures_are_drawn() -> None:
         (lambda: hold_noise(np.arange(9.0), 1.0), RecordError, "64"),
         (lambda: hold_noise(np.full(99, 0.3), 1.0), RecordError, "dead"),
         (lambda: hold_noise(np.arange(99.0), 0.0), ModelError, "rate"),
-        (lambda: spectral_density(np.arange(99.0), 1.0, segment=200), ModelError, "segment"),
+        (lambda: hold_noise(noise(1, 99), 1.0, segment=200), RecordError, "segment"),
         (lambda: expected_peak_to_peak(1), ModelError, "two samples"),
         (lambda: resolution(noise(1, 50), 1.0, samples=30), RecordError, "average fewer"),
         (lambda: resolution(noise(1, 50), 1.0, samples=3, probability=0.3), ModelError, "0.5"),

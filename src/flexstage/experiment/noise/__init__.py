@@ -3,20 +3,14 @@
 from flexstage.experiment.noise.allan import AllanDeviation, allan_deviation
 from flexstage.experiment.noise.hold import HoldNoise, expected_peak_to_peak, hold_noise
 from flexstage.experiment.noise.levels import levels_of_command, levels_of_reading
+from flexstage.experiment.noise.mains import MainsLine, mains_lines
 from flexstage.experiment.noise.resolution import resolution, screw_resolution
-from flexstage.experiment.noise.spectrum import (
-    MainsLine,
-    Spectrum,
-    mains_lines,
-    spectral_density,
-)
 from flexstage.experiment.noise.staircase import Staircase, Step, staircase
 
 __all__ = [
     "AllanDeviation",
     "HoldNoise",
     "MainsLine",
-    "Spectrum",
     "Staircase",
     "Step",
     "allan_deviation",
@@ -27,6 +21,5 @@ __all__ = [
     "mains_lines",
     "resolution",
     "screw_resolution",
-    "spectral_density",
     "staircase",
 ]

@@ -10,12 +10,8 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.noise.allan import deviation_bounds, deviation_estimate
 from flexstage.experiment.noise.long_run import blocks_line, variance_freedom
-from flexstage.experiment.noise.spectrum import (
-    MainsLine,
-    Spectrum,
-    mains_lines,
-    spectral_density,
-)
+from flexstage.experiment.noise.mains import MainsLine, mains_lines
+from flexstage.experiment.spectra import SpectralDensity, spectral_density
 
 __all__ = ["HoldNoise", "expected_peak_to_peak", "hold_noise"]
 
@@ -23,6 +19,8 @@ Array = NDArray[np.float64]
 
 #: Degrees of freedom of the rms below which noise counts as slow.
 _FEW = 50.0
+#: Samples of a segment of the spectrum at most, where nobody asks for more.
+_LONGEST = 65_536
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +38,7 @@ class HoldNoise:
         records, as one alone is what it is.
     expected_peak_to_peak : float
         What Gaussian noise of this rms and bandwidth gives on average in this time.
-    spectrum : Spectrum
+    spectrum : SpectralDensity
         Spectral density of the distances from the line.
     mains : tuple of MainsLine
         Lines of the mains in it.
@@ -60,7 +58,7 @@ class HoldNoise:
     rms: Estimate
     peak_to_peak: Estimate
     expected_peak_to_peak: float
-    spectrum: Spectrum
+    spectrum: SpectralDensity
     mains: tuple[MainsLine, ...]
     correlation: float
     duration: float
@@ -223,7 +221,8 @@ def hold_noise(
     t = np.arange(n) - 0.5 * (n - 1)
     rest = y - y.mean()
     rest -= float(t @ rest / (t @ t)) * t
-    spectrum = spectral_density(rest, sample_rate_hz, segment=segment, unit=unit)
+    length = min(n // 8, _LONGEST) if segment is None else segment
+    spectrum = spectral_density(rest, sample_rate_hz, segment=length - length % 2, unit=unit)
     # mean and slope each take one long-run variance from the sum of squares
     power, lost = float(rest @ rest), 2.0 * line.long_run_variance
     variance = (power + lost) / n

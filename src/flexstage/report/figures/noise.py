@@ -162,7 +162,7 @@ def _density(axes: "Axes", noise: HoldNoise) -> None:
     inner = slice(1, -1)
     f, density = spectrum.frequency_hz[inner], np.sqrt(spectrum.density[inner])
     factor, label = _scale(float(density.max()), noise.unit)
-    low, high = np.sqrt(spectrum.low[inner]), np.sqrt(spectrum.high[inner])
+    low, high = (np.sqrt(end[inner]) for end in spectrum.bounds())
     axes.fill_between(f, factor * low, factor * high, color=CYCLE[0], alpha=0.25, linewidth=0)
     axes.loglog(f, factor * density, color=CYCLE[0], linewidth=1.0)
     for line in noise.mains:

@@ -1,4 +1,4 @@
-"""Spectral density of a reading, and the mains lines in it."""
+"""Lines of the mains in a reading."""
 
 import math
 from dataclasses import dataclass
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["MainsLine", "Spectrum", "mains_lines", "spectral_density"]
+__all__ = ["MainsLine", "mains_lines"]
 
 Array = NDArray[np.float64]
 
@@ -18,48 +18,6 @@ Array = NDArray[np.float64]
 _STRAY = 0.004
 #: Chance that noise alone gives a line.
 _FALSE = 1e-4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Spectrum:
-    """One-sided spectral density of a reading.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,).
-    density : numpy.ndarray
-        Power in each hertz, unit of the reading squared over Hz, shape (k,).
-    low, high : numpy.ndarray
-        Ends of its 95 % interval, shape (k,).
-    degrees_of_freedom : float
-        Of each value between 0 and half the sample rate.
-    unit : str
-        Unit of the reading.
-    """
-
-    frequency_hz: Array
-    density: Array
-    low: Array
-    high: Array
-    degrees_of_freedom: float
-    unit: str
-
-    def rms(self, low_hz: float, high_hz: float) -> float:
-        """Return the rms in a band.
-
-        Parameters
-        ----------
-        low_hz, high_hz : float
-            Ends of the band [Hz].
-
-        Returns
-        -------
-        float
-            The rms, in the unit of the reading.
-        """
-        inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
-        return math.sqrt(float(self.density[inside].sum()) * float(self.frequency_hz[1]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,79 +40,6 @@ class MainsLine:
     mains_hz: int
     multiple: int
     rms: Estimate
-
-
-def spectral_density(
-    values: ArrayLike, sample_rate_hz: float, *, segment: int | None = None, unit: str = "m"
-) -> Spectrum:
-    """Return the one-sided spectral density by averaged segments with Hann windows.
-
-    Segments overlap by half and have their mean taken off (Welch, 1967, IEEE Transactions on Audio
-    and Electroacoustics 15). The degrees of freedom follow from how the overlapping windows
-    correlate (Percival and Walden, 1993, Spectral Analysis for Physical Applications, 6.17):
-    ``2 K / (1 + 2 sum (1 - m/K) r_m^2)`` with r_1 = 1/6 for half overlap.
-
-    Parameters
-    ----------
-    values : array_like
-        Evenly spaced readings, shape (n,).
-    sample_rate_hz : float
-        Readings in a second [Hz].
-    segment : int, optional
-        Samples in a segment; an eighth of the record or 65 536, whichever is less, where not given.
-    unit : str
-        Unit of the readings.
-
-    Returns
-    -------
-    Spectrum
-        Density with its interval.
-
-    Validity
-    --------
-    Frequencies of several over the length of a segment; narrower features are smeared over 1.5 of
-    its lines. Whatever lies above half the sample rate is folded in.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than sixteen readings, or one is not finite.
-    ModelError
-        The rate is not positive, or a segment has fewer than eight samples or more than there are.
-
-    Examples
-    --------
-    >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(40_000)
-    >>> found = spectral_density(noise, 1000.0)
-    >>> print(f"{1e9 * found.rms(0.0, 500.0):.2f} nm")
-    3.00 nm
-    """
-    from scipy.signal import welch
-    from scipy.special import gammaincinv
-
-    y = np.asarray(values, dtype=np.float64)
-    if y.ndim != 1 or y.size < 16 or not np.isfinite(y).all():
-        raise RecordError(f"a spectrum needs sixteen finite readings or more, got {y.shape}")
-    if not 0.0 < sample_rate_hz < math.inf:
-        raise ModelError(f"the sample rate must be positive, got {sample_rate_hz!r} Hz")
-    length = max(min(y.size // 8, 65_536), 8) if segment is None else segment
-    if not 8 <= length <= y.size:
-        raise ModelError(f"a segment has 8 to {y.size} of the samples, got {length}")
-    length -= length % 2
-    f, density = welch(y, fs=sample_rate_hz, window="hann", nperseg=length, detrend="constant")
-    count = (y.size - length // 2) // (length // 2)
-    freedom = 2.0 * count / (1.0 + 2.0 * (1.0 - 1.0 / count) / 36.0)
-    own = np.full(f.size, freedom)
-    # at 0 and half the sample rate the value is a square of one number, not of two
-    own[[0, -1]] = 0.5 * freedom
-    return Spectrum(
-        frequency_hz=f,
-        density=density,
-        low=density * own / (2.0 * gammaincinv(0.5 * own, 0.975)),
-        high=density * own / (2.0 * gammaincinv(0.5 * own, 0.025)),
-        degrees_of_freedom=freedom,
-        unit=unit,
-    )
 
 
 def mains_lines(
