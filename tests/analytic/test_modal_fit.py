@@ -732,3 +732,28 @@ def test_noise_through_a_window_with_few_lines_to_a_peak(samples: int, segment: 
     if segment == 4096:
         # left as they are, the same lines are read as more modes
         assert len(fit_modes(replace(made, blur=0.0), band=(200.0, 800.0)).modes) > 2
+
+
+def test_variances_of_few_averages_stay_as_sharp_as_the_peak() -> None:
+    """Noise of the input goes with the response: a mean over neighbours would carry it away."""
+    from flexstage.experiment.modal.prepare import deviations
+
+    f = np.arange(200.0, 500.0, 1.25)
+    h = 1.0 / (337.0**2 - f**2 + 2j * 0.009 * 337.0 * f)
+    rng = np.random.default_rng(14)
+    true = 2e-12 + 4e-4 * np.abs(h) ** 2
+    found = []
+    for _ in range(40):
+        seen = true * rng.chisquare(10.0, f.size) / 10.0
+        made = MeasuredResponse(
+            frequency_hz=f, response=h[:, None, None], inputs=("force",), outputs=("table",),
+            variance=seen[:, None, None], averages=6.0,
+        )  # fmt: skip
+        own = deviations(made)
+        assert own is not None
+        found.append(own[:, 0, 0] ** 2 / true)
+    mean = np.mean(found, axis=0)
+    peak = np.abs(f - 337.0) < 12.0
+    # a moving mean of seven lines is some times too large beside the peak, and too small on it
+    assert mean[peak] == pytest.approx(1.0, abs=0.12)
+    assert mean[20:-20] == pytest.approx(1.0, abs=0.15)

@@ -229,7 +229,7 @@ def deviations(part: MeasuredResponse) -> Array | None:
         # inverse variances from few averages scatter: their neighbours help
         width = min(math.ceil(_KNOWN_WELL / freedom), max(lines // 8, 1))
         sharp = _share_of_response(variance, part.response)
-        variance = _moving_mean(np.maximum(variance - sharp, 0.0), width | 1) + sharp
+        variance = np.maximum(_moving_mean(variance - sharp, width | 1), 0.0) + sharp
     finite = np.where(np.isfinite(variance), variance, np.nan)
     if np.all(np.isnan(finite)):
         raise RecordError("the variance of a response must be finite at some lines at least")
