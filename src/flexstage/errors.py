@@ -6,10 +6,14 @@ is allowed, how to mend it.
 """
 
 __all__ = [
+    "ControllerError",
     "ConvergenceError",
     "FlexstageError",
     "HingeError",
+    "LimitError",
     "ModelError",
+    "NotConnectedError",
+    "PlanError",
     "RecordError",
     "StageError",
     "UnitError",
@@ -42,3 +46,31 @@ class ModelError(FlexstageError, ValueError):
 
 class ConvergenceError(FlexstageError, RuntimeError):
     """An iteration ended before it reached its tolerance."""
+
+
+class LimitError(FlexstageError, RuntimeError):
+    """A motion is asked for that leaves the limits of a stage; nothing has been moved."""
+
+
+class NotConnectedError(FlexstageError, ConnectionError):
+    """There is no link to an instrument, or it was lost."""
+
+
+class ControllerError(FlexstageError, RuntimeError):
+    """An instrument refused a command, or answered what it should not.
+
+    Parameters
+    ----------
+    message : str
+        The sentence.
+    code : int, optional
+        The number of the error that the controller gave.
+    """
+
+    def __init__(self, message: str, code: int | None = None) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class PlanError(FlexstageError, ValueError):
+    """An experiment plan, or the file that holds it, cannot be carried out as it is."""

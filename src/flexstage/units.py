@@ -64,6 +64,8 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="conductivity", si="W/m/K", units=("W/m/K",)),
         Dimension(name="area", si="m^2", units=("um^2", "mm^2", "m^2")),
         Dimension(name="speed", si="m/s", units=("nm/s", "um/s", "mm/s", "m/s")),
+        Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),
+        Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
     )
 }
 
@@ -71,7 +73,6 @@ DIMENSIONS: dict[str, Dimension] = {
 _MEASURED: dict[str, Dimension] = {
     d.name: d
     for d in (
-        Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
         Dimension(name="current", si="A", units=("A", "mA")),
         Dimension(name="charge", si="C", units=("C", "uC")),
         Dimension(name="resistance", si="ohm", units=("ohm", "kohm")),
@@ -80,7 +81,6 @@ _MEASURED: dict[str, Dimension] = {
         Dimension(name="torque", si="N*m", units=("N*m", "N*mm")),
         Dimension(name="acceleration", si="m/s^2", units=("m/s^2", "mm/s^2")),
         Dimension(name="angular speed", si="rad/s", units=("rad/s", "deg/s", "rpm")),
-        Dimension(name="slew rate", si="V/s", units=("V/s", "V/ms")),
         Dimension(name="gain", si="m/V", units=("um/V", "nm/V")),
     )
 }

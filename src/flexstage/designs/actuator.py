@@ -87,6 +87,8 @@ class ScrewActuator(Actuator):
         Displacement that is used [m].
     stiffness : float, optional
         Axial stiffness of screw and nut [N/m]; rigid where not given.
+    largest_speed : float, optional
+        Largest speed at which it may be turned, as its advance [m/s].
     """
 
     kind: ClassVar[str] = "screw"
@@ -95,6 +97,7 @@ class ScrewActuator(Actuator):
     smallest_step: Length
     travel: Length
     stiffness: Stiffness | None = None
+    largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
 
     def drive(self, place: Place) -> Drive:
         """Put the screw into a stage.
@@ -115,6 +118,7 @@ class ScrewActuator(Actuator):
             smallest_step=self.smallest_step,
             travel=self.travel,
             stiffness=self.stiffness,
+            largest_speed=self.largest_speed,
         )
 
 
@@ -134,6 +138,8 @@ class StackActuator(Actuator):
         Electrical capacitance [F].
     voltage_range : tuple of float, optional
         Lowest and highest allowed voltage [V].
+    largest_slew : float, optional
+        Largest rate at which its voltage may change [V/s].
     """
 
     kind: ClassVar[str] = "piezo"
@@ -143,6 +149,7 @@ class StackActuator(Actuator):
     blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
     capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
     voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
+    largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
 
     def drive(self, place: Place) -> Drive:
         """Put the stack into a stage.
@@ -164,6 +171,7 @@ class StackActuator(Actuator):
             blocking_force=self.blocking_force,
             capacitance=self.capacitance,
             voltage_range=self.voltage_range,
+            largest_slew=self.largest_slew,
         )
 
 

@@ -14,7 +14,10 @@ __all__ = ["NOTES", "PARAMETERS", "PUBLISHED", "vgtu_mechanical"]
 
 #: Half a degree of a turn is inferred: with it the three printed resolutions of 0.162, 0.155 and
 #: 0.157 um follow from the printed ratios 0.33, 111.53/350 and 113.05/350.
-_SCREW = ScrewActuator(pitch=0.35e-3, smallest_step=0.35e-3 / 720, travel=350e-6)
+# a turn in a second is as fast as a hand turns a fine screw
+_SCREW = ScrewActuator(
+    pitch=0.35e-3, smallest_step=0.35e-3 / 720, travel=350e-6, largest_speed=0.35e-3
+)
 
 PARAMETERS = NestedXYParameters(
     x=AxisParameters(

@@ -19,6 +19,8 @@ _STACK = StackActuator(
     blocking_force=1850.0,
     capacitance=6.4e-6,
     voltage_range=(0.0, 120.0),
+    # 0.26 A into the capacitance: the full range as a sine of 100 Hz, with a little to spare
+    largest_slew=40e3,
 )
 
 PARAMETERS = NestedXYParameters(

@@ -98,6 +98,8 @@ class Screw(Drive):
         Displacement that is used [m].
     stiffness : float, optional
         Axial stiffness of screw and nut [N/m]; rigid where not given.
+    largest_speed : float, optional
+        Largest speed at which it may be turned, as its advance [m/s].
     """
 
     kind: ClassVar[str] = "screw"
@@ -106,9 +108,10 @@ class Screw(Drive):
     smallest_step: Length
     travel: Length
     stiffness: Stiffness | None = None
+    largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
 
     def __post_init__(self) -> None:
-        self._positive("pitch", "smallest_step", "travel", "stiffness")
+        self._positive("pitch", "smallest_step", "travel", "stiffness", "largest_speed")
 
     @property
     def stroke(self) -> float | None:
@@ -154,6 +157,8 @@ class PiezoStack(Drive):
         Electrical capacitance [F].
     voltage_range : tuple of float, optional
         Lowest and highest allowed voltage [V].
+    largest_slew : float, optional
+        Largest rate at which its voltage may change [V/s].
     """
 
     kind: ClassVar[str] = "piezo"
@@ -163,9 +168,10 @@ class PiezoStack(Drive):
     blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
     capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
     voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
+    largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
 
     def __post_init__(self) -> None:
-        self._positive("free_stroke", "stiffness", "blocking_force", "capacitance")
+        self._positive("free_stroke", "stiffness", "blocking_force", "capacitance", "largest_slew")
         if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
             raise StageError(
                 f"drive '{self.name}': voltage_range must rise, got {self.voltage_range!r} V"

@@ -1,0 +1,1 @@
+"""Control of a stage: trajectories, feedforward, feedback, iterative learning, tuning."""

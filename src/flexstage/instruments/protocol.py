@@ -1,0 +1,309 @@
+"""What every instrument offers, whatever it is: axes, a recorder, a generator of waveforms.
+
+A caller asks for what an instrument can do (`Capability`) and never for what it is. All values are
+SI: positions in m, voltages in V, times in s; the drivers convert at the wire.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
+
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.waveform import Waveform
+from flexstage.records import Record
+
+__all__ = [
+    "Axis",
+    "Capability",
+    "Identity",
+    "Instrument",
+    "Recorder",
+    "Signal",
+    "WaveGenerator",
+]
+
+
+class Capability(StrEnum):
+    """Something that an instrument, or one of its axes, can do."""
+
+    CLOSED_LOOP = "position control by a sensor"
+    OPEN_LOOP = "command of the voltage"
+    SERVO_TUNING = "settings of the position control can be read and written"
+    WAVE_GENERATOR = "waveforms from a table"
+    FEEDFORWARD_TABLE = "a table of voltages beside the position control"
+    DATA_RECORDER = "records at the rate of the controller"
+    CHANNELS = "further sensors can be read and recorded"
+    IMPACT = "a blow of a hammer on the stage, its drives taken out"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """What an instrument says it is.
+
+    Parameters
+    ----------
+    vendor, model : str
+        Who made it, and what it is.
+    serial_number : str
+        Its serial number; empty where it tells none.
+    firmware : str
+        Version of its firmware.
+    simulated : bool
+        Whether it is a simulation, so that nothing measured with it is a measurement.
+    """
+
+    vendor: str
+    model: str
+    serial_number: str = ""
+    firmware: str = ""
+    simulated: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """Something that can be recorded.
+
+    Parameters
+    ----------
+    kind : str
+        ``position``, ``target``, ``voltage`` (of an axis, named by `source`), ``channel`` (a
+        sensor, whose number is `source`), ``force`` and ``response`` (of a blow).
+    source : str
+        The axis, or the number of the channel.
+    name : str
+        What its column is called in the record.
+    unit : str
+        SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s``.
+    """
+
+    kind: str
+    source: str
+    name: str
+    unit: str = "m"
+
+
+@runtime_checkable
+class Axis(Protocol):
+    """One axis of an instrument."""
+
+    @property
+    def name(self) -> str:
+        """Its name, as the controller knows it."""
+        ...
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """What it can do."""
+        ...
+
+    @property
+    def limits(self) -> AxisLimits:
+        """What may be commanded: the narrower of the stage's limits and the controller's."""
+        ...
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether its position control is on."""
+        ...
+
+    def set_closed_loop(self, on: bool) -> None:
+        """Switch its position control on or off; the stage stays where it is as far as it can."""
+        ...
+
+    def position(self) -> float:
+        """Return what its sensor reads [m]."""
+        ...
+
+    def voltage(self) -> float:
+        """Return the voltage at its drive [V]."""
+        ...
+
+    def move_to(self, position: float, *, wait: bool = True) -> None:
+        """Move to a position [m]; the limits are checked before any command leaves."""
+        ...
+
+    def set_voltage(self, voltage: float) -> None:
+        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
+        ...
+
+    def moving(self) -> bool:
+        """Say whether it moves."""
+        ...
+
+    def wait(self, timeout: float = 30.0) -> None:
+        """Wait until it stands, and in closed loop until it is on target; stop it on time-out."""
+        ...
+
+    def servo(self) -> ServoSettings:
+        """Return the settings of its position control."""
+        ...
+
+    def set_servo(self, settings: ServoSettings) -> None:
+        """Change the settings of its position control."""
+        ...
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """Records signals at a fixed rate."""
+
+    @property
+    def base_rate_hz(self) -> float:
+        """Highest rate of samples [Hz]; slower ones are whole parts of it."""
+        ...
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of samples of a signal."""
+        ...
+
+    @property
+    def signals(self) -> int:
+        """Largest number of signals at once."""
+        ...
+
+    def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
+        """Choose what to record; return the rate that will be kept [Hz]."""
+        ...
+
+    def arm(self) -> None:
+        """Start with the next waveform, blow or `start`."""
+        ...
+
+    def start(self) -> None:
+        """Start now."""
+        ...
+
+    def available(self) -> int:
+        """Return the number of samples of each signal that are there."""
+        ...
+
+    def read(self, first: int, count: int) -> Record:
+        """Return samples ``first`` to ``first + count - 1``, counted from 0."""
+        ...
+
+
+@runtime_checkable
+class WaveGenerator(Protocol):
+    """Runs waveforms from tables, all axes in step."""
+
+    @property
+    def base_rate_hz(self) -> float:
+        """Highest rate of samples [Hz]; slower tables are joined by straight lines."""
+        ...
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of samples over all tables."""
+        ...
+
+    def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
+        """Check a waveform whole against the limits, then write it to the tables.
+
+        `feedforward` are voltages beside a waveform of positions, for axes that can take them.
+        """
+        ...
+
+    def start(self, cycles: int = 1) -> None:
+        """Run the waveform that was loaded; the axes must stand at its first sample."""
+        ...
+
+    def running(self) -> bool:
+        """Say whether a waveform runs."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the waveform where it is."""
+        ...
+
+
+@runtime_checkable
+class Instrument(Protocol):
+    """A controller with its stage. Connecting moves nothing and switches nothing."""
+
+    @property
+    def identity(self) -> Identity:
+        """What it is."""
+        ...
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """What it can do."""
+        ...
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Its axes, by the names of the stage's axes where it has them."""
+        ...
+
+    @property
+    def recorder(self) -> Recorder:
+        """Its recorder; `ModelError` where it has none."""
+        ...
+
+    @property
+    def waves(self) -> WaveGenerator:
+        """Its wave generator; `ModelError` where it has none."""
+        ...
+
+    def channel(self, number: int) -> float:
+        """Return what a sensor reads now [m, or rad]."""
+        ...
+
+    def strike(self, axis: str) -> None:
+        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there."""
+        ...
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass: the clock of the instrument's own, which for a simulation may run fast."""
+        ...
+
+    def stop(self) -> None:
+        """Stop all motion, from any thread, whatever else goes on; never raises on a lost link."""
+        ...
+
+    def settings(self) -> Mapping[str, str]:
+        """Return what was set, as text for the record."""
+        ...
+
+    def close(self) -> None:
+        """End the link; nothing moves by it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelMap:
+    """Sensors of an instrument by what they read.
+
+    Parameters
+    ----------
+    numbers : Mapping
+        Number of the channel by name.
+    units : Mapping
+        SI unit by name.
+    """
+
+    numbers: Mapping[str, int] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def signal(self, name: str) -> Signal:
+        """Return the signal of a sensor.
+
+        Parameters
+        ----------
+        name : str
+            What it reads.
+
+        Returns
+        -------
+        Signal
+            What the recorder records.
+        """
+        return Signal(
+            kind="channel",
+            source=str(self.numbers[name]),
+            name=name,
+            unit=self.units.get(name, "m"),
+        )

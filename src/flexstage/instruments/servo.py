@@ -1,0 +1,178 @@
+r"""Settings of a position control: proportional and integral terms, notches, a low-pass.
+
+With the error :math:`e_k = r_k - y_k` after all filters, as a sampled controller computes it:
+
+.. math:: I_k = I_{k-1} + k_i T e_k, \qquad u_k = u^{ff}_k + k_p e_k + I_k
+
+and :math:`I` stands still while :math:`u` rests at an end of its range. Filters are bilinear
+transforms, prewarped at their own frequency. The same coefficients serve the design of a loop and
+the loop itself.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+
+__all__ = ["Notch", "ServoSettings"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notch:
+    r"""A notch.
+
+    .. math:: N(s) = \frac{s^2 + 2\zeta_z\omega s + \omega^2}{s^2 + 2\zeta_p\omega s + \omega^2}
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Its frequency [Hz].
+    zero_damping : float
+        Damping ratio of its zeros [1]; 0 blocks the frequency wholly.
+    pole_damping : float
+        Damping ratio of its poles [1]: the larger, the wider.
+
+    Raises
+    ------
+    ModelError
+        The frequency or the damping of the poles is not positive, or that of the zeros negative.
+    """
+
+    frequency_hz: float
+    zero_damping: float = 0.01
+    pole_damping: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.frequency_hz < math.inf and 0.0 < self.pole_damping < math.inf):
+            raise ModelError(
+                "a notch needs a positive frequency and damping of its poles, got "
+                f"{self.frequency_hz!r} Hz and {self.pole_damping!r}"
+            )
+        if not 0.0 <= self.zero_damping < math.inf:
+            raise ModelError(
+                f"the damping of a notch's zeros must be 0 or more, got {self.zero_damping!r}"
+            )
+
+    def section(self, sample_rate_hz: float) -> NDArray[np.float64]:
+        """Return its coefficients at a rate of samples.
+
+        Parameters
+        ----------
+        sample_rate_hz : float
+            Rate of the loop [Hz], above twice the frequency.
+
+        Returns
+        -------
+        numpy.ndarray
+            b0, b1, b2, a1, a2 of the difference equation, a0 = 1, shape (5,).
+        """
+        w = math.tan(math.pi * _below_nyquist(self.frequency_hz, sample_rate_hz) / sample_rate_hz)
+        z, p = 2.0 * self.zero_damping * w, 2.0 * self.pole_damping * w
+        a0 = 1.0 + p + w * w
+        mid = 2.0 * (w * w - 1.0) / a0
+        return np.array([(1.0 + z + w * w) / a0, mid, (1.0 - z + w * w) / a0, mid,
+                         (1.0 - p + w * w) / a0])  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoSettings:
+    """Settings of the position control of one axis.
+
+    Parameters
+    ----------
+    proportional : float
+        Proportional gain [V/m].
+    integral : float
+        Integral gain [V/(m s)].
+    notches : tuple of Notch
+        Notches, in the path of the error.
+    lowpass_hz : float, optional
+        Corner of a second-order low-pass (Butterworth) in the same path [Hz]; none where not given.
+
+    Raises
+    ------
+    ModelError
+        A gain is negative or not finite, or the corner not positive.
+
+    Examples
+    --------
+    >>> settings = ServoSettings(integral=1.9e9, notches=(Notch(frequency_hz=800.0),))
+    >>> response = settings.response([10.0, 800.0], 10e3)
+    >>> print(f"{abs(response[0]) / abs(response[1]):.0f}")
+    3958
+    """
+
+    proportional: float = 0.0
+    integral: float = 0.0
+    notches: tuple[Notch, ...] = field(default=())
+    lowpass_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("proportional", "integral"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ModelError(f"the {name} gain must be 0 or more and finite, got {value!r}")
+        if self.lowpass_hz is not None and not 0.0 < self.lowpass_hz < math.inf:
+            raise ModelError(f"the low-pass must be positive and finite, got {self.lowpass_hz!r}")
+
+    def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
+        """Return the filters of the error, one row each.
+
+        Parameters
+        ----------
+        sample_rate_hz : float
+            Rate of the loop [Hz].
+
+        Returns
+        -------
+        numpy.ndarray
+            b0, b1, b2, a1, a2 of each, shape (m, 5).
+
+        Raises
+        ------
+        ModelError
+            A filter lies above half the rate.
+        """
+        rows = [notch.section(sample_rate_hz) for notch in self.notches]
+        if self.lowpass_hz is not None:
+            w = math.tan(math.pi * _below_nyquist(self.lowpass_hz, sample_rate_hz) / sample_rate_hz)
+            a0 = 1.0 + math.sqrt(2.0) * w + w * w
+            b = w * w / a0
+            last = (1.0 - math.sqrt(2.0) * w + w * w) / a0
+            rows.append(np.array([b, 2.0 * b, b, 2.0 * (w * w - 1.0) / a0, last]))
+        return np.array(rows).reshape(len(rows), 5)
+
+    def response(self, frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:
+        """Return the controller's frequency response, from error to voltage.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies [Hz], shape (n,).
+        sample_rate_hz : float
+            Rate of the loop [Hz].
+
+        Returns
+        -------
+        numpy.ndarray
+            Voltage over error [V/m], shape (n,).
+        """
+        omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) / sample_rate_hz
+        z = np.exp(-1j * omega)
+        total = np.full(omega.shape, self.proportional, dtype=np.complex128)
+        if self.integral:
+            total += self.integral / sample_rate_hz / (1.0 - z)
+        for b0, b1, b2, a1, a2 in self.sections(sample_rate_hz):
+            total *= (b0 + b1 * z + b2 * z * z) / (1.0 + a1 * z + a2 * z * z)
+        return total
+
+
+def _below_nyquist(frequency_hz: float, sample_rate_hz: float) -> float:
+    if not frequency_hz < 0.5 * sample_rate_hz:
+        raise ModelError(
+            f"a filter at {frequency_hz:g} Hz needs a loop faster than twice that, got "
+            f"{sample_rate_hz:g} Hz"
+        )
+    return frequency_hz

@@ -1,0 +1,1 @@
+"""Experiment plans: what is excited, measured, identified and verified, step by step."""
