@@ -109,39 +109,95 @@ class Axis(Protocol):
         ...
 
     def set_closed_loop(self, on: bool) -> None:
-        """Switch its position control on or off; the stage stays where it is as far as it can."""
+        """Switch its position control on or off; the stage stays where it is as far as it can.
+
+        Parameters
+        ----------
+        on : bool
+            Whether it shall be on.
+        """
         ...
 
     def position(self) -> float:
-        """Return what its sensor reads [m]."""
+        """Return what its sensor reads [m].
+
+        Returns
+        -------
+        float
+            The value.
+        """
         ...
 
     def voltage(self) -> float:
-        """Return the voltage at its drive [V]."""
+        """Return the voltage at its drive [V].
+
+        Returns
+        -------
+        float
+            The value.
+        """
         ...
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Move to a position [m]; the limits are checked before any command leaves."""
+        """Move to a position [m]; the limits are checked before any command leaves.
+
+        Parameters
+        ----------
+        position : float
+            The position [m].
+        wait : bool
+            Whether to wait until it has come there.
+        """
         ...
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
+        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit.
+
+        Parameters
+        ----------
+        voltage : float
+            The voltage [V].
+        """
         ...
 
     def moving(self) -> bool:
-        """Say whether it moves."""
+        """Say whether it moves.
+
+        Returns
+        -------
+        bool
+            Whether it is so.
+        """
         ...
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target; stop it on time-out."""
+        """Wait until it stands, and in closed loop until it is on target; stop it on time-out.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest time to wait [s].
+        """
         ...
 
     def servo(self) -> ServoSettings:
-        """Return the settings of its position control."""
+        """Return the settings of its position control.
+
+        Returns
+        -------
+        ServoSettings
+            The settings.
+        """
         ...
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Change the settings of its position control."""
+        """Change the settings of its position control.
+
+        Parameters
+        ----------
+        settings : ServoSettings
+            The settings.
+        """
         ...
 
 
@@ -165,7 +221,22 @@ class Recorder(Protocol):
         ...
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record; return the rate that will be kept [Hz]."""
+        """Choose what to record; return the rate that will be kept [Hz].
+
+        Parameters
+        ----------
+        signals : sequence of Signal
+            What to record.
+        rate_hz : float
+            Samples in a second [Hz].
+        samples : int
+            Number of samples.
+
+        Returns
+        -------
+        float
+            The value.
+        """
         ...
 
     def arm(self) -> None:
@@ -177,11 +248,30 @@ class Recorder(Protocol):
         ...
 
     def available(self) -> int:
-        """Return the number of samples of each signal that are there."""
+        """Return the number of samples of each signal that are there.
+
+        Returns
+        -------
+        int
+            The number.
+        """
         ...
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples ``first`` to ``first + count - 1``, counted from 0."""
+        """Return samples ``first`` to ``first + count - 1``, counted from 0.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first sample, from 0.
+        count : int
+            Number of samples.
+
+        Returns
+        -------
+        Record
+            The samples.
+        """
         ...
 
 
@@ -202,16 +292,33 @@ class WaveGenerator(Protocol):
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         """Check a waveform whole against the limits, then write it to the tables.
 
-        `feedforward` are voltages beside a waveform of positions, for axes that can take them.
+        Parameters
+        ----------
+        waveform : Waveform
+            What the axes are to follow.
+        feedforward : Waveform, optional
+            Voltages beside a waveform of positions, for axes that can take them.
         """
         ...
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; the axes must stand at its first sample."""
+        """Run the waveform that was loaded; the axes must stand at its first sample.
+
+        Parameters
+        ----------
+        cycles : int
+            How often it is run; 0 for endlessly.
+        """
         ...
 
     def running(self) -> bool:
-        """Say whether a waveform runs."""
+        """Say whether a waveform runs.
+
+        Returns
+        -------
+        bool
+            Whether it is so.
+        """
         ...
 
     def stop(self) -> None:
@@ -249,15 +356,38 @@ class Instrument(Protocol):
         ...
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now [m, or rad]."""
+        """Return what a sensor reads now [m, or rad].
+
+        Parameters
+        ----------
+        number : int
+            Number of the channel.
+
+        Returns
+        -------
+        float
+            The value.
+        """
         ...
 
     def strike(self, axis: str) -> None:
-        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there."""
+        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        """
         ...
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: the clock of the instrument's own, which for a simulation may run fast."""
+        """Let time pass: the clock of the instrument's own, which for a simulation may run fast.
+
+        Parameters
+        ----------
+        seconds : float
+            Time [s].
+        """
         ...
 
     def stop(self) -> None:
@@ -265,7 +395,13 @@ class Instrument(Protocol):
         ...
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, as text for the record."""
+        """Return what was set, as text for the record.
+
+        Returns
+        -------
+        Mapping
+            Texts by name.
+        """
         ...
 
     def close(self) -> None:
