@@ -16,6 +16,7 @@ from benchmarks import (
     hysteresis_plant,
     measuring,
     superelements,
+    twin,
 )
 
 CASES = {
@@ -31,6 +32,7 @@ CASES = {
     "response": frequency_response.response,
     "centring": centring.centring,
     "characterise": measuring.characterise,
+    "twin": twin.twin,
 }
 
 

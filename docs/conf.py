@@ -47,7 +47,13 @@ ROOMS = [
     "experiment.spectra", "experiment.modal", "experiment.motion", "experiment.noise",
     "experiment.uncertainty", "experiment.significance", "experiment.updating",
     "experiment.campaign", "experiment.virtual",
-    "instruments", "centring", "control", "explore", "export", "report", "web",
+    "centring",
+    "instruments.connect", "instruments.protocol", "instruments.waveform", "instruments.servo",
+    "instruments.limits", "instruments.checks", "instruments.acquire", "instruments.ramp",
+    "instruments.guard", "instruments.lock", "instruments.gcs", "instruments.ni",
+    "instruments.recording", "instruments.catalogue", "instruments.twin.build",
+    "instruments.twin.stage",
+    "control", "plans", "explore", "export", "report", "web",
 ]  # fmt: skip
 
 

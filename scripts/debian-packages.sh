@@ -3,7 +3,12 @@
 # where they cannot be installed this says so, and those tests skip.
 set -uo pipefail
 
-declare -A program=([chromium]=chromium [calculix-ccx]=ccx) # package -> the program it brings
+# package -> the program it brings
+declare -A program=([chromium]=chromium [calculix-ccx]=ccx [postgresql]=postgres)
+# Debian keeps the programs of a server of PostgreSQL out of the search path, by version.
+for folder in /usr/lib/postgresql/*/bin; do
+    [[ -d $folder ]] && PATH=$PATH:$folder
+done
 missing=()
 for package in "${!program[@]}"; do
     command -v "${program[$package]}" >/dev/null || missing+=("$package")

@@ -15,4 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # What tests condense stays out of the user's own store.
 _CACHE = tempfile.mkdtemp(prefix="flexstage-tests-")
 os.environ["FLEXSTAGE_CACHE"] = _CACHE
+# And so do their runs and locks.
+os.environ["FLEXSTAGE_CATALOGUE"] = f"{_CACHE}/catalogue.sqlite"
+os.environ["FLEXSTAGE_STATE"] = f"{_CACHE}/state"
 atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)

@@ -22,8 +22,11 @@ from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.part import part
+from flexstage.cli.run import run
+from flexstage.cli.runs import runs
 from flexstage.cli.show import show
 from flexstage.cli.study import study
+from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import FlexstageError
 
@@ -59,8 +62,11 @@ for _command in (
     frf,
     uncertainty,
     centre,
+    run,
+    twin,
 ):
     app.command()(_command)
+app.add_typer(runs)
 
 
 @app.callback(invoke_without_command=True)

@@ -75,7 +75,7 @@ class Signal:
     name : str
         What its column is called in the record.
     unit : str
-        SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s``.
+        SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s^2``.
     """
 
     kind: str

@@ -1,1 +1,7 @@
-"""TODO."""
+"""NI cards: sensors at analogue inputs, drives behind amplifiers at analogue outputs."""
+
+from flexstage.instruments.ni.acquisition import NiAcquisition
+from flexstage.instruments.ni.address import open_address
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+
+__all__ = ["DriveOutput", "NiAcquisition", "NiSetup", "SensorInput", "open_address"]

@@ -8,6 +8,7 @@ from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.decay import draw_ring_down
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.fe_modes import draw_fe_modes
+from flexstage.report.figures.following import draw_drive_fit, draw_following
 from flexstage.report.figures.identification import draw_identification
 from flexstage.report.figures.measured_response import draw_response
 from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
@@ -27,7 +28,9 @@ __all__ = [
     "draw_budget",
     "draw_compensation",
     "draw_convergence",
+    "draw_drive_fit",
     "draw_fe_modes",
+    "draw_following",
     "draw_hold",
     "draw_identification",
     "draw_modal_fit",

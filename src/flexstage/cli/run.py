@@ -1,0 +1,334 @@
+"""`flexstage run`: an experiment plan on an instrument, real or simulated."""
+
+import datetime
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    load_stage,
+    make_table,
+    name_for_files,
+    output_path,
+    print_json,
+    progress_bar,
+    write_file,
+)
+from flexstage.errors import FlexstageError, PlanError
+
+if TYPE_CHECKING:
+    from flexstage.plans import DryRun, PlannedMotion, PlanResult
+
+__all__ = ["run"]
+
+
+def run(
+    plan: Annotated[
+        str, typer.Argument(metavar="PLAN", help="A plan file, or the name of a ready plan.")
+    ],
+    instrument: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
+            "simulation; needed but for --dry-run.",
+        ),
+    ] = None,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE", help="Stage file or built-in design in place of the plan's own."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="DIR",
+            help="Folder of the run; runs/<time>-<stage> where not given.",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be sent, and move nothing.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Take up the run that --out holds.")
+    ] = False,
+    steps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES", help="Steps that are wanted, with commas between; what they use too."
+        ),
+    ] = None,
+    operator: Annotated[str, typer.Option(metavar="TEXT", help="Who carries it out.")] = "",
+    note: Annotated[str, typer.Option(metavar="TEXT", help="A remark for the records.")] = "",
+    catalogue: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Database that the records are entered into: a file, or a URL of PostgreSQL; the "
+            "user's own where not given, 'none' for none.",
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask before a real instrument moves.")
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Carry out an experiment plan on an instrument, and evaluate what it gives.
+
+    Records are on disk while they are taken. A run that was interrupted is taken up again by
+    --resume: what is complete is not repeated.
+    """
+    from flexstage.plans import find_plan, plan_stage, read_plan
+
+    file = find_plan(plan)
+    wanted = read_plan(file)
+    own = load_stage(stage) if stage is not None else plan_stage(wanted, file.parent)
+    only = None if steps is None else tuple(s.strip() for s in steps.split(",") if s.strip())
+    if only == ():
+        raise PlanError("--steps names no step: give their names with commas between")
+    wanted.chosen(only)
+    if dry_run:
+        from flexstage.plans import dry_run as tried
+
+        found = tried(wanted, own, only=only)
+        if json:
+            print_json(_plain_dry(found))
+        else:
+            _print_dry(found, wanted.title or file.stem)
+        if found.problems:
+            raise PlanError(found.problems[0])
+        return
+    if instrument is None:
+        raise PlanError(
+            "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
+            "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
+        )
+    if resume and out is None:
+        raise PlanError("--resume needs --out: the folder of the run that was interrupted")
+    folder = out if out is not None else _new_folder(own.name, file.stem)
+    result = _carried_out(
+        wanted, own, instrument, folder, title=file.stem, resume=resume, only=only,
+        operator=operator, note=note, catalogue=_catalogue(catalogue), yes=yes,
+    )  # fmt: skip
+    from flexstage.report.run import run_text
+
+    write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
+    if json:
+        from flexstage.plans import plain_results
+
+        print_json(plain_results(result))
+        return
+    _print(result)
+
+
+def _new_folder(stage: str, plan: str) -> Path:
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    words = [now, name_for_files(stage)]
+    if plan != stage:
+        words.append(name_for_files(plan))
+    made = Path("runs") / "-".join(words)
+    k = 2
+    while made.exists():
+        made = made.with_name(f"{'-'.join(words)}-{k}")
+        k += 1
+    return made
+
+
+def _catalogue(text: str | None) -> str | None:
+    if text is not None and text.casefold() == "none":
+        return None
+    if text is not None:
+        return text
+    from flexstage.instruments.catalogue import default_catalogue
+
+    return str(default_catalogue())
+
+
+def _carried_out(
+    wanted: Any, own: Any, address: str, folder: Path, *, yes: bool, **options: Any
+) -> "PlanResult":
+    from flexstage.instruments.connect import connect
+    from flexstage.plans import run_plan
+
+    device = connect(address, own)
+    try:
+        if not device.identity.simulated and not yes:
+            _ask(device.identity, own.name)
+        try:
+            with progress_bar():
+                return run_plan(wanted, device, folder, stage=own, **options)
+        except KeyboardInterrupt:
+            sys.stderr.write(f"\nthe stage was stopped; {_how_to_resume(folder)}\n")
+            raise
+        except FlexstageError as error:
+            if (folder / "run.json").exists() and "--resume" not in str(error):
+                raise type(error)(f"{error}; {_how_to_resume(folder)}") from error
+            raise
+    finally:
+        device.close()
+
+
+def _how_to_resume(folder: Path) -> str:
+    return (
+        f"what is complete is kept: take it up again by the same command with --resume --out "
+        f"{folder}"
+    )
+
+
+def _ask(identity: Any, stage: str) -> None:
+    """Ask before a real stage moves."""
+    name = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
+    if not sys.stdin.isatty():
+        raise PlanError(
+            f"{name} is a real instrument, and nobody can be asked here: give --yes to let the "
+            f"stage {stage} move"
+        )
+    if not typer.confirm(f"{name} will move the stage {stage}. Is its way clear?", err=True):
+        raise typer.Abort
+
+
+def _plain_dry(found: "DryRun") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "stage": found.stage,
+        "duration": found.duration,
+        "steps": [asdict(step) for step in found.steps],
+        "problems": list(found.problems),
+    }
+
+
+def _print_dry(found: "DryRun", title: str) -> None:
+    screen = console()
+    table = make_table(
+        f"{title}, {found.stage}: {found.duration:.0f} s of motion and records",
+        "step",
+        "<verb",
+        "<what",
+        "time, s",
+        "<axis",
+        "from",
+        "to",
+        "slope",
+        "<allowed",
+    )
+    for step in found.steps:
+        lasting = step.duration or step.command_duration
+        time = f"{lasting:.4g}" if lasting else ""
+        rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
+        for k, motion in enumerate(rows or [None]):
+            head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
+            table.add_row(*head, *_motion(motion))
+    screen.print(table)
+    for step in found.steps:
+        for note in step.notes:
+            screen.print(f"note: {step.name}: {note}", style="dim", markup=False)
+
+
+def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
+    if motion is None:
+        return ("", "", "", "", "")
+    scale, unit = (1.0, "V") if motion.unit == "V" else (1e6, "um")
+    low, high = (scale * v for v in motion.limits)
+    about = "about " if motion.estimated else ""
+    limit = "" if motion.rate_limit is None else f", {scale * motion.rate_limit:.4g} {unit}/s"
+    return (
+        motion.axis,
+        f"{scale * motion.low:.4g} {unit}",
+        f"{scale * motion.high:.4g} {unit}",
+        f"{scale * motion.largest_rate:.4g} {unit}/s",
+        f"{about}{low:.4g} to {high:.4g} {unit}{limit}",
+    )
+
+
+def _print(result: "PlanResult") -> None:
+    from flexstage.plans import CentredStep, IdentifiedStep, VerifiedStep
+
+    screen = console()
+    table = make_table(
+        f"{result.stage.name}, {result.origin}",
+        "quantity",
+        "<axis",
+        "value",
+        "95 %",
+        "<unit",
+        "<step",
+        "published",
+    )
+    for figure in result.figures:
+        e = figure.estimate
+        rows = result.published.select(figure.quantity, figure.axis, "published-measured")
+        scale, unit = _shown(e.unit, e.value)
+        table.add_row(
+            figure.quantity.removesuffix("_hz").replace("_", " "),
+            figure.axis,
+            f"{scale * e.value:.5g}",
+            f"{scale * e.expanded:.2g}",
+            unit,
+            figure.test,
+            f"{scale * rows[0].value:.5g}" if rows else "",
+        )
+    if result.figures:
+        screen.print(table)
+    for step in result.steps:
+        if isinstance(step, IdentifiedStep):
+            rms = step.errors_percent.get("rms", float("nan"))
+            screen.print(f"{step.name}: {step.kind}, {rms:.3g} % rms", markup=False)
+        elif isinstance(step, VerifiedStep):
+            _print_verified(step)
+        elif isinstance(step, CentredStep):
+            last = step.moves[-1]
+            screen.print(
+                f"{step.name}: {1e6 * step.moves[0].length:.2f} um became "
+                f"{1e6 * last.length:.3f} um: {step.reason}",
+                markup=False,
+            )
+    for note in result.notes:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    screen.print(f"wrote {result.folder / 'report.html'}", markup=False, soft_wrap=True)
+
+
+def _print_verified(step: Any) -> None:
+    table = make_table(
+        f"{step.name}: {1e6 * step.stroke:.2f} um, {step.rate_hz:g} Hz, {step.kind}",
+        "way",
+        "loop, nm",
+        "narrower, %",
+        "rms, nm",
+        "rms, %",
+        "largest, nm",
+    )
+    for run_ in step.runs:
+        t = run_.tracking
+        less = run_.reduction_percent
+        table.add_row(
+            run_.way,
+            f"{1e9 * t.loop_width:.1f}",
+            "" if less is None or run_.way == "open loop" else f"{less:.2f}",
+            f"{1e9 * t.rms:.1f}",
+            f"{100.0 * t.rms / step.stroke:.3f}",
+            f"{1e9 * t.largest:.1f}",
+        )
+    console().print(table)
+
+
+#: Units that figures are shown in, and how many of them make the SI unit.
+_SHOWN = {
+    "m": (1e6, "um"),
+    "rad": (1e6, "urad"),
+    "m^2": (1e12, "um^2"),
+    "m/s": (1e9, "nm/s"),
+    "m/K": (1e6, "um/K"),
+}
+
+
+def _shown(unit: str, value: float) -> tuple[float, str]:
+    if unit == "m" and abs(value) < 1e-7:
+        return 1e9, "nm"
+    return _SHOWN.get(unit, (1.0, unit))

@@ -1,0 +1,374 @@
+"""`flexstage runs`: what was recorded, and what became of it."""
+
+import dataclasses
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import JsonOption, console, count, make_table, output_path, print_json
+from flexstage.errors import RecordError
+
+if TYPE_CHECKING:
+    from flexstage.instruments.catalogue import CalibrationEntry, RunEntry
+
+__all__ = ["runs"]
+
+runs = typer.Typer(
+    name="runs",
+    help="List what was recorded, show it, enter it, and recover what a crash left behind.",
+    no_args_is_help=False,
+    rich_markup_mode=None,
+)
+
+_Catalogue = Annotated[
+    str | None,
+    typer.Option(
+        "--catalogue",
+        metavar="URL",
+        help="The catalogue: a file, or postgresql://user@host/database; FLEXSTAGE_CATALOGUE, or a "
+        "file of the user's own, where not given.",
+    ),
+]
+_Stage = Annotated[str | None, typer.Option(metavar="NAME", help="Only of this stage.")]
+_Serial = Annotated[
+    str | None, typer.Option(metavar="NUMBER", help="Only of the stage of this serial number.")
+]
+
+
+@runs.callback(invoke_without_command=True)
+def _list(
+    context: typer.Context,
+    stage: _Stage = None,
+    serial: _Serial = None,
+    kind: Annotated[
+        str | None, typer.Option(metavar="KIND", help="Only this kind of test, such as motion.")
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help='Only from then on: a date, a date and time (UTC unless it says its zone), or "7 '
+            'd" for the last seven days.',
+        ),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, metavar="NUMBER", help="At most so many, the latest.")
+    ] = None,
+    catalogue: _Catalogue = None,
+    json: JsonOption = False,
+) -> None:
+    """List the runs of the catalogue, the latest first."""
+    if context.invoked_subcommand is not None:
+        given = [n for n, v in (("--stage", stage), ("--serial", serial), ("--kind", kind),
+                                ("--since", since), ("--limit", limit),
+                                ("--catalogue", catalogue), ("--json", json)) if v]  # fmt: skip
+        if given:
+            raise typer.BadParameter(f"give {given[0]} behind '{context.invoked_subcommand}'")
+        return
+    from flexstage.instruments.catalogue import Catalogue
+
+    start = _time(since)
+    with Catalogue.open(catalogue) as opened:
+        found = opened.runs(
+            stage=stage, serial_number=serial, kind=kind, since=start, limit=limit
+        )  # fmt: skip
+        where = opened.address
+    if json:
+        print_json({"catalogue": where, "runs": [_plain(entry) for entry in found]})
+    else:
+        _print_list(found, where)
+
+
+@runs.command()
+def show(
+    identifier: Annotated[
+        str, typer.Argument(metavar="ID", help="The run: its identifier, or how it begins.")
+    ],
+    catalogue: _Catalogue = None,
+    json: JsonOption = False,
+) -> None:
+    """Show all that the catalogue knows of a run, and whether its file is as it was."""
+    from flexstage.instruments.catalogue import Catalogue
+
+    with Catalogue.open(catalogue) as opened:
+        entry = opened.run(identifier)
+        models = opened.models(run=entry.identifier)
+    state = _state_of(entry)
+    result = {
+        **_plain(entry),
+        "file_is": state,
+        "models": [
+            {"kind": m.kind, "file": m.file, "axis": m.axis, "figures": dict(m.figures)}
+            for m in models
+        ],
+    }
+    if json:
+        print_json(result)
+        return
+    screen = console()
+    table = make_table(f"run {entry.identifier}", "", "<")
+    for name, value in result.items():
+        if name not in ("identifier", "models") and value not in ("", None):
+            table.add_row(name.replace("_", " "), str(value))
+    for model in models:
+        figures = ", ".join(f"{k} {v:.4g}" for k, v in model.figures.items())
+        table.add_row("model", f"{model.kind} {model.axis}: {model.file} {figures}".strip())
+    screen.print(table)
+
+
+@runs.command()
+def add(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FOLDER...", parser=output_path, help="Folders of runs, each with its records."
+        ),
+    ],
+    catalogue: _Catalogue = None,
+    json: JsonOption = False,
+) -> None:
+    """Enter the runs of folders: those that could not be entered when they were made."""
+    from flexstage.instruments.catalogue import Catalogue, folder_entries
+
+    read = [folder_entries(folder) for folder in folders]
+    entries = [entry for found, _ in read for entry in found]
+    problems = [problem for _, told in read for problem in told]
+    if not entries:
+        where = ", ".join(f"'{folder}'" for folder in folders)
+        raise RecordError("; ".join([f"no record of a run is in {where}", *problems]))
+    with Catalogue.open(catalogue) as opened:
+        new = sum(opened.enter_run(entry) for entry in entries)
+        where = opened.address
+    if json:
+        print_json(
+            {
+                "catalogue": where,
+                "entered": new,
+                "known": len(entries) - new,
+                "runs": [_plain(entry) for entry in entries],
+                "problems": problems,
+            }
+        )
+    else:
+        _print_list(entries, where)
+        screen = console()
+        screen.print(f"entered {new}, known before {len(entries) - new}")
+        for problem in problems:
+            screen.print(f"left out: {problem}", style="yellow", markup=False)
+    if problems:
+        raise typer.Exit(1)
+
+
+@runs.command()
+def recover(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", parser=output_path, help="A stream that was left behind."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="The HDF5 file to write; beside the stream where not given.",
+        ),
+    ] = None,
+    look: Annotated[
+        bool, typer.Option("--look", help="Only say what is safe, and write nothing.")
+    ] = False,
+    remove: Annotated[
+        bool,
+        typer.Option(
+            "--remove", help="Remove the stream when all of it was read back from the HDF5 file."
+        ),
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Read what is whole in a stream that a crash left behind, and write it as HDF5."""
+    from flexstage.instruments.recording import archived, examine, in_use
+
+    found = examine(file)
+    target = None
+    if not look:
+        if in_use(file):
+            raise RecordError(
+                f"'{file}' is being written by another program: wait until it ends, or look at it "
+                "with --look"
+            )
+        target = archived(file, out or file.with_suffix(".h5"))
+        if remove and not found.damaged_inside:
+            file.unlink()
+    removed = not file.exists()
+    rate = found.head.sample_rate_hz
+    result: dict[str, Any] = {
+        "stream": str(file),
+        "stage": found.head.metadata.stage,
+        "identifier": found.head.metadata.identifier,
+        "samples": found.samples,
+        "duration": found.samples / rate,
+        "sample_rate_hz": rate,
+        "channels": [name for name, _ in found.head.channels],
+        "complete": found.complete,
+        "lost": [dataclasses.asdict(part) for part in found.lost],
+        "notes": list(found.notes),
+        "file": None if target is None else str(target),
+        "stream_removed": removed,
+    }
+    if json:
+        print_json(result)
+        return
+    screen = console()
+    screen.print(
+        f"{count(found.samples, 'sample')} of {count(len(found.head.channels), 'channel')} are "
+        f"safe: {found.samples / rate:.6g} s at {rate:g} Hz",
+        markup=False,
+    )
+    for note in found.notes:
+        screen.print(f"note: {note}", style="yellow", markup=False)
+    if target is not None:
+        screen.print(f"wrote {target}", markup=False, soft_wrap=True)
+        kept = "removed" if removed else "kept"
+        screen.print(f"{kept} {file}", markup=False, soft_wrap=True)
+
+
+@runs.command()
+def calibrations(
+    stage: _Stage = None,
+    serial: _Serial = None,
+    what: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only of this, such as the gain of a sensor.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Only what held then: a date, or a date and time."),
+    ] = None,
+    catalogue: _Catalogue = None,
+    json: JsonOption = False,
+) -> None:
+    """List the calibrations of the catalogue, the latest first."""
+    from flexstage.instruments.catalogue import Catalogue
+
+    time = _time(at)
+    with Catalogue.open(catalogue) as opened:
+        found = opened.calibrations(stage=stage, serial_number=serial, what=what, at=time)
+        where = opened.address
+    if json:
+        rows = [_plain_calibration(entry) for entry in found]
+        print_json({"catalogue": where, "calibrations": rows})
+        return
+    table = make_table(
+        f"{count(len(found), 'calibration')} in {where}",
+        "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number",
+        "<valid from, UTC", "<run",
+    )  # fmt: skip
+    for entry in found:
+        table.add_row(
+            entry.what,
+            f"{entry.value:.9g}",
+            f"{entry.standard_uncertainty:.3g}",
+            entry.unit,
+            entry.stage.name,
+            entry.stage.serial_number,
+            _shown(entry.valid_from),
+            entry.run[:8],
+        )
+    console().print(table)
+
+
+def _time(text: str | None) -> datetime | None:
+    """Read a date, a date and time, or how long ago."""
+    if text is None:
+        return None
+    word = text.strip()
+    try:
+        time = datetime.fromisoformat(word)
+    except ValueError:
+        return datetime.now(UTC) - _ago(word)
+    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
+
+
+def _ago(text: str) -> timedelta:
+    seconds = {"d": 86_400.0, "h": 3600.0, "min": 60.0}
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz").strip()
+    unit = text[len(text.rstrip("abcdefghijklmnopqrstuvwxyz")) :]
+    try:
+        return timedelta(seconds=float(number) * seconds[unit])
+    except (KeyError, ValueError, OverflowError):
+        raise typer.BadParameter(
+            f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or how "
+            f"long ago, such as 7d, 12h or 30min, got '{text}'"
+        ) from None
+
+
+def _plain(entry: "RunEntry") -> dict[str, Any]:
+    stage = entry.stage
+    rest = {
+        f.name: getattr(entry, f.name)
+        for f in dataclasses.fields(entry)
+        if f.name not in ("stage", "started")
+    }
+    return {
+        "identifier": rest.pop("identifier"),
+        "stage": stage.name,
+        "serial_number": stage.serial_number,
+        "design": stage.design,
+        "stage_hash": stage.hash,
+        "started": entry.started.isoformat(),
+        **rest,
+        "duration": entry.duration,
+    }
+
+
+def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
+    return {
+        "what": entry.what,
+        "value": entry.value,
+        "standard_uncertainty": entry.standard_uncertainty,
+        "unit": entry.unit,
+        "stage": entry.stage.name,
+        "serial_number": entry.stage.serial_number,
+        "valid_from": entry.valid_from.isoformat(),
+        "run": entry.run,
+        "note": entry.note,
+    }
+
+
+def _state_of(entry: "RunEntry") -> str:
+    """Say whether the file of a run is what was entered."""
+    import hashlib
+
+    path = Path(entry.folder) / entry.file
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "not there"
+    return "as entered" if digest == entry.sha256 else "changed since it was entered"
+
+
+def _shown(time: datetime) -> str:
+    return time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _print_list(found: "list[RunEntry]", where: str) -> None:
+    table = make_table(
+        f"{count(len(found), 'run')} in {where}",
+        "run", "<start, UTC", "<stage", "<serial number", "<kind", "<axis", "samples", "time, s",
+        "<status", "<step",
+    )  # fmt: skip
+    for entry in found:
+        table.add_row(
+            entry.identifier[:8],
+            _shown(entry.started),
+            entry.stage.name,
+            entry.stage.serial_number,
+            entry.kind,
+            entry.axis,
+            str(entry.samples),
+            f"{entry.duration:.4g}",
+            f"{entry.status}, simulated" if entry.simulated else entry.status,
+            entry.step,
+        )
+    console().print(table)

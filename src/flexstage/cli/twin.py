@@ -1,0 +1,172 @@
+"""`flexstage twin`: a simulated stage behind a GCS controller on a TCP port."""
+
+import contextlib
+import ipaddress
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Literal, cast
+
+import typer
+
+from flexstage.cli.common import JsonOption, StageArgument, load_stage
+from flexstage.errors import NotConnectedError, UnitError
+
+if TYPE_CHECKING:
+    import socket
+
+    from flexstage.instruments.twin.server import GcsServer
+
+__all__ = ["twin"]
+
+_MODELS = ("lumped", "superelement")
+_AMPLIFIERS = ("voltage", "charge")
+_PORTS = 65535
+
+
+def twin(
+    stage: StageArgument,
+    port: Annotated[
+        int, typer.Option(metavar="NUMBER", help="TCP port; 0 for any that is free.")
+    ] = 50000,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen at; anyone who reaches another one than the default can move "
+            "the stage.",
+        ),
+    ] = "127.0.0.1",
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Which stage is made, and its noise.")
+    ] = 0,
+    model: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_MODELS),
+            help="Mechanics: rigid bodies on hinges, or bodies condensed to their hinges.",
+        ),
+    ] = "lumped",
+    rate: Annotated[
+        str, typer.Option(metavar="FREQUENCY", help='Rate of the servo loop, such as "10 kHz".')
+    ] = "10 kHz",
+    amplifier: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_AMPLIFIERS), help="What drives the stacks; a screw takes no notice."
+        ),
+    ] = "voltage",
+    fast: Annotated[
+        bool,
+        typer.Option(
+            "--fast", help="Let simulated time pass with commands, not in step with real time."
+        ),
+    ] = False,
+    serial_number: Annotated[
+        str, typer.Option(metavar="TEXT", help="Serial number that the controller tells.")
+    ] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Run a simulated stage with its controller, which understands GCS 2.0, until interrupted."""
+    _check("--model", model, _MODELS)
+    _check("--amplifier", amplifier, _AMPLIFIERS)
+    if not 0 <= port <= _PORTS:
+        raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
+    if not (serial_number.isascii() and serial_number.isprintable()):
+        raise typer.BadParameter("--serial-number must be of plain printable characters")
+    loop_rate = _rate(rate)
+    described = load_stage(stage)
+
+    with _ended_by_signals() as ended, _listening(host, port) as listener:
+        from flexstage.instruments.twin.build import virtual_stage
+        from flexstage.instruments.twin.clock import FastTime, Pacemaker
+        from flexstage.instruments.twin.controller import VirtualController
+        from flexstage.instruments.twin.interpreter import Interpreter
+        from flexstage.instruments.twin.server import GcsServer
+
+        made = virtual_stage(
+            described,
+            model=cast(Literal["lumped", "superelement"], model),
+            seed=seed,
+            sample_rate_hz=loop_rate,
+            amplifier=cast(Literal["voltage", "charge"], amplifier),
+        )
+        device = VirtualController(made, serial_number=serial_number)
+        real = Pacemaker(device)
+        interpreter = Interpreter(device, FastTime(device) if fast else real)
+        server = GcsServer(interpreter, listener=listener)
+        try:
+            server.start()
+            _say_where(server, described.name, host, as_json=as_json, fast=fast)
+            ended.wait()
+        finally:
+            server.close()
+        if real.lost > 0.0:
+            typer.echo(
+                f"flexstage: this computer was too slow by {real.lost:.1f} s: simulated time stood "
+                "still for as long; choose a lower --rate, or --fast",
+                err=True,
+            )
+
+
+def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise typer.BadParameter(f"{option} must be {' or '.join(allowed)}, got '{value[:40]}'")
+
+
+def _rate(text: str) -> float:
+    from flexstage.units import parse
+
+    rate = parse(text, "frequency", bare_unit="Hz")
+    if not 100.0 <= rate <= 100e3:
+        raise UnitError(f"--rate must be 100 Hz to 100 kHz, got '{text}'")
+    return rate
+
+
+def _listening(host: str, port: int) -> "socket.socket":
+    from flexstage.instruments.twin.server import listen
+
+    try:
+        return listen(host, port)
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise NotConnectedError(
+            f"cannot listen at {host}:{port} ({why}): choose another --port, 0 for any that is "
+            "free, or another --host"
+        ) from error
+
+
+def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
+    address, port = server.address
+    if not _is_loopback(host):
+        typer.echo(f"flexstage: anyone who reaches {address}:{port} can move this stage", err=True)
+    bracketed = f"[{address}]" if ":" in address else address
+    where = f"gcs://{bracketed}:{port}"
+    if as_json:
+        said = {"stage": name, "address": where, "host": address, "port": port, "fast": fast}
+        line = json.dumps(said)
+    else:
+        line = f"twin of {name} at {where} (simulated); Ctrl-C ends it"
+    typer.echo(line)
+    typer.get_text_stream("stdout").flush()
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[threading.Event]:
+    """Give an event that an interrupt, or a request to terminate, sets."""
+    ended = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda *_: ended.set()) for n in numbers}
+    try:
+        yield ended
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, handler)

@@ -1,0 +1,363 @@
+"""Settings of a position control from an identified drive, with stated margins."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control.loop_plant import LoopPlant, loop_plant
+from flexstage.control.margins import Margins, loop_frequencies, loop_margins
+from flexstage.errors import ModelError
+from flexstage.hysteresis import DriveModel, StageModes
+from flexstage.instruments.servo import Notch, ServoSettings
+
+__all__ = ["Requirements", "Tuning", "tune", "tune_plant"]
+
+Array = NDArray[np.float64]
+
+#: Damping of the poles of a notch that is tried, and corners of the controller in integral times.
+_WIDTHS = (0.3, 0.5, 0.7, 1.0)
+#: Proportional over integral gain that is tried, in parts of the delay of the loop.
+_LEADS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
+#: Corners of a low-pass over the first mode, and shallow notches there, that turn the phase of the
+#: loop so that it damps the mode.
+_CORNERS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 2.0)
+_SHALLOW = (None, (0.3, 0.7))
+#: A mode whose peak adds less than this to the response needs no notch.
+_WORTH = 0.02
+#: Damping of the poles of a mains notch: narrow, since its phase costs bandwidth.
+_MAINS_WIDTH = 0.15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Requirements:
+    """What a loop must keep at every gain and frequency that its plant may have.
+
+    Parameters
+    ----------
+    gain_margin : float
+        Least factor by which the gain may still rise [1].
+    phase_margin : float
+        Least phase that may still be lost [rad].
+    sensitivity_peak : float
+        Largest sensitivity Ms [1].
+    gain_scatter : float
+        How far the gain may be from the range that the model gives, over itself [1].
+    frequency_scatter : float
+        How far the natural frequencies may be from the model's, over themselves [1].
+
+    Raises
+    ------
+    ModelError
+        A requirement is none that a loop can meet.
+    """
+
+    gain_margin: float = 2.0
+    phase_margin: float = math.radians(40.0)
+    sensitivity_peak: float = 2.0
+    gain_scatter: float = 0.1
+    frequency_scatter: float = 0.03
+
+    def __post_init__(self) -> None:
+        if not (self.gain_margin > 1.0 and 0.0 < self.phase_margin < 0.5 * math.pi):
+            raise ModelError(
+                "a loop needs a gain margin above 1 and a phase margin of 0 to 90 degrees, got "
+                f"{self.gain_margin!r} and {math.degrees(self.phase_margin):.4g} degrees"
+            )
+        if not self.sensitivity_peak > 1.0:
+            raise ModelError(
+                f"the peak of the sensitivity is above 1 in every loop, got "
+                f"{self.sensitivity_peak!r}"
+            )
+        if not (0.0 <= self.gain_scatter < 1.0 and 0.0 <= self.frequency_scatter < 0.5):
+            raise ModelError(
+                "scatter of gain and frequency must be 0 to 1 and 0 to 0.5, got "
+                f"{self.gain_scatter!r} and {self.frequency_scatter!r}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuning:
+    """Settings of a control, and what they keep.
+
+    Parameters
+    ----------
+    settings : ServoSettings
+        The settings.
+    nominal : Margins
+        Margins at the mean gain and the frequencies of the model.
+    worst : Margins
+        The worst of each over the gains and frequencies that were asked for; bandwidth and
+        crossover are the lowest.
+    requirements : Requirements
+        What was asked for.
+    plant : LoopPlant
+        What was controlled.
+    notes : tuple of str
+        What limits the loop.
+    """
+
+    settings: ServoSettings
+    nominal: Margins
+    worst: Margins
+    requirements: Requirements
+    plant: LoopPlant
+    notes: tuple[str, ...] = field(default=())
+
+
+def tune(
+    model: DriveModel,
+    *,
+    sample_rate_hz: float,
+    delay: float | None = None,
+    kind: str = "auto",
+    requirements: Requirements | None = None,
+    mains_hz: float | None = None,
+    resonance: tuple[float, float] | None = None,
+) -> Tuning:
+    """Return settings for the position control of an identified drive.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive: voltage [V] to reading [m].
+    sample_rate_hz : float
+        Rate of the loop [Hz].
+    delay : float, optional
+        Delay of the loop [s], as of `loop_plant`; from the model where not given.
+    kind : {"auto", "integral", "pi", "damping"}
+        Integral with notches, proportional and integral with notches, a loop whose phase damps the
+        first mode, or the best of them: see `tune_plant`.
+    requirements : Requirements, optional
+        What to keep; the usual ones where not given.
+    mains_hz : float, optional
+        Frequency of a disturbance of the sensor that the stage shall not follow [Hz]: for a
+        reference that is slow against it.
+    resonance : tuple of float, optional
+        Frequency [Hz] and damping ratio of the first mode with the drives in place, for a model
+        that has none, such as one from a record that was too slow to show it. Without either the
+        margins are those of a stage that does not swing, and the notes say so.
+
+    Returns
+    -------
+    Tuning
+        The settings and their margins.
+
+    Raises
+    ------
+    ModelError
+        No gain keeps the requirements, or the model cannot be controlled.
+    """
+    plant = loop_plant(model, sample_rate_hz, delay=delay)
+    if resonance is not None and plant.modes is None:
+        mode = StageModes(frequency_hz=[resonance[0]], damping_ratio=[resonance[1]])
+        plant = replace(plant, modes=mode)
+    return tune_plant(plant, kind=kind, requirements=requirements, mains_hz=mains_hz)
+
+
+def tune_plant(
+    plant: LoopPlant,
+    *,
+    kind: str = "auto",
+    requirements: Requirements | None = None,
+    mains_hz: float | None = None,
+) -> Tuning:
+    r"""Return the settings with the largest integral gain that keeps the requirements.
+
+    The integral gain is what is left of slow errors (K. J. Astrom, H. Panagopoulos, T. Hagglund,
+    Automatica 34 (1998) 585, who maximise it under a bound on Ms). For each structure the largest
+    one follows in closed form at every frequency: :math:`|1 + k L_1| \ge 1/M_s` fails first at the
+    smaller root of a quadratic in k, and gain and phase margins at a crossing. Since a loop is
+    stable at small gain and none of its zeros crosses the unit circle before that, it is stable.
+
+    A notch makes a loop blind for its mode, which rings on by its own damping. With a low-pass in
+    place of it the lag of the loop is such that feedback takes energy out of the mode; this costs
+    some integral gain. ``auto`` takes, of all structures at their largest gain, the one that
+    leaves least of small steps of the drive, such as a hysteresis makes where it turns:
+    :math:`\int |P/(1 + L)|^2 / \omega^2 \, d\omega`.
+
+    Parameters
+    ----------
+    plant : LoopPlant
+        The plant.
+    kind : {"auto", "integral", "pi", "damping"}
+        Integral with notches, proportional and integral with notches, a loop whose phase damps the
+        first mode, or the best of them: see `tune_plant`.
+    requirements : Requirements, optional
+        What to keep.
+    mains_hz : float, optional
+        Frequency that the stage shall not follow [Hz].
+
+    Returns
+    -------
+    Tuning
+        The settings and their margins.
+
+    Raises
+    ------
+    ModelError
+        No gain keeps the requirements, or the kind is unknown.
+
+    Examples
+    --------
+    >>> from flexstage.hysteresis import StageModes
+    >>> plant = LoopPlant(
+    ...     gain=5e-7, gain_range=(4e-7, 6e-7), delay=2e-4, sample_rate_hz=10e3,
+    ...     modes=StageModes(frequency_hz=[910.0], damping_ratio=[0.01]),
+    ... )
+    >>> made = tune_plant(plant, kind="integral")
+    >>> round(made.worst.sensitivity_peak, 3), round(made.settings.notches[0].frequency_hz)
+    (2.0, 910)
+    """
+    if kind not in ("auto", "integral", "pi", "damping"):
+        raise ModelError(f"a control is 'auto', 'integral', 'pi' or 'damping', got {kind!r}")
+    wanted = requirements or Requirements()
+    best: ServoSettings | None = None
+    value = 0.0
+    cases = list(_cases(plant, wanted))
+    # a larger gain of the plant is a larger gain of the loop: the others follow
+    loudest = [c for c in cases if c.gain == max(c.gain for c in cases)]
+    for unit in _structures(plant, kind, mains_hz):
+        gain = _largest_gain(loudest, unit, wanted) * (1.0 - 1e-9)
+        if not gain > 0.0:
+            continue
+        trial = replace(unit, integral=gain, proportional=gain * unit.proportional)
+        worth = 1.0 / _left_of_steps(plant, trial) if kind == "auto" else gain
+        if worth > value:
+            value, best = worth, trial
+    if best is None:
+        raise ModelError(
+            "no gain keeps the margins at every gain and frequency of the plant: ask for less, or "
+            "identify the stage more exactly"
+        )
+    margins = [loop_margins(case, best) for case in cases]
+    nominal = loop_margins(plant, best)
+    return Tuning(
+        settings=best,
+        nominal=nominal,
+        worst=_worst(margins),
+        requirements=wanted,
+        plant=plant,
+        notes=_notes(plant, best, wanted, mains_hz),
+    )
+
+
+def _cases(plant: LoopPlant, wanted: Requirements) -> list[LoopPlant]:
+    """Return the plant at the corners of its gain and its frequencies, and in their middle."""
+    low = (1.0 - wanted.gain_scatter) * plant.gain_range[0] / plant.gain
+    high = (1.0 + wanted.gain_scatter) * plant.gain_range[1] / plant.gain
+    frequencies = [1.0] if plant.modes is None else [
+        1.0 + s * wanted.frequency_scatter for s in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    ]  # fmt: skip
+    return [plant.scattered(g, f) for g in (low, 1.0, high) for f in frequencies]
+
+
+def _structures(plant: LoopPlant, kind: str, mains_hz: float | None) -> Iterator[ServoSettings]:
+    """Yield controllers of unit integral gain; their proportional gain is in units of it [s]."""
+    mains: tuple[Notch, ...] = ()
+    if mains_hz is not None:
+        mains = (Notch(frequency_hz=mains_hz, zero_damping=0.0, pole_damping=_MAINS_WIDTH),)
+    scale = plant.delay + plant.time_constant + 0.5 / plant.sample_rate_hz
+    if kind != "damping" or plant.modes is None:
+        leads = {"integral": _LEADS[:1], "pi": _LEADS[1:]}.get(kind, _LEADS)
+        for width, lead in itertools.product(_WIDTHS, leads):
+            notches = _notches(plant, width)
+            yield ServoSettings(integral=1.0, proportional=lead * scale, notches=(*notches, *mains))
+    if kind in ("integral", "pi") or plant.modes is None:
+        return
+    first = min(plant.modes.frequency_hz)
+    for corner, shallow, lead in itertools.product(_CORNERS, _SHALLOW, _LEADS[:5]):
+        if corner * first >= 0.45 * plant.sample_rate_hz:
+            continue
+        notches = () if shallow is None else (
+            Notch(frequency_hz=first, zero_damping=shallow[0], pole_damping=shallow[1]),
+        )  # fmt: skip
+        yield ServoSettings(
+            integral=1.0, proportional=lead * scale, lowpass_hz=corner * first,
+            notches=(*notches, *mains),
+        )  # fmt: skip
+
+
+def _notches(plant: LoopPlant, width: float) -> tuple[Notch, ...]:
+    """Return a notch on every mode that needs one."""
+    if plant.modes is None:
+        return ()
+    highest = 0.45 * plant.sample_rate_hz
+    rows = zip(plant.modes.frequency_hz, plant.modes.damping_ratio, plant.modes.share, strict=True)
+    return tuple(
+        Notch(frequency_hz=f, zero_damping=max(zeta, 0.005), pole_damping=max(width, 2.0 * zeta))
+        for f, zeta, share in rows
+        if f < highest and abs(share) > _WORTH * zeta and zeta < 0.5
+    )
+
+
+def _left_of_steps(plant: LoopPlant, settings: ServoSettings) -> float:
+    """Return the integral of the square of what a loop leaves of a unit step of the drive [s]."""
+    f = loop_frequencies(plant, settings)
+    omega = 2.0 * np.pi * f
+    there = plant.response(f)
+    left = there / plant.gain / (1.0 + settings.response(f, plant.sample_rate_hz) * there)
+    return float(np.trapezoid(np.abs(left) ** 2 / omega**2, omega)) / np.pi
+
+
+def _largest_gain(cases: list[LoopPlant], unit: ServoSettings, wanted: Requirements) -> float:
+    """Return the largest gain below which no requirement fails in any case."""
+    gain = math.inf
+    for plant in cases:
+        f = loop_frequencies(plant, unit)
+        loop = unit.response(f, plant.sample_rate_hz) * plant.response(f)
+        size2, re = np.abs(loop) ** 2, loop.real
+        # the smaller root of |1 + k L|^2 = 1/Ms^2, where it is real and positive
+        inside = re**2 - size2 * (1.0 - wanted.sensitivity_peak**-2)
+        meets = (inside >= 0.0) & (re < 0.0)
+        if meets.any():
+            root = (-re[meets] - np.sqrt(inside[meets])) / size2[meets]
+            gain = min(gain, float(root.min()))
+        # sizes at which the phase leaves less than its margin
+        near = np.abs(np.angle(-loop)) < wanted.phase_margin
+        if near.any():
+            gain = min(gain, 1.0 / float(np.abs(loop[near]).max()))
+        margin = loop_margins(plant, unit).gain_margin
+        gain = min(gain, margin / wanted.gain_margin)
+    return gain if math.isfinite(gain) else 0.0
+
+
+def _worst(margins: list[Margins]) -> Margins:
+    return Margins(
+        stable=all(m.stable for m in margins),
+        gain_margin=min(m.gain_margin for m in margins),
+        phase_margin=min(m.phase_margin for m in margins),
+        sensitivity_peak=max(m.sensitivity_peak for m in margins),
+        complementary_peak=max(m.complementary_peak for m in margins),
+        crossover_hz=min(m.crossover_hz for m in margins),
+        bandwidth_hz=min(m.bandwidth_hz for m in margins),
+    )
+
+
+def _notes(
+    plant: LoopPlant, settings: ServoSettings, wanted: Requirements, mains_hz: float | None
+) -> tuple[str, ...]:
+    notes = []
+    if plant.modes is not None:
+        first, zeta = plant.modes.frequency_hz[0], plant.modes.damping_ratio[0]
+        bare = 4.0 * math.pi * zeta * first / plant.gain
+        how = "the low-pass damps the mode and" if settings.lowpass_hz else "the notch"
+        notes.append(
+            f"{how} lets the integral gain be {settings.integral / bare:.3g} times what it is at "
+            f"most by itself, 2 zeta omega / gain; the mode at {first:.4g} Hz may move by "
+            f"{100.0 * wanted.frequency_scatter:.3g} %"
+        )
+    else:
+        notes.append(
+            "the plant has no mode: where the stage has one, these settings make it swing; measure "
+            "it by a small multisine or a blow, the drives in place, and give it as the resonance"
+        )
+    if mains_hz is not None:
+        notes.append(
+            f"the stage neither follows the reference nor corrects errors at {mains_hz:g} Hz: for "
+            f"references whose harmonics stay below {0.3 * mains_hz:.3g} Hz"
+        )
+    return tuple(notes)

@@ -1,0 +1,362 @@
+r"""Voltages that make a stage follow trajectories, without looking: the inverse of its model.
+
+A hysteretic drive answers to a voltage according to what was before. So every run begins with
+cycles over the whole range, which wipe out what was, and the inverse begins with what the drive
+remembers then: the loops of its hysteresis and the lags of its creep.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control.periodic import (
+    reach_limits,
+    steady_displacement,
+    steady_input,
+)
+from flexstage.control.trajectories import Trajectory
+from flexstage.control.trajectories.trajectory import smooth_step
+from flexstage.errors import LimitError, ModelError
+from flexstage.hysteresis import DriveModel
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.waveform import Waveform
+
+__all__ = ["Compensation", "compensate", "conditioning_waveform", "shifted_model"]
+
+Array = NDArray[np.float64]
+
+#: How a drive is conditioned: rate of the cycles [Hz], their number, and the way to the start [s].
+_RATE_HZ = 1.0
+_CYCLES = 3
+_APPROACH = 0.25
+#: Creep is taken as settled at this time after the start of an endless repetition [s].
+_SETTLED = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Compensation:
+    """Voltages for a trajectory.
+
+    Parameters
+    ----------
+    lead_in : Waveform
+        Voltages before: from rest over the conditioning cycles to the first voltage.
+    voltage : Waveform
+        Voltages of the trajectory: one period that repeats, or several that do not.
+    trajectory : Trajectory
+        What they follow.
+    periods : int
+        Number of periods in `voltage`; 0 for one that is repeated as often as wanted.
+    predicted : Mapping
+        Reading at the end of the lead-in by the model, by axis [m]: where the sensor reads
+        otherwise, its zero has moved (`shifted_model`).
+    limited : int
+        Samples that limits changed.
+    notes : tuple of str
+        What was changed, to be told.
+    """
+
+    lead_in: Waveform
+    voltage: Waveform
+    trajectory: Trajectory
+    periods: int
+    predicted: Mapping[str, float]
+    limited: int = 0
+    notes: tuple[str, ...] = field(default=())
+
+
+def conditioning_waveform(
+    voltage_range: Mapping[str, tuple[float, float]],
+    *,
+    sample_rate_hz: float,
+    end: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    rate_hz: float = _RATE_HZ,
+    cycles: int = _CYCLES,
+) -> Waveform:
+    """Return voltages that bring drives to a known state of their memory.
+
+    Whole cycles over the range of each, all axes in step, then a short way from the low end to the
+    first voltage of what follows.
+
+    Parameters
+    ----------
+    voltage_range : Mapping
+        Lowest and highest voltage by axis [V].
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    end : Mapping, optional
+        Last voltage by axis [V]; the low end where not given.
+    start : Mapping, optional
+        Voltage at which each axis stands before [V]; the low end where not given.
+    rate_hz : float
+        Cycles in a second [Hz].
+    cycles : int
+        Number of cycles.
+
+    Returns
+    -------
+    Waveform
+        The voltages.
+
+    Raises
+    ------
+    ModelError
+        There is no axis, no cycle, or the rate leaves no samples.
+
+    Examples
+    --------
+    >>> made = conditioning_waveform({"x": (0.0, 120.0)}, sample_rate_hz=1e3, end={"x": 2.0})
+    >>> made.duration, round(made.largest_rate("x"))
+    (3.75, 377)
+    """
+    count = round(sample_rate_hz / rate_hz) if rate_hz > 0.0 else 0
+    approach = round(_APPROACH * sample_rate_hz)
+    if cycles < 1 or count < 8 or approach < 4:
+        raise ModelError(
+            f"conditioning takes one cycle or more of 8 samples at least, got {cycles} cycles at "
+            f"{rate_hz!r} Hz and {sample_rate_hz!r} samples a second"
+        )
+    swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(cycles * count) / count)
+    way = smooth_step(np.arange(approach) / approach)
+    values = {}
+    for axis, (low, high) in voltage_range.items():
+        first = low if start is None else start.get(axis, low)
+        last = low if end is None else end.get(axis, low)
+        values[axis] = np.concatenate(
+            (
+                first + (low - first) * way,
+                low + (high - low) * swing,
+                low + (last - low) * way,
+                np.full(approach, last),
+            )
+        )
+    return Waveform(values=values, sample_rate_hz=float(sample_rate_hz), quantity="voltage")
+
+
+def compensate(
+    models: Mapping[str, DriveModel],
+    trajectory: Trajectory,
+    *,
+    periods: int = 0,
+    limits: Mapping[str, AxisLimits] | None = None,
+    band_hz: float | None = None,
+    cycles: int = _CYCLES,
+    history: Waveform | None = None,
+) -> Compensation:
+    r"""Return the voltages that make a stage follow a trajectory.
+
+    Modes and lag are undone harmonic by harmonic over the closed period, which is exact for a
+    motion that repeats. With `periods` creep is undone by its recursion from the state that the
+    lead-in leaves, and the voltages of the periods differ. Without, one period is sought that
+    repeats: the inverse of the hysteresis is run over it until its memory is the same again; the
+    slow part of creep, which never repeats, is taken as it is ten seconds after the start.
+
+    Parameters
+    ----------
+    models : Mapping
+        Model of each axis that the trajectory moves.
+    trajectory : Trajectory
+        What is to be followed, as the sensors read it.
+    periods : int
+        Number of periods; 0 for one that is repeated.
+    limits : Mapping, optional
+        Limits by axis: the range of the voltage, and its slew. The range that each model was
+        identified on where not given.
+    band_hz : float, optional
+        Highest frequency that is undone [Hz].
+    cycles : int
+        Conditioning cycles of the lead-in.
+    history : Waveform, optional
+        Voltages that the drives had before the lead-in, as far back as is known, at any rate: the
+        creep of them goes on. The drives have rested where not given.
+
+    Returns
+    -------
+    Compensation
+        The voltages.
+
+    Raises
+    ------
+    ModelError
+        An axis has no model, the drive reaches nothing of the motion, or has no inverse.
+    LimitError
+        The voltages would rise or fall faster than the drive or its amplifier allows.
+
+    Notes
+    -----
+    Validity: as good as the model. Each axis for itself: what one axis moves of the other is not
+    undone.
+
+    Examples
+    --------
+    >>> from flexstage.control.trajectories import sine
+    >>> from flexstage.hysteresis import Duhem, DriveModel, ValidityRange
+    >>> drive = DriveModel(
+    ...     hysteresis=Duhem(rate=0.02, anhysteretic=np.array([0.0, 5e-7]),
+    ...                      tangent=np.array([4e-7]), input_range=(0.0, 120.0)),
+    ...     validity=ValidityRange(input_range=(0.0, 120.0), output_range=(0.0, 6e-5),
+    ...                            rate_range_hz=(1.0, 5.0)))
+    >>> wanted = sine("x", 8e-6, 50e-6, 1.0, sample_rate_hz=1e3)
+    >>> made = compensate({"x": drive}, wanted)
+    >>> u = np.tile(made.voltage.values["x"], 12)
+    >>> y = drive.simulate(u, 1e-3, drive.conditioned())[-1000:]
+    >>> bool(np.max(np.abs(y - wanted.positions["x"])) < 1e-12)
+    True
+    """
+    missing = [a for a in trajectory.axes if a not in models]
+    if missing:
+        raise ModelError(
+            f"the trajectory moves {', '.join(missing)}, of which there is no model: identify it"
+        )
+    ranges = {a: _range(models[a], (limits or {}).get(a)) for a in trajectory.axes}
+    rate = trajectory.sample_rate_hz
+    made = {a: _Axis(models[a], ranges[a], rate, history, a) for a in trajectory.axes}
+    voltage: dict[str, Array] = {}
+    limited = 0
+    # the way to the first voltage is part of what the drive remembers: found in two rounds
+    ends = {a: ranges[a][0] for a in trajectory.axes}
+    for _ in range(3):
+        lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
+        limited = 0
+        for a, own in made.items():
+            wanted = trajectory.positions[a]
+            if periods > 0:
+                voltage[a], out = own.several(wanted, periods, lead_in.values[a], band_hz)
+            else:
+                voltage[a], out = own.repeated(wanted, band_hz)
+            limited += out
+            ends[a] = float(voltage[a][0])
+    lead_in = conditioning_waveform(ranges, sample_rate_hz=rate, end=ends, cycles=cycles)
+    whole = Waveform(values=voltage, sample_rate_hz=rate, quantity="voltage")
+    _check_slew(whole, limits or {}, closed=periods == 0)
+    notes = [s for a in made for s in (models[a].outside(voltage[a]),) if s]
+    if limited:
+        notes.append(
+            f"{limited} samples of the motion are out of reach and were led back to what the drive "
+            "reaches: make it smaller, or shift it"
+        )
+    return Compensation(
+        lead_in=lead_in,
+        voltage=whole,
+        trajectory=trajectory,
+        periods=periods,
+        predicted={a: own.reading_after(lead_in.values[a]) for a, own in made.items()},
+        limited=limited,
+        notes=(*trajectory.notes, *notes),
+    )
+
+
+def shifted_model(model: DriveModel, by: float) -> DriveModel:
+    """Return a drive whose sensor reads more by a constant, as one whose zero has moved.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive.
+    by : float
+        What the sensor reads more [unit of the output].
+
+    Returns
+    -------
+    DriveModel
+        The drive.
+    """
+    return replace(model, offset=model.offset + by)
+
+
+class _Axis:
+    """One axis: what it remembers, and its inverse."""
+
+    def __init__(
+        self,
+        model: DriveModel,
+        limits: tuple[float, float],
+        rate: float,
+        history: Waveform | None,
+        axis: str,
+    ) -> None:
+        self.model, self.limits, self.rate = model, limits, rate
+        self.before: Array = model.hysteresis.rest()
+        creep = model.creep
+        self.creeping = None if creep is None else creep.settled(0.0, 1.0 / rate)
+        if history is not None and axis in history.values:
+            made = model.hysteresis.simulate(history.values[axis])
+            self.before = made.state
+            if creep is not None:
+                dt = 1.0 / history.sample_rate_hz
+                self.creeping = creep.simulate(made.values, dt, creep.settled(0.0, dt)).state
+
+    def repeated(self, wanted: Array, band_hz: float | None) -> tuple[Array, int]:
+        """One period that repeats."""
+        model = self.model
+        x = steady_displacement(model, wanted, self.rate, band_hz=band_hz)
+        if model.creep is not None:
+            # the mean creeps for ever: as it is some time after the start
+            mean = float(np.mean(wanted) - model.offset) * model.sign
+            settled = float(model.creep.step_response([_SETTLED])[0])
+            x += mean / settled - float(np.mean(x))
+        return steady_input(model, x, self.limits)
+
+    def several(
+        self, wanted: Array, periods: int, lead_in: Array, band_hz: float | None
+    ) -> tuple[Array, int]:
+        """Periods one after the other, with the creep that goes on."""
+        model, (low, high) = self.model, self.limits
+        x = np.tile(
+            steady_displacement(model, wanted, self.rate, creep=False, band_hz=band_hz), periods
+        )
+        before = model.hysteresis.simulate(lead_in, self.before)
+        if model.creep is not None:
+            dt = 1.0 / self.rate
+            creep = model.creep.simulate(before.values, dt, self.creeping)
+            x = model.creep.inverse(x, dt, creep.state).values
+        top, bottom = model.hysteresis.simulate([high, low], before.state).values
+        inside = np.clip(x, bottom, top)
+        beyond = np.abs(inside - x) > 1e-9 * (top - bottom)
+        if beyond.all():
+            raise ModelError(
+                f"the motion needs displacements of {x.min():.4g} to {x.max():.4g}, the drive "
+                f"gives {bottom:.4g} to {top:.4g} {model.output_unit}: shift it into that range"
+            )
+        u = model.hysteresis.inverse(inside, before.state).values
+        return np.clip(u, low, high), int(beyond.sum())
+
+    def reading_after(self, lead_in: Array) -> float:
+        """What the sensor should read at the end of the lead-in."""
+        model, dt = self.model, 1.0 / self.rate
+        y = model.hysteresis.simulate(lead_in, self.before).values
+        if model.creep is not None:
+            y = model.creep.simulate(y, dt, self.creeping).values
+        return model.offset + model.sign * float(y[-1])
+
+
+def _range(model: DriveModel, limits: AxisLimits | None) -> tuple[float, float]:
+    own = reach_limits(model, None if limits is None else limits.voltage)
+    if model.validity is None:
+        return own
+    seen = model.validity.input_range
+    # the narrower of both: what was not identified is not used
+    low, high = max(own[0], seen[0]), min(own[1], seen[1])
+    if not low < high:
+        raise ModelError(
+            f"the limits {own[0]:g} to {own[1]:g} and the range {seen[0]:g} to {seen[1]:g} that "
+            "the model was identified on have nothing in common: it is the model of another drive"
+        )
+    return low, high
+
+
+def _check_slew(whole: Waveform, limits: Mapping[str, AxisLimits], *, closed: bool) -> None:
+    for axis in whole.values:
+        most = limits[axis].slew if axis in limits else None
+        if most is None:
+            continue
+        steepest = whole.largest_rate(axis, closed=closed)
+        if steepest > most:
+            raise LimitError(
+                f"the voltage of axis '{axis}' would change by {steepest:.4g} V/s, at most "
+                f"{most:.4g} V/s are allowed: lower the rate, make the motion smaller, or its "
+                "turns longer"
+            )

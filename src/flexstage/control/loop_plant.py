@@ -1,0 +1,268 @@
+r"""What a sampled position control sees of a drive: small motions about a point of its loop.
+
+The voltage of a sampled controller stands still from one sample to the next. For the continuous
+part :math:`G(s)` (modes, lag, at unit static gain) and a delay :math:`\tau`, the readings follow
+
+.. math:: P(z) = g\,(1 - z^{-1}) \sum_{k \ge 0} s(kT - \tau)\, z^{-k}
+
+with the step response s in closed form from the poles of G, so that there is no error of
+discretisation, and a delay may be any part of a sample (E. I. Jury's modified z transform).
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis import DriveModel, StageModes
+
+__all__ = ["LoopPlant", "local_gains", "loop_plant"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Poles closer together than this share of their size count as one, and are moved apart.
+_APART = 1e-6
+#: Steps over the range at which the slope of a hysteresis is looked at.
+_STEPS = 200
+#: Cycles before the slope is looked at.
+_CYCLES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopPlant:
+    """A drive and its stage for small motions, as a sampled control sees them.
+
+    Validity: small motion about one point of the hysteresis loop, whose slope is within
+    `gain_range`; creep, which adds some percent at low frequency, is left out.
+
+    Parameters
+    ----------
+    gain : float
+        Reading over voltage where the motion is slow [m/V], positive.
+    gain_range : tuple of float
+        Least and largest slope of the hysteresis loop [m/V].
+    modes : StageModes or None
+        Modes of the stage; None for none.
+    time_constant : float
+        First-order lag, such as that of an amplifier [s].
+    delay : float
+        Time from a sample at which a voltage is worked out to the sample that sees it first [s];
+        without the standing still of the voltage between samples, which is added exactly.
+    sample_rate_hz : float
+        Rate of the loop [Hz].
+
+    Raises
+    ------
+    ModelError
+        A number is out of range.
+
+    Examples
+    --------
+    >>> plant = LoopPlant(gain=5e-7, gain_range=(4e-7, 6e-7), delay=2e-4, sample_rate_hz=10e3)
+    >>> print(f"{plant.response([0.0])[0].real:.2g} m/V")
+    5e-07 m/V
+    """
+
+    gain: float
+    gain_range: tuple[float, float]
+    modes: StageModes | None = None
+    time_constant: float = 0.0
+    delay: float = 0.0
+    sample_rate_hz: float = 10e3
+
+    def __post_init__(self) -> None:
+        low, high = self.gain_range
+        if not 0.0 < low <= self.gain <= high < math.inf:
+            raise ModelError(
+                "the gain of a plant must be positive and within its range, got "
+                f"{self.gain!r} in {self.gain_range!r} m/V"
+            )
+        if not (0.0 <= self.delay < math.inf and 0.0 <= self.time_constant < math.inf):
+            raise ModelError(
+                "delay and time constant of a plant must be 0 or more and finite, got "
+                f"{self.delay!r} and {self.time_constant!r} s"
+            )
+        if not 0.0 < self.sample_rate_hz < math.inf:
+            raise ModelError(f"the rate of a loop must be positive, got {self.sample_rate_hz!r} Hz")
+
+    def response(self, frequency_hz: ArrayLike) -> Complex:
+        """Return the frequency response from the voltages of the controller to its readings.
+
+        Parameters
+        ----------
+        frequency_hz : array_like
+            Frequencies up to half the rate of the loop [Hz], shape (n,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Reading over voltage [m/V], shape (n,).
+        """
+        step = 1.0 / self.sample_rate_hz
+        z1 = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * step)
+        whole = math.ceil(self.delay / step - 1e-9)
+        within = max(whole * step - self.delay, 0.0)
+        poles, residues = _step_response(self.modes, self.time_constant)
+        total = np.ones_like(z1)
+        for p, c in zip(poles, residues, strict=True):
+            total += (1.0 - z1) * c * np.exp(p * within) / (1.0 - np.exp(p * step) * z1)
+        return np.asarray(self.gain * z1**whole * total, dtype=np.complex128)
+
+    def scattered(self, gain: float, frequency: float) -> "LoopPlant":
+        """Return the plant with other gains and frequencies.
+
+        Parameters
+        ----------
+        gain : float
+            Gain over this plant's [1].
+        frequency : float
+            Natural frequencies over this plant's [1].
+
+        Returns
+        -------
+        LoopPlant
+            The plant; its range is its gain alone.
+        """
+        modes = self.modes
+        if modes is not None:
+            modes = replace(modes, frequency_hz=[frequency * f for f in modes.frequency_hz])
+        own = gain * self.gain
+        return replace(self, gain=own, gain_range=(own, own), modes=modes)
+
+
+def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Complex, Complex]:
+    """Return poles and amplitudes of the step response, ``1 + sum c exp(p t)``."""
+    poles: list[complex] = []
+    residues: list[complex] = []
+    pairs: list[tuple[complex, complex, float, float]] = []
+    if modes is not None:
+        rows = zip(modes.omega.tolist(), modes.damping_ratio, modes.share, strict=True)
+        for w, zeta, share in rows:
+            root = w * np.emath.sqrt(zeta * zeta - 1.0 + 0j)
+            if abs(root) < _APART * w:
+                root = _APART * w
+            pairs.append((-zeta * w + root, -zeta * w - root, w, share))
+    lag_pole = -1.0 / time_constant if time_constant > 0.0 else None
+    for p, q, w, share in pairs:
+        for one, other in ((p, q), (q, p)):
+            c = share * w * w / (one - other) / one
+            if lag_pole is not None:
+                c /= 1.0 - one / lag_pole
+            poles.append(one)
+            residues.append(c)
+    if lag_pole is not None:
+        at = 1.0 if modes is None else modes.static_share + sum(
+            share * w * w / ((lag_pole - p) * (lag_pole - q)) for p, q, w, share in pairs
+        )  # fmt: skip
+        poles.append(lag_pole)
+        residues.append(-at)
+    return np.array(poles, dtype=np.complex128), np.array(residues, dtype=np.complex128)
+
+
+def local_gains(model: DriveModel, swing: float = 1.0) -> tuple[float, float, float]:
+    """Return the slopes of the loop of a drive over its range.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive, with its validity range.
+    swing : float
+        Share of the range that the loop runs over, about its middle [1].
+
+    Returns
+    -------
+    tuple of float
+        Mean, least and largest slope [unit of the output over that of the input]. The least one is
+        that after a turn, where a control that trembles on the spot works.
+
+    Raises
+    ------
+    ModelError
+        The model has no validity range, or its slope is not positive somewhere on the loop.
+    """
+    if model.validity is None:
+        raise ModelError("the slope of a drive is looked at over its range: give it a validity")
+    low, high = model.validity.input_range
+    middle, half = 0.5 * (low + high), 0.5 * swing * (high - low)
+    line = middle + half * np.linspace(-1.0, 1.0, _STEPS + 1)
+    cycle = np.concatenate((line[:-1], line[::-1][:-1]))
+    u = np.concatenate((np.tile(cycle, _CYCLES), line[:1]))
+    y = model.hysteresis.simulate(u, model.conditioned()).values
+    late = slice(-cycle.size - 1, None)
+    slope = np.diff(y[late]) / np.diff(u[late])
+    if not slope.min() > 0.0:
+        raise ModelError(
+            f"the slope of the model is {slope.min():.3g} somewhere on its loop: a control needs "
+            "one above zero; identify another model"
+        )
+    # the turns themselves, finer than a step of the loop shows them
+    tiny = 1e-4 * (high - low)
+    after = []
+    for end, way in ((line[-1], -1.0), (line[0], 1.0)):
+        state = model.hysteresis.simulate(np.append(u, end)).state
+        before = float(model.hysteresis.simulate([end], state).values[0])
+        after.append(
+            abs(float(model.hysteresis.simulate([end + way * tiny], state).values[0]) - before)
+            / tiny
+        )
+    least = min(float(slope.min()), *(a for a in after if a > 0.0))
+    mean = float((y[late].max() - y[late].min()) / (2.0 * half))
+    return mean, min(least, mean), max(float(slope.max()), mean)
+
+
+def loop_plant(
+    model: DriveModel,
+    sample_rate_hz: float,
+    *,
+    delay: float | None = None,
+    creep: bool = True,
+) -> LoopPlant:
+    """Return what a control sees of an identified drive.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive: voltage [V] to reading [m], rising.
+    sample_rate_hz : float
+        Rate of the loop [Hz].
+    delay : float, optional
+        Delay from a voltage that is worked out to the reading that the control works with [s],
+        without the standing still of the voltage. Where not given, that of the model, less the
+        half sample that a held voltage is late on the average and that is reckoned with apart, and
+        one sample more, for the conversion of the reading.
+    creep : bool
+        Whether creep raises the largest gain, by what it adds within a tenth of a second.
+
+    Returns
+    -------
+    LoopPlant
+        The plant.
+
+    Raises
+    ------
+    ModelError
+        The reading falls with the voltage, or the slope is not positive.
+    """
+    if model.sign < 0.0:
+        raise ModelError(
+            "the reading falls where the voltage rises: turn the sign of the reading, or of the "
+            "voltage, before the loop is closed"
+        )
+    mean, least, largest = local_gains(model)
+    if creep and model.creep is not None:
+        largest *= float(abs(model.creep.frequency_response([10.0])[0]))
+    lag = model.lag
+    own = 0.0 if lag is None else lag.delay
+    if delay is None:
+        delay = max(own - 0.5 / sample_rate_hz, 0.0) + 1.0 / sample_rate_hz
+    return LoopPlant(
+        gain=mean,
+        gain_range=(least, largest),
+        modes=model.modes,
+        time_constant=0.0 if lag is None else lag.time_constant,
+        delay=delay,
+        sample_rate_hz=float(sample_rate_hz),
+    )

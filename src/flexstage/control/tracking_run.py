@@ -1,0 +1,252 @@
+"""How well a run followed its trajectory: loop width, errors, and what differs between periods."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.control.trajectories import Trajectory
+from flexstage.errors import RecordError
+from flexstage.hysteresis import Tracking, tracking
+from flexstage.records import Record
+
+__all__ = ["RunTracking", "evaluate_record", "evaluate_run"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunTracking:
+    """What a run was like.
+
+    Parameters
+    ----------
+    axis : str
+        The axis.
+    time : numpy.ndarray
+        Time of the samples that were compared [s], shape (n,).
+    reference : numpy.ndarray
+        What was wanted [m], shape (n,).
+    output : numpy.ndarray
+        What came [m], shape (n,).
+    whole : Tracking
+        Loop width of the mean period, errors over all periods [m].
+    linear_rms : float
+        Root mean square of the error on the linear part of the trajectory [m].
+    per_period_rms : tuple of float
+        Root mean square of the error of each period [m].
+    repeatable_rms : float
+        Root mean square of the mean period's error [m]: what learning can still take away.
+    random_rms : float
+        Root mean square of what differs between the periods [m]; not a number for one period.
+    offset : float
+        Mean of the error that was taken off, where that was asked for [m].
+    """
+
+    axis: str
+    time: Array
+    reference: Array
+    output: Array
+    whole: Tracking
+    linear_rms: float
+    per_period_rms: tuple[float, ...]
+    repeatable_rms: float
+    random_rms: float
+    offset: float
+
+    def reduction_percent(self, open_loop: "RunTracking") -> float:
+        """Return by how much the loop is narrower than another one.
+
+        Parameters
+        ----------
+        open_loop : RunTracking
+            The run without compensation.
+
+        Returns
+        -------
+        float
+            The reduction [%].
+        """
+        return 100.0 * (1.0 - self.whole.loop_width / open_loop.whole.loop_width)
+
+
+def evaluate_run(
+    trajectory: Trajectory,
+    axis: str,
+    output: ArrayLike,
+    *,
+    sample_rate_hz: float | None = None,
+    lag: float = 0.0,
+    skip: int = 0,
+    free_offset: bool = False,
+) -> RunTracking:
+    """Compare whole periods of an output with a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What was wanted; its first sample is the first of the output.
+    axis : str
+        The axis.
+    output : array_like
+        What came [m], shape (n,); a last part of a period is left out.
+    sample_rate_hz : float, optional
+        Samples of the output in a second [Hz]; those of the trajectory where not given.
+    lag : float
+        By how much the output is known to be recorded late [s]: the reference is compared as much
+        later.
+    skip : int
+        First periods that are left out.
+    free_offset : bool
+        Whether a constant error is taken off: for open loop, whose offset is arbitrary.
+
+    Returns
+    -------
+    RunTracking
+        Errors and loop.
+
+    Raises
+    ------
+    RecordError
+        There is no whole period left, or a period is no whole number of samples of the output.
+
+    Examples
+    --------
+    >>> from flexstage.control.trajectories import sine
+    >>> wanted = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
+    >>> late = np.roll(np.tile(wanted.positions["x"], 3), 2)
+    >>> made = evaluate_run(wanted, "x", late, lag=2e-3)
+    >>> made.whole.rms < 1e-15, round(evaluate_run(wanted, "x", late).whole.rms * 1e9)
+    (True, 355)
+    """
+    rate = trajectory.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
+    came = np.asarray(output, dtype=np.float64)
+    count = trajectory.period * rate
+    size = round(count)
+    if size < 8 or abs(count - size) > 1e-6 * count:
+        raise RecordError(
+            f"a period of {trajectory.period:g} s is {count:.6g} samples at {rate:g} Hz: record "
+            "with a whole number of samples in a period"
+        )
+    periods = came.size // size - skip
+    if periods < 1:
+        raise RecordError(
+            f"the output has {came.size} samples, and {skip} periods of {size} are left out: there "
+            "is no whole one to look at; record more periods"
+        )
+    came = came[skip * size : (skip + periods) * size]
+    wanted_period = at_times(trajectory, axis, np.arange(size) / rate - lag)
+    wanted = np.tile(wanted_period, periods)
+    offset = float(np.mean(came - wanted)) if free_offset else 0.0
+    error = (came - offset - wanted).reshape(periods, size)
+    mean = error.mean(axis=0)
+    linear = np.interp(
+        np.mod(np.arange(size) / rate - lag, trajectory.period), trajectory.time,
+        trajectory.linear.astype(np.float64),
+    ) > 0.999  # fmt: skip
+    random = float(np.sqrt(np.mean((error - mean) ** 2) * periods / max(periods - 1, 1)))
+    return RunTracking(
+        axis=axis,
+        time=(skip * size + np.arange(came.size)) / rate,
+        reference=wanted + offset,
+        output=came,
+        whole=_cycles_of(wanted + offset, came, size, error),
+        linear_rms=float(np.sqrt(np.mean(error[:, linear] ** 2))) if linear.any() else float("nan"),
+        per_period_rms=tuple(float(r) for r in np.sqrt(np.mean(error**2, axis=1))),
+        repeatable_rms=float(np.sqrt(np.mean(mean**2))),
+        random_rms=random if periods > 1 else float("nan"),
+        offset=offset,
+    )
+
+
+def evaluate_record(
+    record: Record,
+    column: str | int,
+    trajectory: Trajectory,
+    axis: str,
+    *,
+    lag: float = 0.0,
+    skip: int = 0,
+    free_offset: bool = False,
+) -> RunTracking:
+    """Compare whole periods of a record that began with a trajectory.
+
+    Parameters
+    ----------
+    record : Record
+        The record; its first sample is the first of the trajectory.
+    column : str or int
+        The column of the reading [m].
+    trajectory : Trajectory
+        What was wanted.
+    axis : str
+        The axis.
+    lag : float
+        By how much the reading is known to be late [s].
+    skip : int
+        First periods that are left out.
+    free_offset : bool
+        Whether a constant error is taken off.
+
+    Returns
+    -------
+    RunTracking
+        Errors and loop.
+
+    Raises
+    ------
+    RecordError
+        The column is missing, or there is no whole period.
+    """
+    return evaluate_run(
+        trajectory,
+        axis,
+        record.channel(column).values,
+        sample_rate_hz=record.sample_rate_hz,
+        lag=lag,
+        skip=skip,
+        free_offset=free_offset,
+    )
+
+
+def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
+    """Return the positions of a trajectory at any times.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory, which repeats.
+    axis : str
+        The axis.
+    time : numpy.ndarray
+        Times [s], shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions [m], shape (n,), by a cubic spline between its samples.
+    """
+    from scipy.interpolate import CubicSpline
+
+    x = np.asarray(trajectory.positions[axis], dtype=np.float64)
+    spline = CubicSpline(np.arange(x.size + 1), np.append(x, x[0]), bc_type="periodic")
+    at = np.mod(np.asarray(time) * trajectory.sample_rate_hz, x.size)
+    return np.asarray(spline(at), dtype=np.float64)
+
+
+def _cycles_of(wanted: Array, came: Array, size: int, error: Array) -> Tracking:
+    """Width of the loop over cycles that begin at the lowest point of the reference."""
+    low = int(np.argmin(wanted[:size]))
+    bounds = np.arange(low, wanted.size, size)
+    if low == 0:
+        bounds = np.append(bounds, wanted.size)
+    if bounds.size < 2:
+        # one period, begun elsewhere: turned so that it begins at its low end
+        wanted, came, bounds = np.roll(wanted, -low), np.roll(came, -low), np.array([0, size])
+    # the sample after the last is the first again
+    made = tracking(np.append(wanted, wanted[0]), np.append(came, came[0]), bounds)
+    return Tracking(
+        loop_width=made.loop_width,
+        rms=float(np.sqrt(np.mean(error**2))),
+        largest=float(np.max(np.abs(error))),
+    )

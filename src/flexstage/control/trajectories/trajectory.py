@@ -1,0 +1,368 @@
+"""A trajectory: where the axes are to be, over one period, and which part of it is linear."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import LimitError, ModelError
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.waveform import Waveform
+
+__all__ = ["Trajectory", "band_limited", "period_samples"]
+
+Array = NDArray[np.float64]
+
+#: A period is cut to whole samples; a change of the rate above this share is told.
+_TOLD = 1e-9
+#: Fewer samples in a period show no shape.
+_FEWEST = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trajectory:
+    """One period of a motion of one or more axes, which repeats without a jump.
+
+    Parameters
+    ----------
+    positions : Mapping
+        Positions by axis [m], shape (n,). The sample after the last one is the first again.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    linear : numpy.ndarray
+        True where the motion is what it is run for: constant speed of a triangle or a raster,
+        standing still of a staircase; True throughout for sines. Shape (n,).
+    kind : str
+        What it is.
+    overshoot : float
+        How far turns lead beyond the linear part at each end [m]; 0 where there are none.
+    notes : tuple of str
+        What was changed, to be told.
+
+    Raises
+    ------
+    ModelError
+        The axes differ in length, a value is not finite, or `linear` has another length.
+    """
+
+    positions: Mapping[str, Array]
+    sample_rate_hz: float
+    linear: NDArray[np.bool_]
+    kind: str
+    overshoot: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        self.waveform()  # checks lengths, finiteness and rate
+        if np.shape(self.linear) != (self.size,):
+            raise ModelError(
+                f"the linear part of a trajectory of {self.size} samples must have as many, got "
+                f"shape {np.shape(self.linear)}"
+            )
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(self.positions)
+
+    @property
+    def size(self) -> int:
+        """Number of samples of a period."""
+        return len(next(iter(self.positions.values())))
+
+    @property
+    def period(self) -> float:
+        """Time after which it repeats [s]."""
+        return self.size / self.sample_rate_hz
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples [s], shape (n,)."""
+        return np.arange(self.size) / self.sample_rate_hz
+
+    @property
+    def linear_share(self) -> float:
+        """Share of the time in the linear part [1]."""
+        return float(np.mean(self.linear))
+
+    def speed(self, axis: str) -> Array:
+        """Return the speed of an axis.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        numpy.ndarray
+            Central differences over the closed period [m/s], shape (n,).
+        """
+        x = self._of(axis)
+        return (np.roll(x, -1) - np.roll(x, 1)) * (0.5 * self.sample_rate_hz)
+
+    def acceleration(self, axis: str) -> Array:
+        """Return the acceleration of an axis.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        numpy.ndarray
+            Second differences over the closed period [m/s^2], shape (n,).
+        """
+        x = self._of(axis)
+        return (np.roll(x, -1) - 2.0 * x + np.roll(x, 1)) * self.sample_rate_hz**2
+
+    def largest_speed(self, axis: str) -> float:
+        """Return the largest speed from one sample to the next, from the end to the start too.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The speed [m/s].
+        """
+        self._of(axis)
+        return self.waveform().largest_rate(axis, closed=True)
+
+    def largest_acceleration(self, axis: str) -> float:
+        """Return the largest acceleration.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The acceleration [m/s^2].
+        """
+        return float(np.max(np.abs(self.acceleration(axis))))
+
+    def waveform(self, periods: int = 1) -> Waveform:
+        """Return the positions as a waveform.
+
+        Parameters
+        ----------
+        periods : int
+            How many periods, one after the other.
+
+        Returns
+        -------
+        Waveform
+            The positions [m].
+
+        Raises
+        ------
+        ModelError
+            The number of periods is not positive.
+        """
+        if periods < 1:
+            raise ModelError(f"a waveform needs one period or more, got {periods}")
+        return Waveform(
+            values={a: np.tile(np.asarray(x, np.float64), periods)
+                    for a, x in self.positions.items()},
+            sample_rate_hz=self.sample_rate_hz,
+            quantity="position",
+        )  # fmt: skip
+
+    def shifted(self, by: Mapping[str, float]) -> "Trajectory":
+        """Return the same motion elsewhere.
+
+        Parameters
+        ----------
+        by : Mapping
+            What is added, by axis [m].
+
+        Returns
+        -------
+        Trajectory
+            The trajectory.
+        """
+        moved = {a: x + by.get(a, 0.0) for a, x in self.positions.items()}
+        return replace(self, positions=moved)
+
+    def check(self, limits: Mapping[str, AxisLimits]) -> None:
+        """Refuse a trajectory that leaves the limits of its axes.
+
+        Parameters
+        ----------
+        limits : Mapping
+            Limits by axis; an axis that is not named is not checked.
+
+        Raises
+        ------
+        LimitError
+            A position or a speed is beyond what its axis allows.
+        """
+        for axis, x in self.positions.items():
+            own = limits.get(axis)
+            if own is None:
+                continue
+            low, high = float(np.min(x)), float(np.max(x))
+            if own.position is not None and not own.position[0] <= low <= high <= own.position[1]:
+                raise LimitError(
+                    f"the {self.kind} leads axis '{axis}' from {1e6 * low:.3f} to "
+                    f"{1e6 * high:.3f} um, allowed are {1e6 * own.position[0]:.3f} to "
+                    f"{1e6 * own.position[1]:.3f} um: make it smaller, or shift it"
+                )
+            fastest = self.largest_speed(axis)
+            if own.speed is not None and fastest > own.speed * (1.0 + 1e-9):
+                raise LimitError(
+                    f"the {self.kind} moves axis '{axis}' at up to {1e6 * fastest:.4g} um/s, "
+                    f"allowed are {1e6 * own.speed:.4g} um/s: lower its rate, or make it smaller"
+                )
+
+    def _of(self, axis: str) -> Array:
+        if axis not in self.positions:
+            known = ", ".join(self.positions)
+            raise ModelError(f"the trajectory has no axis '{axis}': it moves {known}")
+        return np.asarray(self.positions[axis], dtype=np.float64)
+
+
+def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[str, ...]]:
+    """Return the whole number of samples of a period.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Periods in a second [Hz].
+    sample_rate_hz : float
+        Samples in a second [Hz].
+
+    Returns
+    -------
+    tuple
+        The number, and a note where the rate had to be changed for it.
+
+    Raises
+    ------
+    ModelError
+        A rate is not positive, or there are fewer than 8 samples in a period.
+
+    Examples
+    --------
+    >>> period_samples(3.0, 1000.0)
+    (333, ('the rate is 3.003 Hz instead of 3 Hz, for a whole number of samples',))
+    """
+    for name, value in (("rate", rate_hz), ("sample rate", sample_rate_hz)):
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ModelError(f"the {name} of a trajectory must be positive, got {value!r} Hz")
+    count = round(sample_rate_hz / rate_hz)
+    if count < _FEWEST:
+        raise ModelError(
+            f"{rate_hz:g} Hz at {sample_rate_hz:g} samples a second leaves {count} samples of a "
+            f"period, at least {_FEWEST} are needed: lower the rate"
+        )
+    made = sample_rate_hz / count
+    if abs(made - rate_hz) <= _TOLD * rate_hz:
+        return count, ()
+    return count, (
+        f"the rate is {made:.6g} Hz instead of {rate_hz:g} Hz, for a whole number of samples",
+    )
+
+
+def band_limited(trajectory: Trajectory, band_hz: float) -> Trajectory:
+    """Return a trajectory with no harmonics above a band, whose corners are round by that.
+
+    Harmonics up to half of the band are kept whole, those above it fall off as a cosine: no
+    overshoot by more than some percent of what a corner loses, and no delay.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory.
+    band_hz : float
+        Highest frequency that is left [Hz].
+
+    Returns
+    -------
+    Trajectory
+        The trajectory; samples that moved by more than 1e-4 of its range are no longer linear.
+
+    Raises
+    ------
+    ModelError
+        The band holds no harmonic of the trajectory.
+
+    Examples
+    --------
+    >>> from flexstage.control.trajectories import triangle
+    >>> sharp = triangle("x", 0.0, 59.5e-6, 2.0, sample_rate_hz=2e3, turn_time=1e-3)
+    >>> soft = band_limited(sharp, 100.0)
+    >>> round(soft.linear_share, 2), round(float(np.ptp(soft.positions["x"])) * 1e6, 2)
+    (0.85, 58.93)
+    """
+    if not band_hz * trajectory.period >= 1.0:
+        raise ModelError(
+            f"a band of {band_hz:g} Hz leaves nothing of a motion that repeats every "
+            f"{trajectory.period:g} s: take {1.0 / trajectory.period:.3g} Hz or more"
+        )
+    n = trajectory.size
+    f = np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz)
+    kept = 0.5 * (1.0 + np.cos(np.pi * np.clip(2.0 * f / band_hz - 1.0, 0.0, 1.0)))
+    linear = np.array(trajectory.linear, dtype=np.bool_)
+    positions = {}
+    for axis, x in trajectory.positions.items():
+        soft = np.fft.irfft(np.fft.rfft(x) * kept, n)
+        linear &= np.abs(soft - x) <= 1e-4 * max(float(np.ptp(x)), 1e-300)
+        positions[axis] = np.asarray(soft, dtype=np.float64)
+    return replace(trajectory, positions=positions, linear=linear)
+
+
+def checked_ends(low: float, high: float, axis: str) -> tuple[float, float]:
+    """Return the ends of a motion after checking that they rise.
+
+    Parameters
+    ----------
+    low, high : float
+        The ends [m].
+    axis : str
+        The axis, for the message.
+
+    Returns
+    -------
+    tuple of float
+        The ends [m].
+
+    Raises
+    ------
+    ModelError
+        They are not finite, or do not rise.
+    """
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ModelError(f"the ends of the motion of '{axis}' must rise, got {low!r}, {high!r} m")
+    return float(low), float(high)
+
+
+def smooth_step(s: ArrayLike) -> Array:
+    r"""Return the minimum-jerk way from 0 to 1.
+
+    .. math:: 10 s^3 - 15 s^4 + 6 s^5
+
+    of T. Flash and N. Hogan (J. Neuroscience 5 (1985) 1688): speed and acceleration are zero at
+    both ends, 1.875 and 5.774 at most in between.
+
+    Parameters
+    ----------
+    s : array_like
+        Share of the time [1]; held at its ends outside 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Share of the way [1].
+    """
+    at = np.clip(np.asarray(s, dtype=np.float64), 0.0, 1.0)
+    return at**3 * (10.0 - 15.0 * at + 6.0 * at**2)

@@ -1,0 +1,116 @@
+r"""There and back at constant speed, with turns of least jerk.
+
+In a turn of duration :math:`T_t` the speed goes from v to -v as a cubic,
+
+.. math:: \dot x = v\,(1 - 6 s^2 + 4 s^3), \qquad s = t/T_t,
+
+which has the least mean square of jerk of all turns that begin and end at that speed without
+acceleration, wherever they have their peak. It leads :math:`5/16\, v T_t` beyond the linear part;
+acceleration is at most :math:`3 v/T_t`, jerk :math:`12 v/T_t^2`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+
+__all__ = ["BEYOND", "linear_between_turns", "there_and_back"]
+
+Array = NDArray[np.float64]
+
+#: How far a turn leads beyond the linear part, over speed and duration.
+BEYOND = 5.0 / 16.0
+
+
+def there_and_back(phase: Array, turn: float) -> Array:
+    """Return a motion from 0 to 1 and back, with round turns.
+
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        Share of the period [1], any value; 0 is the middle of the lower turn.
+    turn : float
+        Duration of a turn over half the period [1], above 0 and at most 1.
+
+    Returns
+    -------
+    numpy.ndarray
+        Share of the way [1], from 0 to 1.
+
+    Raises
+    ------
+    ModelError
+        The duration of a turn is out of range.
+
+    Examples
+    --------
+    >>> there_and_back(np.array([0.0, 0.25, 0.5]), 0.2).round(6).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    _check_turn(turn)
+    # counted in half periods; the motion is odd about a quarter and even about a half
+    t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
+    rising = np.minimum(t, 1.0 - t)
+    speed = 1.0 / (1.0 - turn + 2.0 * BEYOND * turn)
+    s = np.clip(rising / turn + 0.5, 0.5, 1.0)
+    # turned upside down: the lower turn goes from -v to v
+    way = -(s - 2.0 * s**3 + s**4) + BEYOND
+    lower = speed * (turn * way + np.maximum(rising - 0.5 * turn, 0.0))
+    return np.where(t <= 0.5, lower, 1.0 - lower)
+
+
+def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
+    """Say where such a motion has constant speed.
+
+    Parameters
+    ----------
+    phase : numpy.ndarray
+        Share of the period [1], any value; 0 is the middle of the lower turn.
+    turn : float
+        Duration of a turn over half the period [1].
+
+    Returns
+    -------
+    numpy.ndarray
+        True where it has.
+    """
+    t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
+    edge = 0.5 * turn - 1e-9
+    return (t >= edge) & (t <= 1.0 - edge)
+
+
+def turn_share(turn_time: float | None, half_period: float, default: float = 0.1) -> float:
+    """Return the duration of a turn over half the period.
+
+    Parameters
+    ----------
+    turn_time : float or None
+        Duration of a turn [s].
+    half_period : float
+        Half of the period [s].
+    default : float
+        The share where no duration is given [1].
+
+    Returns
+    -------
+    float
+        The share [1].
+
+    Raises
+    ------
+    ModelError
+        The turn is not positive, or longer than half the period.
+    """
+    if turn_time is None:
+        return default
+    if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):
+        raise ModelError(
+            f"a turn must take more than 0 s and at most half the period, {half_period:g} s, got "
+            f"{turn_time!r} s"
+        )
+    return min(turn_time / half_period, 1.0)
+
+
+def _check_turn(turn: float) -> None:
+    if not 0.0 < turn <= 1.0:
+        raise ModelError(f"a turn takes a share above 0 and at most 1 of a way, got {turn!r}")

@@ -1,0 +1,349 @@
+"""The catalogue: which runs there are, on which stage, and what came of them."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from flexstage.errors import RecordError
+from flexstage.instruments.catalogue.database import Database
+from flexstage.instruments.catalogue.entries import (
+    CalibrationEntry,
+    ModelEntry,
+    RunEntry,
+    RunStatus,
+    StageEntry,
+)
+from flexstage.instruments.catalogue.rows import (
+    calibration_entry,
+    fill_run,
+    model_entry,
+    of_stage,
+    run_entry,
+    run_row,
+    stage_entry,
+    stage_row,
+)
+from flexstage.instruments.catalogue.tables import Calibration, Model, Run, StageRow, clean
+
+__all__ = ["Catalogue"]
+
+
+class Catalogue(Database):
+    """Stages, runs, calibrations and models in a database.
+
+    Several programs may read and write it at once. It holds nothing that the folders of the runs do
+    not hold: what could not be entered can be entered later, and a lost catalogue can be made again
+    from the folders, but for calibrations and models.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        What talks to the database, as `open` makes it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from datetime import UTC
+    >>> stage = StageEntry(name="vgtu-piezo", serial_number="7")
+    >>> start = datetime(2031, 5, 17, 9, 30, tzinfo=UTC)
+    >>> run = RunEntry(identifier="0123" * 8, stage=stage, started=start, kind="motion")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Catalogue.open(f"{folder}/catalogue.sqlite") as catalogue:
+    ...         entered = catalogue.enter_run(run)
+    ...         found = catalogue.runs(serial_number="7")
+    >>> entered, found == [run]
+    (True, True)
+    """
+
+    def enter_run(self, entry: RunEntry) -> bool:
+        """Enter a run, or what is new of one that was entered before.
+
+        Parameters
+        ----------
+        entry : RunEntry
+            The run.
+
+        Returns
+        -------
+        bool
+            Whether it was not there before.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached; the run is safe in its folder.
+        """
+
+        def work(session: Session) -> bool:
+            row = session.scalar(select(Run).where(Run.identifier == entry.identifier))
+            new = row is None
+            if row is None:
+                row = Run()
+                session.add(row)
+            with session.no_autoflush:
+                fill_run(session, row, entry)
+            return new
+
+        return self.write(work)
+
+    def enter_calibration(self, entry: CalibrationEntry) -> None:
+        """Enter a calibration; those before it stay.
+
+        Parameters
+        ----------
+        entry : CalibrationEntry
+            The calibration.
+
+        Raises
+        ------
+        RecordError
+            The run that it comes from is not in the catalogue.
+        NotConnectedError
+            The database cannot be reached.
+        """
+
+        def work(session: Session) -> None:
+            row = Calibration(
+                what=entry.what,
+                value=entry.value,
+                unit=entry.unit,
+                standard_uncertainty=entry.standard_uncertainty,
+                valid_from=entry.valid_from,
+                note=entry.note,
+            )
+            row.run = run_row(session, entry.run)
+            row.stage = stage_row(session, entry.stage)
+            session.add(row)
+
+        self.write(work)
+
+    def enter_model(self, entry: ModelEntry) -> None:
+        """Enter a model; one of the same file of the same run is replaced.
+
+        Parameters
+        ----------
+        entry : ModelEntry
+            The model.
+
+        Raises
+        ------
+        RecordError
+            The run that it comes from is not in the catalogue.
+        NotConnectedError
+            The database cannot be reached.
+        """
+
+        def work(session: Session) -> None:
+            run = run_row(session, entry.run)
+            asked = select(Model).where(Model.file == clean(entry.file))
+            row = session.scalars(asked.where(Model.run == run)).first() or Model()
+            with session.no_autoflush:
+                row.run = run
+                row.stage = stage_row(session, entry.stage)
+                row.kind, row.file, row.axis = entry.kind, entry.file, entry.axis
+                row.figures = {clean(k): float(v) for k, v in entry.figures.items()}
+                row.created, row.sha256 = entry.created, entry.sha256
+                session.add(row)
+
+        self.write(work)
+
+    def stages(self) -> list[StageEntry]:
+        """Return all stages, by name and serial number."""
+        asked = select(StageRow).order_by(StageRow.name, StageRow.serial_number, StageRow.id)
+        return self.read(lambda session: [stage_entry(row) for row in session.scalars(asked)])
+
+    def runs(
+        self,
+        *,
+        stage: str | None = None,
+        serial_number: str | None = None,
+        kind: str | None = None,
+        axis: str | None = None,
+        plan: str | None = None,
+        status: RunStatus | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        simulated: bool | None = None,
+        limit: int | None = None,
+    ) -> list[RunEntry]:
+        """Return runs, the latest first.
+
+        Parameters
+        ----------
+        stage : str, optional
+            Name of the stage.
+        serial_number : str, optional
+            Its serial number.
+        kind, axis, plan : str, optional
+            Kind of test, axis, plan.
+        status : {"complete", "recovered", "failed"}, optional
+            How they ended.
+        since : datetime.datetime, optional
+            From when on, with its zone.
+        until : datetime.datetime, optional
+            Before when, with its zone.
+        simulated : bool, optional
+            Whether simulations, or none.
+        limit : int, optional
+            How many at most.
+
+        Returns
+        -------
+        list of RunEntry
+            The runs.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached.
+        """
+        asked = select(Run).join(Run.stage)
+        equal: list[tuple[Any, Any]] = [
+            (StageRow.name, stage),
+            (StageRow.serial_number, serial_number),
+            (Run.kind, kind),
+            (Run.axis, axis),
+            (Run.plan, plan),
+            (Run.status, status),
+            (Run.simulated, simulated),
+        ]
+        for column, value in equal:
+            if value is not None:
+                asked = asked.where(column == value)
+        if since is not None:
+            asked = asked.where(Run.started >= since)
+        if until is not None:
+            asked = asked.where(Run.started < until)
+        asked = asked.order_by(Run.started.desc(), Run.id.desc()).limit(limit)
+        return self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
+
+    def run(self, identifier: str) -> RunEntry:
+        """Return a run.
+
+        Parameters
+        ----------
+        identifier : str
+            Its identifier, or the beginning of it that no other has.
+
+        Returns
+        -------
+        RunEntry
+            The run.
+
+        Raises
+        ------
+        RecordError
+            There is no such run, or more than one.
+        NotConnectedError
+            The database cannot be reached.
+        """
+        wanted = identifier.strip().lower()
+        if not wanted or not set(wanted) <= set("0123456789abcdef"):
+            raise RecordError(
+                "a run is named by the beginning of its identifier, hexadecimal digits such as "
+                f"3f9a, got '{identifier[:40]}'"
+            )
+        asked = select(Run).where(Run.identifier.startswith(wanted)).limit(3)
+        found = self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise RecordError(
+                f"the identifiers of several runs begin with '{wanted}', such as "
+                f"{found[0].identifier} and {found[1].identifier}: give more digits"
+            )
+        raise RecordError(
+            f"no run of the catalogue has an identifier that begins with '{wanted}': list them "
+            "with 'flexstage runs'"
+        )
+
+    def calibrations(
+        self,
+        *,
+        stage: str | None = None,
+        serial_number: str | None = None,
+        what: str | None = None,
+        at: datetime | None = None,
+    ) -> list[CalibrationEntry]:
+        """Return calibrations, the latest first.
+
+        Parameters
+        ----------
+        stage : str, optional
+            Name of the stage.
+        serial_number : str, optional
+            Its serial number.
+        what : str, optional
+            What they are of.
+        at : datetime.datetime, optional
+            Only the one of each that holds at this time: the latest that began before.
+
+        Returns
+        -------
+        list of CalibrationEntry
+            The calibrations.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached.
+        """
+        asked = of_stage(select(Calibration).join(Calibration.stage), stage, serial_number)
+        if what is not None:
+            asked = asked.where(Calibration.what == what)
+        if at is not None:
+            asked = asked.where(Calibration.valid_from <= at)
+        asked = asked.order_by(Calibration.valid_from.desc(), Calibration.id.desc())
+        found = self.read(
+            lambda session: [calibration_entry(row) for row in session.scalars(asked)]
+        )
+        if at is None:
+            return found
+        holding: dict[tuple[str, str, str], CalibrationEntry] = {}
+        for entry in found:
+            holding.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
+        return list(holding.values())
+
+    def models(
+        self,
+        *,
+        stage: str | None = None,
+        serial_number: str | None = None,
+        kind: str | None = None,
+        axis: str | None = None,
+        run: str | None = None,
+    ) -> list[ModelEntry]:
+        """Return models, the latest first.
+
+        Parameters
+        ----------
+        stage : str, optional
+            Name of the stage.
+        serial_number : str, optional
+            Its serial number.
+        kind, axis : str, optional
+            Which model, and of which axis.
+        run : str, optional
+            Identifier of the run that they come from.
+
+        Returns
+        -------
+        list of ModelEntry
+            The models.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached.
+        """
+        asked = of_stage(select(Model).join(Model.stage), stage, serial_number)
+        if kind is not None:
+            asked = asked.where(Model.kind == kind)
+        if axis is not None:
+            asked = asked.where(Model.axis == axis)
+        if run is not None:
+            asked = asked.where(Model.run.has(Run.identifier == run))
+        asked = asked.order_by(Model.created.desc(), Model.id.desc())
+        return self.read(lambda session: [model_entry(row) for row in session.scalars(asked)])

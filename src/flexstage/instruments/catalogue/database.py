@@ -1,0 +1,143 @@
+"""A database of this version: opened, led on, read and written."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Self, TypeVar
+
+from sqlalchemy import Engine
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from flexstage.instruments.catalogue.address import WRITES, catalogue_engine, default_catalogue
+from flexstage.instruments.catalogue.failures import telling
+from flexstage.instruments.catalogue.migrations import LATEST, migrate, schema_version
+
+__all__ = ["Database"]
+
+_T = TypeVar("_T")
+# others may enter the same stage between the question for it and the answer
+_TRIES = 8
+
+
+class Database:
+    """A database that holds the tables of this version.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        What talks to it, as `open` makes it.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    @classmethod
+    def open(cls, address: str | None = None) -> Self:
+        """Open a catalogue; make it, or lead it to this version, where that is needed.
+
+        Parameters
+        ----------
+        address : str, optional
+            A file, or a URL of PostgreSQL; the user's own where not given.
+
+        Returns
+        -------
+        Database
+            It, to be closed, or used as a context manager.
+
+        Raises
+        ------
+        NotConnectedError
+            The server or the file cannot be reached, or the right to use it is missing.
+        RecordError
+            The address is none, the database is of a later version or of another program.
+        """
+        made = cls(catalogue_engine(address or default_catalogue()))
+        try:
+            made._lead_to_this_version()
+        except BaseException:
+            made.close()
+            raise
+        return made
+
+    @property
+    def address(self) -> str:
+        """Where it is, without a password."""
+        return self._engine.url.render_as_string(hide_password=True)
+
+    def close(self) -> None:
+        """Close all links to the database."""
+        self._engine.dispose()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _lead_to_this_version(self) -> None:
+        with telling(self.address):
+            with self._engine.connect() as connection, connection.begin():
+                if schema_version(connection) == LATEST:
+                    return
+            with self._writing() as connection:
+                migrate(connection)
+
+    def read(self, work: Callable[[Session], _T]) -> _T:
+        """Do work that only reads.
+
+        Parameters
+        ----------
+        work : callable
+            What is done with a session.
+
+        Returns
+        -------
+        Any
+            What it returns.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached.
+        """
+        with telling(self.address), Session(self._engine) as session:
+            return work(session)
+
+    def write(self, work: Callable[[Session], _T]) -> _T:
+        """Do work in one transaction, again where another program was first.
+
+        Parameters
+        ----------
+        work : callable
+            What is done with a session.
+
+        Returns
+        -------
+        Any
+            What it returns.
+
+        Raises
+        ------
+        NotConnectedError
+            The database cannot be reached.
+        """
+        with telling(self.address):
+            for _ in range(_TRIES - 1):
+                try:
+                    return self._once(work)
+                except IntegrityError:
+                    continue
+            return self._once(work)
+
+    def _once(self, work: Callable[[Session], _T]) -> _T:
+        with self._writing() as connection, Session(connection) as session:
+            result = work(session)
+            session.flush()
+            return result
+
+    @contextmanager
+    def _writing(self) -> Iterator[Any]:
+        link = self._engine.connect().execution_options(**{WRITES: True})
+        with link as connection, connection.begin():
+            yield connection

@@ -1,0 +1,227 @@
+"""What a catalogue keeps: stages, runs, calibrations, models, each as a plain description."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Literal, get_args
+
+from flexstage.errors import RecordError
+
+__all__ = [
+    "CalibrationEntry",
+    "ModelEntry",
+    "RunEntry",
+    "RunStatus",
+    "StageEntry",
+]
+
+#: Whether a run ended as it should, was read from a broken stream, or is still one.
+RunStatus = Literal["complete", "recovered", "failed"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageEntry:
+    """A stage: one description of one piece of metal.
+
+    Parameters
+    ----------
+    name : str
+        Name of the stage.
+    serial_number : str
+        Its serial number; empty where nobody gave one.
+    design : str
+        Built-in design, or file, that its description comes from.
+    hash : str
+        SHA-256 of its description. A stage that is described anew is another entry.
+    """
+
+    name: str
+    serial_number: str = ""
+    design: str = ""
+    hash: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunEntry:
+    """A run: one measurement on one stage.
+
+    Parameters
+    ----------
+    identifier : str
+        32 hexadecimal digits that no other run has.
+    stage : StageEntry
+        The stage.
+    started : datetime.datetime
+        Date and time of its start, with its zone.
+    plan, step, kind, axis : str
+        The plan, its step, which kind of test, and the axis that moves.
+    operator, note : str
+        Who made it, and what they say about it.
+    version : str
+        Version of flexstage.
+    instrument : str
+        What the instrument says it is.
+    simulated : bool
+        Whether it was a simulation.
+    folder : str
+        The folder of the run.
+    file : str
+        The file of its samples, from there.
+    sha256 : str
+        Hash of that file.
+    status : {"complete", "recovered", "failed"}
+        Whether it ended as it should, was read from a broken stream, or still is one.
+    samples : int
+        Samples of each channel.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    seed : int, optional
+        Seed of a simulation, or of a designed command.
+    lost : str
+        What was lost, or came twice, in words; empty where nothing was.
+
+    Raises
+    ------
+    RecordError
+        The status is another one, the start has no zone, or a number is impossible.
+    """
+
+    identifier: str
+    stage: StageEntry
+    started: datetime
+    plan: str = ""
+    step: str = ""
+    kind: str = ""
+    axis: str = ""
+    operator: str = ""
+    note: str = ""
+    version: str = ""
+    instrument: str = ""
+    simulated: bool = False
+    folder: str = ""
+    file: str = ""
+    sha256: str = ""
+    status: RunStatus = "complete"
+    samples: int = 0
+    sample_rate_hz: float = 0.0
+    seed: int | None = None
+    lost: str = ""
+
+    def __post_init__(self) -> None:
+        _require_zone(self.started, "the start of a run")
+        if self.status not in get_args(RunStatus):
+            raise RecordError(
+                f"the status of a run is one of {', '.join(get_args(RunStatus))}, got "
+                f"{self.status!r}"
+            )
+        if self.samples < 0 or not 0.0 <= self.sample_rate_hz < math.inf:
+            raise RecordError(
+                f"a run of {self.samples} samples at {self.sample_rate_hz:g} Hz is impossible"
+            )
+
+    @property
+    def duration(self) -> float:
+        """How long it took [s]; 0 where the rate is not known."""
+        return self.samples / self.sample_rate_hz if self.sample_rate_hz else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationEntry:
+    """A value that was found for a stage, with its uncertainty.
+
+    Parameters
+    ----------
+    what : str
+        What it is of: ``gain of sensor x``.
+    value : float
+        Its value, in `unit`.
+    unit : str
+        Its unit; empty for a ratio.
+    standard_uncertainty : float
+        Its standard uncertainty, in `unit`.
+    valid_from : datetime.datetime
+        From when it holds, with its zone.
+    stage : StageEntry
+        The stage.
+    run : str
+        Identifier of the run that it comes from; empty where there is none.
+    note : str
+        What else is to be said.
+
+    Raises
+    ------
+    RecordError
+        A number is not finite, the uncertainty is negative, or the time has no zone.
+    """
+
+    what: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+    valid_from: datetime
+    stage: StageEntry
+    run: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        _require_zone(self.valid_from, "the start of a calibration")
+        if not self.what.strip():
+            raise RecordError("a calibration must say what it is of, got an empty text")
+        if not math.isfinite(self.value) or not 0.0 <= self.standard_uncertainty < math.inf:
+            raise RecordError(
+                "a calibration needs a finite value and a standard uncertainty that is not "
+                f"negative, got {self.value!r} and {self.standard_uncertainty!r}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelEntry:
+    """A model that was identified.
+
+    Parameters
+    ----------
+    kind : str
+        Which model: ``bouc-wen``, ``preisach``...
+    file : str
+        Its file.
+    axis : str
+        The axis that it is of.
+    figures : Mapping
+        How good it is: numbers by name.
+    stage : StageEntry
+        The stage.
+    created : datetime.datetime
+        When it was made, with its zone.
+    run : str
+        Identifier of the run that it was identified from; empty where there is none.
+    sha256 : str
+        Hash of its file.
+
+    Raises
+    ------
+    RecordError
+        A figure is not finite, or the time has no zone.
+    """
+
+    kind: str
+    file: str
+    stage: StageEntry
+    created: datetime = field(default_factory=lambda: datetime.now(UTC))
+    axis: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    run: str = ""
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        _require_zone(self.created, "the date of a model")
+        for name, value in self.figures.items():
+            if not math.isfinite(value):
+                raise RecordError(f"figure '{name}' of a model must be finite, got {value!r}")
+
+
+def _require_zone(time: datetime, what: str) -> None:
+    if time.tzinfo is None:
+        raise RecordError(
+            f"{what} must say its zone, got {time.isoformat()}: add tzinfo, such as datetime.UTC"
+        )

@@ -1,0 +1,156 @@
+"""Entering the folder of a run: from what its own files say, and from nothing else."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexstage.errors import FlexstageError, RecordError
+from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEntry
+from flexstage.instruments.recording.attributes import file_summary
+from flexstage.instruments.recording.folder import RunFolder
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.recovery import examine
+
+__all__ = ["Entered", "enter_folder", "folder_entries"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entered:
+    """What came of entering a folder.
+
+    Parameters
+    ----------
+    runs : tuple of RunEntry
+        The runs of the folder.
+    new : int
+        How many of them were not in the catalogue before.
+    problems : tuple of str
+        What could not be entered, and why.
+    """
+
+    runs: tuple[RunEntry, ...]
+    new: int
+    problems: tuple[str, ...]
+
+
+def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str, ...]]:
+    """Return the runs whose files a folder holds.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The folder of a run, or any folder with records.
+
+    Returns
+    -------
+    tuple of RunEntry
+        The runs: complete, recovered, or failed where there is only a stream.
+    tuple of str
+        What could not be read, and why.
+
+    Raises
+    ------
+    RecordError
+        There is no such folder.
+    """
+    place = RunFolder.open(folder)
+    entries: list[RunEntry] = []
+    problems: list[str] = []
+    for path in (*place.records(), *place.streams()):
+        try:
+            entries.append(_entry(path, place.path.resolve()))
+        except RecordError as error:
+            problems.append(str(error))
+        except OSError as error:
+            problems.append(f"'{path}' cannot be read: {error.strerror or error}")
+    return tuple(entries), tuple(problems)
+
+
+def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
+    """Enter all runs of a folder; a catalogue that fails is told and raises nothing.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The folder of a run.
+    address : str, optional
+        The catalogue; the user's own where not given.
+
+    Returns
+    -------
+    Entered
+        What was entered, and what could not be.
+
+    Raises
+    ------
+    RecordError
+        There is no such folder.
+    """
+    entries, problems = folder_entries(folder)
+    new = 0
+    told = list(problems)
+    try:
+        with Catalogue.open(address) as catalogue:
+            for entry in entries:
+                new += catalogue.enter_run(entry)
+    except FlexstageError as error:
+        told.append(str(error))
+    return Entered(runs=entries, new=new, problems=tuple(told))
+
+
+def _entry(path: Path, folder: Path) -> RunEntry:
+    if path.suffix == ".h5":
+        found = file_summary(path)
+        status: RunStatus = "complete" if found.complete else "recovered"
+        return _described(
+            found.metadata, path, folder, status, found.samples, found.sample_rate_hz,
+            found.lost,
+        )  # fmt: skip
+    kept = examine(path)
+    return _described(
+        kept.head.metadata, path, folder, "failed", kept.samples, kept.head.sample_rate_hz,
+        "; ".join(kept.notes),
+    )  # fmt: skip
+
+
+def _described(
+    about: RunMetadata,
+    path: Path,
+    folder: Path,
+    status: RunStatus,
+    samples: int,
+    rate: float,
+    lost: str,
+) -> RunEntry:
+    if not about.identifier:
+        raise RecordError(f"'{path}' does not say which run it is of: no writer has begun it")
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return RunEntry(
+        identifier=about.identifier,
+        stage=StageEntry(
+            name=about.stage,
+            serial_number=about.serial_number,
+            design=about.design,
+            hash=about.stage_hash,
+        ),
+        started=about.start_time(),
+        plan=about.plan,
+        step=about.step,
+        kind=about.kind,
+        axis=about.axis,
+        operator=about.operator,
+        note=about.note,
+        version=about.version,
+        instrument=about.texts().get("instrument", ""),
+        simulated=about.instrument.simulated,
+        folder=str(folder),
+        file=path.resolve().relative_to(folder).as_posix(),
+        sha256=digest,
+        status=status,
+        samples=samples,
+        sample_rate_hz=rate,
+        seed=about.seed,
+        lost=lost,
+    )

@@ -1,0 +1,255 @@
+"""Questions and commands for a GCS controller, one at a time, each with its own answer."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from flexstage.errors import ControllerError, NotConnectedError
+from flexstage.instruments.gcs.codes import STOPPED, error_sentence
+from flexstage.instruments.gcs.exchange import Exchange, shown
+from flexstage.instruments.gcs.replies import assignments, number, whole_number
+from flexstage.instruments.gcs.transport import Transport
+
+__all__ = ["GcsClient"]
+
+
+class GcsClient:
+    """A conversation with a controller that speaks the General Command Set, version 2.
+
+    An answer that comes too late is never taken for that to a later question: after a time-out the
+    link is brought into step again by a question whose answer is known, and if that fails it is
+    given up. Any thread may ask; one exchange goes on at a time.
+
+    Parameters
+    ----------
+    transport : Transport
+        The link.
+    timeout : float
+        Longest silence before an answer is given up [s].
+    clock : callable, optional
+        Tells the time [s].
+
+    Raises
+    ------
+    ControllerError
+        What is there does not answer as such a controller does.
+    NotConnectedError
+        The link is gone.
+
+    Notes
+    -----
+    The constructor sends ``*IDN?``, ``CSV?`` and ``ERR?`` and nothing else.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        timeout: float = 2.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._lock = threading.RLock()
+        self._exchange = Exchange(transport, timeout, clock)
+        self._stops = 0
+        try:
+            self._exchange.greet()
+        except BaseException:
+            transport.close()
+            raise
+
+    @property
+    def name(self) -> str:
+        """Where the link leads."""
+        return self._exchange.name
+
+    @property
+    def identity(self) -> str:
+        """What the controller answers to ``*IDN?``."""
+        return self._exchange.identity
+
+    @property
+    def connected(self) -> bool:
+        """Whether the link is whole, as far as is known."""
+        return self._exchange.connected
+
+    @property
+    def stops(self) -> int:
+        """How often `stop` was called."""
+        return self._stops
+
+    def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
+        """Ask a question.
+
+        Parameters
+        ----------
+        command : str
+            The question, without its line feed; of one character for those that need none.
+        timeout : float, optional
+            Longest silence [s]; that of the client where not given.
+
+        Returns
+        -------
+        list of str
+            Lines of the answer, one at least, without the space that ends all but the last.
+
+        Raises
+        ------
+        NoAnswerError
+            There was no answer in time; the link is in step again.
+        ControllerError
+            The controller refused the question, or answered too much.
+        NotConnectedError
+            The link is gone, or could not be brought into step again.
+        """
+        with self._lock:
+            self._exchange.settle()
+            return self._exchange.ask(
+                command, self._exchange.timeout if timeout is None else timeout
+            )
+
+    def ask_values(self, command: str, names: Sequence[str]) -> list[float]:
+        """Ask for one number for each of some names.
+
+        Parameters
+        ----------
+        command : str
+            The question, without names.
+        names : sequence of str
+            Axes, channels, tables, or pairs of item and parameter.
+
+        Returns
+        -------
+        list of float
+            Numbers in the order of the names; ``nan`` where a sensor gives that.
+
+        Raises
+        ------
+        ControllerError
+            The answer is not one to this question.
+        """
+        return [number(text, command) for text in self.ask_texts(command, names)]
+
+    def ask_texts(self, command: str, names: Sequence[str]) -> list[str]:
+        """Ask for one text for each of some names.
+
+        Parameters
+        ----------
+        command : str
+            The question, without names.
+        names : sequence of str
+            Axes, channels, tables, or pairs of item and parameter.
+
+        Returns
+        -------
+        list of str
+            Texts in the order of the names.
+
+        Raises
+        ------
+        ControllerError
+            The answer is not one to this question.
+        """
+        question = " ".join([command, *names])
+        with self._lock:
+            lines = self.ask(question)
+            try:
+                return assignments(lines, names, question)
+            except ControllerError:
+                self._exchange.put_in_step(question)
+                raise
+
+    def ask_whole(self, command: str, *, base: int = 10) -> int:
+        """Ask for one whole number.
+
+        Parameters
+        ----------
+        command : str
+            The question.
+        base : int
+            16 where the answer has hexadecimal digits without saying so.
+
+        Returns
+        -------
+        int
+            The number.
+
+        Raises
+        ------
+        ControllerError
+            The answer is not one to this question.
+        """
+        with self._lock:
+            lines = self.ask(command)
+            try:
+                text = " ".join(lines).rpartition("=")[2].strip()
+                if base == 16 and not text.lower().startswith("0x"):
+                    text = f"0x{text}"
+                return whole_number(text, shown(command))
+            except ControllerError:
+                self._exchange.put_in_step(command)
+                raise
+
+    def tell(self, command: str) -> None:
+        """Give a command, and ask whether it was carried out.
+
+        Parameters
+        ----------
+        command : str
+            The command, without its line feed.
+
+        Raises
+        ------
+        ControllerError
+            The controller refused it, with the number of the error in `code`.
+        NoAnswerError
+            The controller does not say whether it carried the command out.
+        NotConnectedError
+            The link is gone; the command may have been carried out or not. Where it was lost with
+            this command, a stop was sent by another link if there can be one.
+        """
+        with self._lock:
+            self._exchange.settle()
+            try:
+                code = self._exchange.tell(command)
+            except NotConnectedError:
+                # it may have been carried out, and nobody could see what comes of it
+                self.stop()
+                raise
+            if code == STOPPED:
+                # somebody stopped the stage, and this command may have come after it
+                self.stop()
+                raise ControllerError(
+                    f"'{shown(command)}' met a stop: {error_sentence(code)}, perhaps by somebody "
+                    "else, and to be sure everything was stopped once more",
+                    code,
+                )
+            if code:
+                raise ControllerError(
+                    f"the controller refused '{shown(command)}': {error_sentence(code)}", code
+                )
+
+    def stop(self) -> None:
+        """Stop all motion at once, from any thread; never raises.
+
+        The character goes out on the link even while another thread waits for an answer. Where the
+        link takes nothing, or is gone, a second connection is tried if there can be one.
+        """
+        self._stops += 1
+        self._exchange.send_stop()
+
+    def reconnect(self) -> None:
+        """Open the link anew, where the transport can, and see that the same controller is there.
+
+        Raises
+        ------
+        NotConnectedError
+            It cannot be opened.
+        ControllerError
+            Another controller answers.
+        """
+        with self._lock:
+            self._exchange.reopen()
+
+    def close(self) -> None:
+        """End the link; nothing moves by it."""
+        self._exchange.close()

@@ -1,0 +1,236 @@
+"""What a controller says of itself: its commands, parameters, and what its recorder offers."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from flexstage.instruments.gcs.client import GcsClient
+from flexstage.instruments.gcs.replies import excerpt
+from flexstage.instruments.protocol import Identity
+
+__all__ = ["Profile", "Wire", "describe", "parse_identity", "read_profile"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wire:
+    """How much is sent and asked for at once.
+
+    Parameters
+    ----------
+    line_limit : int
+        Most characters of a command line.
+    rows : int
+        Most rows of a table that are read at once.
+    poll : float
+        Time between two questions while waiting [s]; none passes where simulated time runs fast.
+    """
+
+    line_limit: int = 256
+    rows: int = 1000
+    poll: float = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """What a controller says of itself.
+
+    Parameters
+    ----------
+    identity : Identity
+        What it is.
+    commands : frozenset of str
+        The commands that it knows; ``#5`` for single characters.
+    parameters : Mapping
+        What its parameters are called, by number.
+    record_options, trigger_options : Mapping
+        What its recorder records and what starts it, by number.
+    """
+
+    identity: Identity
+    commands: frozenset[str]
+    parameters: Mapping[int, str] = field(default_factory=dict)
+    record_options: Mapping[int, str] = field(default_factory=dict)
+    trigger_options: Mapping[int, str] = field(default_factory=dict)
+
+    def knows(self, *commands: str) -> bool:
+        """Say whether the controller knows commands.
+
+        Parameters
+        ----------
+        *commands : str
+            The commands.
+
+        Returns
+        -------
+        bool
+            Whether it knows all of them.
+        """
+        return self.commands.issuperset(commands)
+
+    def parameter(self, pattern: str) -> int | None:
+        """Return the number of the parameter that is called so.
+
+        Parameters
+        ----------
+        pattern : str
+            Regular expression that is searched in the names, in any case.
+
+        Returns
+        -------
+        int or None
+            The lowest number that fits; None where there is none.
+
+        Examples
+        --------
+        >>> who = Identity(vendor="", model="")
+        >>> about = Profile(identity=who, commands=frozenset(), parameters={7: "Table Rate"})
+        >>> about.parameter("^table"), about.parameter("speed")
+        (7, None)
+        """
+        return _find(self.parameters, pattern)
+
+    def record_option(self, *patterns: str) -> int | None:
+        """Return the number of what the recorder records, by the first expression that fits any.
+
+        Parameters
+        ----------
+        *patterns : str
+            Regular expressions, the best first.
+
+        Returns
+        -------
+        int or None
+            The number.
+        """
+        return _find_first(self.record_options, patterns)
+
+    def trigger_option(self, *patterns: str) -> int | None:
+        """Return the number of what starts the recorder, by the first expression that fits any.
+
+        Parameters
+        ----------
+        *patterns : str
+            Regular expressions, the best first.
+
+        Returns
+        -------
+        int or None
+            The number.
+        """
+        return _find_first(self.trigger_options, patterns)
+
+
+def read_profile(client: GcsClient) -> Profile:
+    """Ask a controller what it can do; nothing is changed by it.
+
+    Parameters
+    ----------
+    client : GcsClient
+        The conversation.
+
+    Returns
+    -------
+    Profile
+        What it says: ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
+    """
+    commands = _commands(client.ask("HLP?"))
+    parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
+    options: tuple[dict[int, str], dict[int, str]] = ({}, {})
+    if "HDR?" in commands:
+        options = _recorder_options(client.ask("HDR?"))
+    return Profile(
+        identity=parse_identity(client.identity),
+        commands=commands,
+        parameters=parameters,
+        record_options=options[0],
+        trigger_options=options[1],
+    )
+
+
+def parse_identity(text: str) -> Identity:
+    """Read the answer to ``*IDN?``.
+
+    Parameters
+    ----------
+    text : str
+        Vendor, model, serial number and version of the firmware, between commas.
+
+    Returns
+    -------
+    Identity
+        What it says; simulated where the word is in it.
+
+    Examples
+    --------
+    >>> parse_identity("(c) 2013 Maker, Controller, 117, 1.02").serial_number
+    '117'
+    """
+    fields = [f.strip() for f in text.split(",")]
+    while len(fields) < 4:
+        fields.append("")
+    return Identity(
+        vendor=", ".join(fields[:-3]),
+        model=fields[-3],
+        serial_number=fields[-2],
+        firmware=fields[-1],
+        simulated="simulated" in text.lower(),
+    )
+
+
+def _commands(lines: Sequence[str]) -> frozenset[str]:
+    words = (line.split(maxsplit=1)[0] for line in lines if line.strip())
+    return frozenset(w.rstrip(":,") for w in words if re.fullmatch(r"#\d+|\*?[A-Z]{3}\??[:,]?", w))
+
+
+def _parameters(lines: Sequence[str]) -> dict[int, str]:
+    """Return names by number; a line is number=level, items, type, group, name, ... by tabs."""
+    found: dict[int, str] = {}
+    for line in lines:
+        key, equals, rest = line.partition("=")
+        columns = rest.split("\t")
+        if equals and re.fullmatch(r"\s*0[xX][0-9a-fA-F]+\s*", key) and len(columns) >= 5:
+            found[int(key, 16)] = columns[4].strip()
+    return found
+
+
+def _recorder_options(lines: Sequence[str]) -> tuple[dict[int, str], dict[int, str]]:
+    sections: dict[str, dict[int, str]] = {"#recordoptions": {}, "#triggeroptions": {}}
+    current: dict[int, str] | None = None
+    for line in lines:
+        text = line.strip()
+        if text.startswith("#"):
+            current = sections.get(text.replace(" ", "").lower())
+            continue
+        found = re.fullmatch(r"(\d{1,6})\s*=\s*(.*)", text)
+        if found and current is not None:
+            current[int(found[1])] = found[2]
+    return sections["#recordoptions"], sections["#triggeroptions"]
+
+
+def _find(names: Mapping[int, str], pattern: str) -> int | None:
+    fitting = (n for n, name in sorted(names.items()) if re.search(pattern, name, re.IGNORECASE))
+    return next(fitting, None)
+
+
+def _find_first(names: Mapping[int, str], patterns: Sequence[str]) -> int | None:
+    for pattern in patterns:
+        number = _find(names, pattern)
+        if number is not None:
+            return number
+    return None
+
+
+def describe(names: Mapping[int, str]) -> str:
+    """Return a list of options for a sentence.
+
+    Parameters
+    ----------
+    names : Mapping
+        Names by number.
+
+    Returns
+    -------
+    str
+        The names, cut where they are long.
+    """
+    return ", ".join(excerpt(name) for name in names.values()) or "nothing"

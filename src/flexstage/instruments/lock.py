@@ -1,0 +1,183 @@
+"""One program at a time moves a stage: a lock by its serial number, which dies with the program."""
+
+import hashlib
+import json
+import os
+import re
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from flexstage.errors import ModelError, NotConnectedError
+
+__all__ = ["Holder", "holder", "stage_lock", "state_directory"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Holder:
+    """Who holds a stage.
+
+    Parameters
+    ----------
+    pid : int
+        Number of the process.
+    host : str
+        Name of the computer.
+    since : str
+        Since when, UTC.
+    program : str
+        What was started.
+    """
+
+    pid: int
+    host: str
+    since: str
+    program: str
+
+
+def state_directory() -> Path:
+    """Return where the state of this user's work is kept.
+
+    Returns
+    -------
+    pathlib.Path
+        ``$FLEXSTAGE_STATE`` if it is set, else the platform's place, where ``$XDG_STATE_HOME`` is
+        respected.
+    """
+    if named := os.environ.get("FLEXSTAGE_STATE"):
+        return Path(named)
+    if base := os.environ.get("XDG_STATE_HOME"):
+        return Path(base) / "flexstage"
+    if sys.platform == "win32" and (base := os.environ.get("LOCALAPPDATA")):
+        return Path(base) / "flexstage" / "state"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "flexstage"
+    return Path.home() / ".local" / "state" / "flexstage"
+
+
+@contextmanager
+def stage_lock(
+    serial_number: str, *, directory: Path | None = None, timeout: float = 0.0
+) -> Iterator[Path]:
+    """Hold a stage for this program alone.
+
+    The operating system releases the lock when the process ends, however it ends.
+
+    Validity: programs of one user on one computer, or of all that share ``$FLEXSTAGE_STATE``, on a
+    disk that knows locks; another program that talks to the controller directly is not held off.
+
+    Parameters
+    ----------
+    serial_number : str
+        Serial number of the stage.
+    directory : pathlib.Path, optional
+        Where locks are; below `state_directory` where not given.
+    timeout : float
+        How long to wait for another program to end [s].
+
+    Yields
+    ------
+    pathlib.Path
+        The file of the lock.
+
+    Raises
+    ------
+    NotConnectedError
+        Another program holds it; the sentence says which.
+    ModelError
+        The serial number is empty, or the directory cannot be used.
+    """
+    from filelock import FileLock, Timeout
+
+    lock_file, note = _files(serial_number, directory)
+    try:
+        lock_file.parent.mkdir(parents=True, exist_ok=True)
+        # A lock belongs to the program and not to the thread that took it.
+        lock = FileLock(lock_file, thread_local=False)
+        lock.acquire(timeout=timeout, poll_interval=0.02)
+    except Timeout:
+        raise NotConnectedError(_taken(serial_number, note)) from None
+    except (OSError, NotImplementedError) as error:
+        raise ModelError(
+            f"the lock of stage '{serial_number}' cannot be made in {lock_file.parent}: {error}; "
+            "set FLEXSTAGE_STATE to a directory on a local disk that can be written"
+        ) from error
+    try:
+        _write(note)
+        yield lock_file
+    finally:
+        with suppress(OSError):
+            note.unlink()
+        lock.release()
+
+
+def holder(serial_number: str, *, directory: Path | None = None) -> Holder | None:
+    """Return who holds a stage, or held it last and died.
+
+    Parameters
+    ----------
+    serial_number : str
+        Serial number of the stage.
+    directory : pathlib.Path, optional
+        Where locks are.
+
+    Returns
+    -------
+    Holder or None
+        None where nobody has left word.
+    """
+    return _read(_files(serial_number, directory)[1])
+
+
+def _files(serial_number: str, directory: Path | None) -> tuple[Path, Path]:
+    if not serial_number.strip():
+        raise ModelError("a stage needs a serial number to be locked: give one in the plan")
+    name = re.sub(r"[^A-Za-z0-9.-]", "_", serial_number)[:60]
+    if name != serial_number:  # two serial numbers that look alike as file names stay apart
+        name += f"-{hashlib.sha256(serial_number.encode()).hexdigest()[:10]}"
+    where = state_directory() / "locks" if directory is None else directory
+    return where / f"stage-{name}.lock", where / f"stage-{name}.json"
+
+
+def _write(note: Path) -> None:
+    me = Holder(
+        pid=os.getpid(),
+        host=socket.gethostname(),
+        since=datetime.now(UTC).isoformat(timespec="seconds"),
+        program=" ".join([Path(sys.argv[0] or sys.executable).name, *sys.argv[1:]])[:200],
+    )
+    part = note.with_suffix(f".{os.getpid()}.part")
+    # The lock is what counts: a full disk takes away only the name of its holder.
+    with suppress(OSError):
+        part.write_text(json.dumps(asdict(me)), encoding="utf-8")
+        part.replace(note)
+
+
+def _read(note: Path) -> Holder | None:
+    try:
+        found = json.loads(note.read_text(encoding="utf-8"))
+        return Holder(
+            pid=int(found["pid"]),
+            host=str(found["host"]),
+            since=str(found["since"]),
+            program=str(found["program"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _taken(serial_number: str, note: Path) -> str:
+    who = _read(note)
+    by = (
+        "another program, which has not said its name"
+        if who is None
+        else f"'{who.program}' (process {who.pid} on {who.host}, since {who.since})"
+    )
+    return (
+        f"stage '{serial_number}' is in use by {by}: end that program first, or give the stage its "
+        "own serial number if it is another one"
+    )

@@ -1,0 +1,398 @@
+"""An NI card with a stage as an instrument: sensors, drives behind amplifiers, one clock."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+
+from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.instruments.limits import AxisLimits, stage_limits
+from flexstage.instruments.ni.backend import NiBackend
+from flexstage.instruments.ni.outputs import NiOutputs
+from flexstage.instruments.ni.recorder import NiRecorder
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.protocol import Capability, Identity
+from flexstage.instruments.ramp import to_safe
+from flexstage.instruments.servo import ServoSettings
+from flexstage.stage import Stage
+
+__all__ = ["NiAcquisition", "NiAxis"]
+
+
+class NiAxis:
+    """An axis whose drive an analogue output commands, without position control.
+
+    Parameters
+    ----------
+    owner : NiAcquisition
+        The instrument.
+    drive : DriveOutput
+        Its drive.
+    limits : AxisLimits
+        Its limits, at the drive.
+    """
+
+    def __init__(self, owner: "NiAcquisition", drive: DriveOutput, limits: AxisLimits) -> None:
+        self._owner, self._drive, self._limits = owner, drive, limits
+
+    @property
+    def name(self) -> str:
+        """Name of the axis of the stage."""
+        return self._drive.axis
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """Voltages only."""
+        return frozenset({Capability.OPEN_LOOP})
+
+    @property
+    def limits(self) -> AxisLimits:
+        """The narrower of the stage's limits and of what output and amplifier can give."""
+        return self._limits
+
+    @property
+    def closed_loop(self) -> bool:
+        """False."""
+        return False
+
+    def set_closed_loop(self, on: bool) -> None:
+        """Refuse position control.
+
+        Parameters
+        ----------
+        on : bool
+            False does nothing.
+
+        Raises
+        ------
+        ModelError
+            It should be switched on.
+        """
+        if on:
+            raise self._not_able()
+
+    def position(self) -> float:
+        """Return what its sensor reads.
+
+        Returns
+        -------
+        float
+            The position [m].
+        """
+        return self._owner.channel(self._owner.setup.number(self._drive.sensor))
+
+    def voltage(self) -> float:
+        """Return what was given to its drive.
+
+        Returns
+        -------
+        float
+            The voltage [V]; not a number where nobody knows.
+        """
+        return self._owner.outputs.voltage(self.name)
+
+    def move_to(self, position: float, *, wait: bool = True) -> None:
+        """Refuse to move to a position.
+
+        Parameters
+        ----------
+        position : float
+            The position [m].
+        wait : bool
+            Whether to wait.
+
+        Raises
+        ------
+        ModelError
+            Always.
+        """
+        del position, wait
+        raise self._not_able()
+
+    def set_voltage(self, voltage: float) -> None:
+        """Set the voltage of its drive, by a ramp where a step would pass the slew limit.
+
+        Parameters
+        ----------
+        voltage : float
+            The voltage at the drive [V].
+        """
+        self._owner.outputs.set_voltage(self.name, voltage)
+
+    def moving(self) -> bool:
+        """Say whether a waveform or a ramp runs.
+
+        Returns
+        -------
+        bool
+            Of any axis: they go together.
+        """
+        return self._owner.waves.running()
+
+    def wait(self, timeout: float = 30.0) -> None:
+        """Wait until nothing runs; stop it on time-out.
+
+        Parameters
+        ----------
+        timeout : float
+            How long [s].
+        """
+        self._owner.wait(timeout)
+
+    def servo(self) -> ServoSettings:
+        """Refuse settings of a position control.
+
+        Raises
+        ------
+        ModelError
+            Always.
+        """
+        raise self._not_able()
+
+    def set_servo(self, settings: ServoSettings) -> None:
+        """Refuse settings of a position control.
+
+        Parameters
+        ----------
+        settings : ServoSettings
+            The settings.
+
+        Raises
+        ------
+        ModelError
+            Always.
+        """
+        del settings
+        raise self._not_able()
+
+    def _not_able(self) -> ModelError:
+        return ModelError(
+            f"axis '{self.name}' has no position control: an NI card commands voltages, so use "
+            "feedforward, or a controller with a sensor of its own"
+        )
+
+
+class NiAcquisition:
+    """An NI card, the sensors and drives wired to it, and the stage that they belong to.
+
+    Inputs and outputs share one clock. A sample of a record is taken at the instant at which the
+    output of the same number changes, so that a stage without delay shows it one sample of the
+    card's clock later. Connecting moves nothing; what the drives stand at when the program begins
+    is told by the setup. `close` leads the drives to their safe voltages, unless the setup says
+    not to, since a card goes on giving what it gave.
+
+    Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
+    are those that were commanded and not measured.
+
+    Parameters
+    ----------
+    setup : NiSetup
+        What is wired.
+    backend : NiBackend
+        The driver of the card, or a simulated one.
+    stage : Stage, optional
+        The stage, whose limits hold beside those of card and amplifier.
+    limits : Mapping, optional
+        Further limits by axis, at the drive.
+
+    Raises
+    ------
+    NotConnectedError
+        The card is not there.
+    ModelError
+        Limits have nothing in common, the drive has no range of voltages, or the stage has no such
+        axis.
+    """
+
+    def __init__(
+        self,
+        setup: NiSetup,
+        backend: NiBackend,
+        *,
+        stage: Stage | None = None,
+        limits: Mapping[str, AxisLimits] | None = None,
+    ) -> None:
+        self.setup, self._backend = setup, backend
+        model, serial = backend.identify(setup.device)
+        self._identity = Identity(
+            vendor="flexstage" if backend.simulated else "NI",
+            model=model,
+            serial_number=serial,
+            simulated=backend.simulated,
+        )
+        found = {d.axis: _limits(d, stage, (limits or {}).get(d.axis)) for d in setup.outputs}
+        self._recorder = NiRecorder(backend, setup, self._busy)
+        self.outputs = NiOutputs(
+            backend, setup, found, self._recorder.clock, self._recorder.given, self._polled
+        )
+        self._axes = {d.axis: NiAxis(self, d, found[d.axis]) for d in setup.outputs}
+        self._closed = False
+
+    @property
+    def identity(self) -> Identity:
+        """What card it is."""
+        return self._identity
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """Records and sensors; voltages and waveforms where there are drives."""
+        drives = {Capability.OPEN_LOOP, Capability.WAVE_GENERATOR} if self._axes else set()
+        return frozenset({Capability.DATA_RECORDER, Capability.CHANNELS} | drives)
+
+    @property
+    def axes(self) -> Mapping[str, NiAxis]:
+        """Its axes, by the names of the stage's."""
+        return self._axes
+
+    @property
+    def recorder(self) -> NiRecorder:
+        """Its recorder."""
+        return self._recorder
+
+    @property
+    def waves(self) -> NiOutputs:
+        """Its generator of waveforms; `ModelError` where no drive is wired."""
+        if not self._axes:
+            raise ModelError(
+                f"no drive is wired to card '{self.setup.device}', so that it runs no waveforms: "
+                "name its analogue outputs"
+            )
+        return self.outputs
+
+    def channel(self, number: int) -> float:
+        """Return what a sensor reads now.
+
+        Parameters
+        ----------
+        number : int
+            Its number, from 1.
+
+        Returns
+        -------
+        float
+            A single sample [m, rad, N]; the newest of the record while one runs.
+
+        Raises
+        ------
+        ModelError
+            There is no such sensor.
+        """
+        if not 1 <= number <= len(self.setup.inputs):
+            raise ModelError(
+                f"card '{self.setup.device}' has the sensors 1 to {len(self.setup.inputs)}, got "
+                f"{number}"
+            )
+        self._recorder.rest()
+        latest = self._recorder.latest()
+        sensor = self.setup.inputs[number - 1]
+        if latest is not None:
+            return float(sensor.reading(latest[number - 1]))
+        return float(sensor.reading(self._backend.read_now([sensor])[0]))
+
+    def strike(self, axis: str) -> None:
+        """Refuse a blow.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Raises
+        ------
+        ModelError
+            Always: a card has no hammer.
+        """
+        raise ModelError(
+            f"an NI card does not strike axis '{axis}': wire the hammer to an input, record now, "
+            "and strike by hand"
+        )
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass.
+
+        Parameters
+        ----------
+        seconds : float
+            How much [s].
+        """
+        self._backend.pause(seconds)
+
+    def wait(self, timeout: float = 30.0) -> None:
+        """Wait until nothing runs; stop it on time-out.
+
+        Parameters
+        ----------
+        timeout : float
+            How long [s].
+
+        Raises
+        ------
+        ControllerError
+            It still runs.
+        """
+        waited = 0.0
+        while self.outputs.running():
+            if waited > timeout:
+                self.stop()
+                raise ControllerError(f"a waveform still ran after {timeout:g} s: it was stopped")
+            self.pause(0.01)
+            waited += 0.01
+
+    def stop(self) -> None:
+        """Stop all motion, from any thread; the drives keep their voltages."""
+        self.outputs.stop()
+
+    def settings(self) -> Mapping[str, str]:
+        """Return what is wired, and by what driver, as text for the record.
+
+        Returns
+        -------
+        Mapping
+            Text by name.
+        """
+        found = {"driver": self._backend.note, "output rate": f"{self.setup.output_rate_hz:g} Hz"}
+        for s in self.setup.inputs:
+            low, high = s.voltage_range
+            found[f"sensor {s.name}"] = (
+                f"{s.channel} ({s.terminal}, {low:g} to {high:g} V), {s.gain:.9g} {s.unit}/V, "
+                f"{s.offset:.9g} {s.unit} at 0 V"
+            )
+        for d in self.setup.outputs:
+            found[f"drive {d.axis}"] = (
+                f"{d.channel}, amplifier {d.gain:.9g} V/V, {d.offset:.9g} V at 0 V"
+            )
+        return found
+
+    def close(self) -> None:
+        """Lead the drives to their safe voltages, where the setup wants it, and end the link."""
+        if self._closed:
+            return
+        self._closed = True
+        self.outputs.stop()
+        try:
+            if self.setup.lead_to_safe:
+                to_safe(self)
+        finally:
+            with suppress(ControllerError, NotConnectedError):
+                self._recorder.release()
+            self._backend.close()
+
+    def _busy(self) -> bool:
+        return self.outputs.busy()
+
+    def _polled(self) -> None:
+        self._recorder.drain()
+        self._recorder.rest()
+
+
+def _limits(drive: DriveOutput, stage: Stage | None, more: AxisLimits | None) -> AxisLimits:
+    found = AxisLimits(voltage=drive.drive_range)
+    if more is not None:
+        found = more.within(found)
+    if stage is None:
+        return found
+    own = stage_limits(stage, drive.axis)
+    if own.voltage is None and (more is None or more.voltage is None):
+        raise ModelError(
+            f"the drive of axis '{drive.axis}' of stage '{stage.name}' has no voltage range, so "
+            "that no output can be limited for it: give one in the stage file, or as 'limits'"
+        )
+    return own.within(found)

@@ -1,0 +1,296 @@
+"""The drives of a card: what they stand at, steps, ramps and waveforms, checked before all else."""
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
+from flexstage.instruments.checks import check_voltage, check_waveform
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.waveform import Waveform
+
+__all__ = ["NiOutputs"]
+
+Array = NDArray[np.float64]
+
+_LARGEST = 20_000_000  # samples of all drives in memory
+
+
+class NiOutputs:
+    """The drives of a card, and the generator of their waveforms.
+
+    Parameters
+    ----------
+    backend : NiBackend
+        The driver.
+    setup : NiSetup
+        What is wired.
+    limits : Mapping
+        Limits of each axis, at the drive.
+    clock : callable
+        Returns the input task whose clock the outputs go with, and whether it has started; None
+        where nothing is recorded.
+    told : callable
+        Is told what is put out from now on: voltages by axis [V], shape (n,), and whether they
+        begin with the first sample of the record.
+    asked : callable
+        Is called with every question whether something runs.
+    """
+
+    def __init__(
+        self,
+        backend: NiBackend,
+        setup: NiSetup,
+        limits: Mapping[str, AxisLimits],
+        clock: Callable[[], tuple[InputTask, bool] | None],
+        told: Callable[[Mapping[str, Array], bool], None],
+        asked: Callable[[], None],
+    ) -> None:
+        self._backend, self._setup, self._limits = backend, setup, limits
+        self._clock, self._told, self._asked = clock, told, asked
+        self._drives: dict[str, DriveOutput] = {d.axis: d for d in setup.outputs}
+        self._standing = {d.axis: d.begins_at for d in setup.outputs}
+        self._lock = threading.RLock()
+        self._task: OutputTask | None = None
+        self._running: dict[str, Array] = {}
+        self._loaded: Waveform | None = None
+        self._stopped = False
+
+    # the generator of waveforms -----------------------------------------------------------------
+
+    @property
+    def base_rate_hz(self) -> float:
+        """How often the outputs change [Hz]; waveforms are joined by straight lines."""
+        return self._setup.output_rate_hz
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of samples of all drives together."""
+        return _LARGEST
+
+    def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
+        """Check a waveform whole against the limits and keep it.
+
+        Parameters
+        ----------
+        waveform : Waveform
+            Voltages at the drives.
+        feedforward : Waveform, optional
+            Not possible here.
+
+        Raises
+        ------
+        LimitError
+            It leaves the limits.
+        ModelError
+            It holds positions, or there is a feedforward: there is no position control.
+        """
+        if waveform.quantity != "voltage" or feedforward is not None:
+            raise ModelError(
+                f"card '{self._setup.device}' has no position control: give voltages, without "
+                "others beside them"
+            )
+        check_waveform(self._limits, waveform)
+        self._loaded = waveform
+
+    def start(self, cycles: int = 1) -> None:
+        """Run the waveform that was loaded; an armed recorder starts with it.
+
+        Parameters
+        ----------
+        cycles : int
+            How often.
+
+        Raises
+        ------
+        LimitError
+            The drives do not stand at its first sample, or it jumps when it is repeated.
+        ControllerError
+            Nothing was loaded, or something runs.
+        """
+        wave = self._loaded
+        if wave is None:
+            raise ControllerError("no waveform was loaded: load one first")
+        if cycles < 1:
+            raise LimitError(f"a card runs a waveform 1 time or more, got {cycles}")
+        if self.running():
+            raise ControllerError("a waveform runs: wait for its end, or stop it")
+        here = {name: self.voltage(name) for name in wave.values}
+        check_waveform(self._limits, wave, cycles=cycles, start=here)
+        self._put(lambda rate: _sampled(wave, cycles, rate))
+
+    def running(self) -> bool:
+        """Say whether a waveform or a ramp runs.
+
+        Returns
+        -------
+        bool
+            Whether one does.
+        """
+        running = self.busy()
+        self._asked()
+        return running
+
+    def busy(self) -> bool:
+        """Say the same, without a look at the record.
+
+        Returns
+        -------
+        bool
+            Whether a waveform or a ramp runs.
+        """
+        with self._lock:
+            if self._task is None:
+                return False
+            if self._task.done():
+                self._finish()
+                return False
+            return True
+
+    def stop(self) -> None:
+        """Stop where it is; the drives keep their voltages. From any thread; never raises."""
+        self._stopped = True
+        task = self._task
+        with suppress(ControllerError, NotConnectedError):
+            if task is not None:  # before the lock, which another thread may hold
+                task.stop()
+            with self._lock:
+                self._finish()
+
+    # single voltages ----------------------------------------------------------------------------
+
+    def voltage(self, axis: str) -> float:
+        """Return the voltage that was given to a drive.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The voltage [V]; not a number where nobody knows.
+        """
+        with self._lock:
+            if self.busy() and self._task is not None and axis in self._running:
+                n = self._task.generated()
+                return float(self._running[axis][n - 1]) if n > 0 else self._standing[axis]
+            return self._standing[axis]
+
+    def set_voltage(self, axis: str, voltage: float) -> None:
+        """Set the voltage of a drive, by a ramp where a step would pass the slew limit.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        voltage : float
+            The voltage at the drive [V].
+
+        Raises
+        ------
+        LimitError
+            It is outside the limits.
+        ControllerError
+            A waveform runs, or nobody knows where the drive stands.
+        """
+        limits = self._limits[axis]
+        check_voltage(limits, voltage, axis)
+        if self.running():
+            raise ControllerError(f"a waveform runs: axis '{axis}' takes no voltage until it ends")
+        here = self._standing[axis]
+        if not math.isfinite(here):
+            raise ControllerError(
+                f"nobody knows the voltage of axis '{axis}' since its outputs were lost: measure "
+                "it, and give it as 'standing' when you connect again"
+            )
+        self._stopped = False
+        step = abs(voltage - here)
+        if limits.slew is None or step * self._setup.output_rate_hz <= limits.slew:
+            drive = self._drives[axis]
+            self._backend.write_now([drive], np.array([float(drive.output(np.array(voltage)))]))
+            self._standing[axis] = float(voltage)
+            self._told({axis: np.array([float(voltage)])}, False)
+            return
+        slew = limits.slew
+        self._put(lambda rate: {axis: _ramp(here, float(voltage), slew / rate)}, ramp=True)
+        waited, most = 0.0, 2.0 * step / slew + 5.0
+        while self.running():
+            if waited > most:
+                self.stop()
+                raise ControllerError(f"the ramp of axis '{axis}' did not end: it was stopped")
+            self._backend.pause(0.002)
+            waited += 0.002
+
+    def close(self) -> None:
+        """Stop and give the outputs free; they keep their voltages."""
+        self.stop()
+
+    def _put(self, made: Callable[[float], dict[str, Array]], *, ramp: bool = False) -> None:
+        self._stopped = False
+        source = self._clock()
+        # A ramp does not start a record that waits for a waveform.
+        if ramp and source is not None and not source[1]:
+            source = None
+        clock = None if source is None else source[0]
+        rate = self._setup.output_rate_hz if clock is None else clock.rate_hz
+        values = made(rate)
+        if (size := sum(v.size for v in values.values())) > _LARGEST:
+            raise LimitError(
+                f"the waveform has {size} samples at {rate:g} Hz, and {_LARGEST} fit into memory: "
+                "run fewer cycles at a time"
+            )
+        drives = [self._drives[name] for name in values]
+        volts = np.array([d.output(v) for d, v in zip(drives, values.values(), strict=True)])
+        waits = source is not None and not source[1]
+        with self._lock:
+            task = self._backend.open_output(drives, volts, rate, clock=clock, wait_for_start=waits)
+            self._task, self._running = task, values
+            task.start()
+        self._told(values, waits)
+        if self._stopped:
+            raise ControllerError("the waveform was stopped before it began")
+        if waits and clock is not None:
+            clock.start()
+
+    def _finish(self) -> None:
+        """Close the task; the drives stand at what it put out last."""
+        task, self._task = self._task, None
+        if task is None:
+            return
+        values, self._running = self._running, {}
+        try:
+            n = task.generated()
+            task.close()
+        except (ControllerError, NotConnectedError):
+            n = -1
+        for axis, v in values.items():
+            if n > 0:
+                self._standing[axis] = float(v[min(n, v.size) - 1])
+            elif n < 0:
+                self._standing[axis] = math.nan
+        self._told({axis: np.array([v]) for axis, v in self._standing.items()}, False)
+
+
+def _sampled(wave: Waveform, cycles: int, rate: float) -> dict[str, Array]:
+    """A waveform at another rate, on straight lines, up to its last sample."""
+    n, ratio = wave.size, wave.sample_rate_hz / rate
+    count = math.floor((n * cycles - 1) / ratio * (1.0 + 1e-12)) + 1
+    k = np.arange(count) * ratio
+    # The last sample is the waveform's own, even where the rates do not fit.
+    k = np.minimum(np.append(k, n * cycles - 1) if k[-1] < n * cycles - 1 else k, n * cycles - 1)
+    at = np.arange(n + 1)
+    return {a: np.interp(k % n, at, np.append(v, v[0])) for a, v in wave.values.items()}
+
+
+def _ramp(begin: float, end: float, step: float) -> Array:
+    """Steps no larger than what is allowed, the last of which is the end."""
+    count = max(math.ceil(abs(end - begin) / step), 1)
+    return np.linspace(begin, end, count + 1)[1:]

@@ -1,0 +1,310 @@
+"""The recorder of a card: all its sensors at one clock, and what was given to the drives."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ControllerError, ModelError
+from flexstage.instruments.ni.backend import InputTask, NiBackend
+from flexstage.instruments.ni.setup import NiSetup
+from flexstage.instruments.protocol import Signal
+from flexstage.records import Channel, Record
+
+__all__ = ["NiRecorder"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_SIGNALS, _CAPACITY = 64, 20_000_000
+_BUFFER_TIME = 10.0  # how long the driver keeps samples that are not read [s]
+
+
+class NiRecorder:
+    """Records sensors and voltages of a card.
+
+    The card samples at a multiple of the rate that is asked for, so that the outputs, which share
+    the clock, change often enough; the samples between are left out without a filter.
+
+    Parameters
+    ----------
+    backend : NiBackend
+        The driver.
+    setup : NiSetup
+        What is wired.
+    busy : callable
+        Says whether outputs go with the clock of the record, which may then not end.
+    """
+
+    def __init__(self, backend: NiBackend, setup: NiSetup, busy: Callable[[], bool]) -> None:
+        self._backend, self._setup, self._busy = backend, setup, busy
+        self._signals: tuple[Signal, ...] = ()
+        self._rate, self._divider, self._samples = setup.output_rate_hz, 1, 0
+        self._task: InputTask | None = None
+        self._started = False
+        self._ticks = 0  # samples of the clock that were read
+        self._parts: list[Array] = []
+        self._latest: Array | None = None
+        self._standing = {d.axis: np.array([d.begins_at]) for d in setup.outputs}
+        self._voltages: dict[str, list[tuple[int, Array]]] = {}
+
+    @property
+    def base_rate_hz(self) -> float:
+        """Highest rate of samples [Hz]."""
+        return self._setup.largest_rate_hz
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of samples of a signal."""
+        return _CAPACITY // len(self._setup.inputs)
+
+    @property
+    def signals(self) -> int:
+        """Largest number of signals at once."""
+        return _SIGNALS
+
+    def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
+        """Choose what to record.
+
+        Parameters
+        ----------
+        signals : sequence of Signal
+            Positions and voltages of axes, and channels by their number.
+        rate_hz : float
+            Samples in a second [Hz].
+        samples : int
+            How many.
+
+        Returns
+        -------
+        float
+            The rate that will be kept [Hz].
+
+        Raises
+        ------
+        ModelError
+            A signal does not exist here, or the rate or number of samples is too large.
+        """
+        for signal in signals:
+            self._source(signal)
+        if not 1 <= samples <= self.capacity:
+            raise ModelError(f"a record has 1 to {self.capacity} samples, got {samples}")
+        if not 0.0 < rate_hz <= self.base_rate_hz:
+            raise ModelError(
+                f"card '{self._setup.device}' records at up to {self.base_rate_hz:g} Hz, got "
+                f"{rate_hz!r}"
+            )
+        self.release()
+        divider = max(math.ceil(self._setup.output_rate_hz / rate_hz * (1.0 - 1e-9)), 1)
+        divider = max(min(divider, math.floor(self.base_rate_hz / rate_hz)), 1)
+        kept = self._backend.kept_rate(self._setup.inputs, rate_hz * divider)
+        self._signals, self._samples, self._divider = tuple(signals), samples, divider
+        self._rate = kept / divider
+        return self._rate
+
+    def arm(self) -> None:
+        """Start with the next waveform.
+
+        Raises
+        ------
+        ControllerError
+            Nothing was configured.
+        """
+        self._open()
+
+    def start(self) -> None:
+        """Start now.
+
+        Raises
+        ------
+        ControllerError
+            Nothing was configured.
+        """
+        self._open().start()
+        self._started = True
+
+    def available(self) -> int:
+        """Return the number of samples that are there.
+
+        Returns
+        -------
+        int
+            Of each signal.
+        """
+        self.drain()
+        self.rest()
+        return min(-(-self._ticks // self._divider), self._samples)
+
+    def read(self, first: int, count: int) -> Record:
+        """Return samples.
+
+        Parameters
+        ----------
+        first : int
+            The first, from 0.
+        count : int
+            How many, 2 at least.
+
+        Returns
+        -------
+        Record
+            The signals, with the time from the first sample of all [s].
+
+        Raises
+        ------
+        ModelError
+            They are not there.
+        """
+        if first < 0 or count < 2 or first + count > self.available():
+            raise ModelError(
+                f"samples {first} to {first + count - 1} are asked for, 2 at least, and "
+                f"{self.available()} are there"
+            )
+        k = np.arange(first, first + count, dtype=np.int64)
+        volts = self._kept(first, count)
+        return Record(
+            channels=tuple(
+                Channel(name=s.name, values=self._values(s, volts, k), unit=self._unit(s))
+                for s in self._signals
+            ),
+            time=k / self._rate,
+            source=f"NI card {self._setup.device}",
+            notes=(self._backend.note,) if self._backend.simulated else (),
+        )
+
+    # with the outputs -----------------------------------------------------------------------------
+
+    def clock(self) -> tuple[InputTask, bool] | None:
+        """Return the clock of a record that waits or runs.
+
+        Returns
+        -------
+        tuple of (InputTask, bool) or None
+            The task, and whether it has started; None where nothing is recorded.
+        """
+        if self._task is None:
+            return None
+        return self._task, self._started
+
+    def given(self, voltages: Mapping[str, Array], first: bool) -> None:
+        """Keep what is put out from now on.
+
+        Parameters
+        ----------
+        voltages : Mapping
+            Voltages by axis, at the clock of the record [V], shape (n,).
+        first : bool
+            Whether they begin with the record, which starts with them.
+        """
+        self._standing.update({axis: values[-1:] for axis, values in voltages.items()})
+        if self._task is None:
+            return
+        if first:
+            self._started = True
+        tick = 0 if first else self._now()
+        for axis, values in voltages.items():
+            self._voltages.setdefault(axis, []).append((tick, values))
+
+    def drain(self) -> None:
+        """Read what the driver has kept, so that its buffer does not run over."""
+        if self._task is None or not self._started:
+            return
+        if (count := self._task.available()) == 0:
+            return
+        found = self._task.read(count)
+        self._latest = found[:, -1]
+        lead = -self._ticks % self._divider
+        self._ticks += found.shape[1]
+        if self._size < self._samples:
+            self._parts.append(found[:, lead :: self._divider])
+
+    def rest(self) -> None:
+        """Give the inputs free when all samples are there and no output needs their clock."""
+        if self._task is not None and self._started and self.full and not self._busy():
+            self.release()
+
+    def latest(self) -> Array | None:
+        """Return what the inputs gave last while a record runs [V], shape (channels,).
+
+        Returns
+        -------
+        numpy.ndarray or None
+            None where no record runs.
+        """
+        if self._task is None or not self._started:
+            return None
+        self.drain()
+        return self._latest
+
+    def release(self) -> None:
+        """Stop the clock and give the inputs free; what was recorded can still be read."""
+        task, self._task = self._task, None
+        self._started = False
+        if task is not None:
+            task.close()
+
+    @property
+    def full(self) -> bool:
+        """Whether all samples are there."""
+        return self._size >= self._samples
+
+    @property
+    def _size(self) -> int:
+        return sum(p.shape[1] for p in self._parts)
+
+    def _now(self) -> int:
+        if self._task is None or not self._started:
+            return 0
+        return self._ticks + self._task.available()
+
+    def _open(self) -> InputTask:
+        if not self._signals:
+            raise ControllerError("nothing is to be recorded: configure the recorder first")
+        self.release()
+        self._parts, self._ticks, self._latest = [], 0, None
+        self._voltages = {axis: [(0, value)] for axis, value in self._standing.items()}
+        rate = self._rate * self._divider
+        self._task = self._backend.open_input(
+            self._setup.inputs, rate, max(round(_BUFFER_TIME * rate), 1000)
+        )
+        return self._task
+
+    def _kept(self, first: int, count: int) -> Array:
+        if len(self._parts) > 1:
+            self._parts = [np.hstack(self._parts)]
+        return self._parts[0][:, first : first + count]
+
+    def _values(self, signal: Signal, volts: Array, k: Numbers) -> Array:
+        if signal.kind == "voltage":
+            return self._given_at(signal.source, k * self._divider)
+        number = self._source(signal)
+        return self._setup.inputs[number - 1].reading(volts[number - 1])
+
+    def _given_at(self, axis: str, ticks: Numbers) -> Array:
+        out = np.empty(ticks.size)
+        for tick, values in self._voltages[axis]:  # the first of them begins at 0
+            later = ticks >= tick
+            out[later] = values[np.minimum(ticks[later] - tick, values.size - 1)]
+        return out
+
+    def _source(self, signal: Signal) -> int:
+        """Return the number of the sensor of a signal; 0 for a voltage."""
+        drives = {d.axis: d for d in self._setup.outputs}
+        if signal.kind in ("position", "voltage") and signal.source in drives:
+            if signal.kind == "voltage":
+                return 0
+            return self._setup.number(drives[signal.source].sensor)
+        if signal.kind == "channel" and signal.source.isdecimal():
+            number = int(signal.source)
+            if 1 <= number <= len(self._setup.inputs):
+                return number
+        raise ModelError(
+            f"card '{self._setup.device}' records 'position' and 'voltage' of "
+            f"{', '.join(map(repr, drives)) or 'no axis'} and 'channel' 1 to "
+            f"{len(self._setup.inputs)}, got '{signal.kind}' of '{signal.source}'"
+        )
+
+    def _unit(self, signal: Signal) -> str:
+        number = self._source(signal)
+        return self._setup.inputs[number - 1].unit if number else "V"

@@ -1,0 +1,254 @@
+"""What is wired to an NI card: drives behind amplifiers, and sensors."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+
+__all__ = ["DriveOutput", "NiSetup", "SensorInput", "Terminal"]
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+Terminal = Literal["default", "diff", "nrse", "pseudo_diff", "rse"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorInput:
+    r"""A sensor at an analogue input.
+
+    .. math:: y = g\,v + y_0
+
+    Parameters
+    ----------
+    channel : str
+        The input: ``Dev1/ai0``.
+    name : str
+        What it reads.
+    unit : str
+        SI unit of what it reads: ``m``, ``rad``, ``N``.
+    gain : float
+        What it reads for a volt [m/V, rad/V, N/V]; negative where the sensor faces the motion.
+    offset : float
+        What it reads at 0 V [m, rad, N].
+    voltage_range : tuple of float
+        Range of the input [V].
+    terminal : str
+        How it is wired: ``default``, ``diff``, ``nrse``, ``pseudo_diff``, ``rse``.
+
+    Raises
+    ------
+    ModelError
+        The gain is zero, or the range does not rise.
+
+    Examples
+    --------
+    >>> sensor = SensorInput(channel="Dev1/ai0", name="x", gain=-2.5e-5, offset=1.1e-4)
+    >>> round(float(sensor.reading(np.array(1.3))) * 1e6, 6)
+    77.5
+    """
+
+    channel: str
+    name: str
+    unit: str = "m"
+    gain: float
+    offset: float = 0.0
+    voltage_range: Range = (-10.0, 10.0)
+    terminal: Terminal = "default"
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.gain) and self.gain != 0.0 and math.isfinite(self.offset)):
+            raise ModelError(
+                f"the gain of sensor '{self.name}' must be finite and not zero, got {self.gain!r}: "
+                "give what it reads for a volt"
+            )
+        _require_rise(self.voltage_range, f"sensor '{self.name}'")
+
+    def reading(self, volts: Array) -> Array:
+        """Return what the sensor reads.
+
+        Parameters
+        ----------
+        volts : numpy.ndarray
+            Voltages at the input [V], any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Readings [m, rad, N], the same shape.
+        """
+        return self.gain * volts + self.offset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveOutput:
+    r"""A drive behind an amplifier at an analogue output.
+
+    .. math:: u = g\,v + u_0
+
+    Parameters
+    ----------
+    channel : str
+        The output: ``Dev1/ao0``.
+    axis : str
+        The axis of the stage.
+    sensor : str
+        Name of the sensor that reads the axis.
+    gain : float
+        Gain of the amplifier [V/V].
+    offset : float
+        Voltage at the drive when the card gives 0 V [V].
+    voltage_range : tuple of float
+        Range of the output [V].
+    standing : float, optional
+        Voltage at the drive when the program begins [V]: cards do not tell. They give 0 V after
+        they are switched on, which counts where nothing is given, and else what another program
+        left them with.
+
+    Raises
+    ------
+    ModelError
+        The gain is not positive, or a range does not rise.
+
+    Examples
+    --------
+    >>> drive = DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0)
+    >>> drive.drive_range, float(drive.output(np.array(120.0)))
+    ((-150.0, 150.0), 8.0)
+    """
+
+    channel: str
+    axis: str
+    sensor: str
+    gain: float = 1.0
+    offset: float = 0.0
+    voltage_range: Range = (-10.0, 10.0)
+    standing: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.gain < math.inf and math.isfinite(self.offset)):
+            raise ModelError(
+                f"the gain of the amplifier of axis '{self.axis}' must be positive and finite, got "
+                f"{self.gain!r}"
+            )
+        _require_rise(self.voltage_range, f"the drive of axis '{self.axis}'")
+        low, high = self.drive_range
+        if not low <= self.begins_at <= high:
+            raise ModelError(
+                f"the drive of axis '{self.axis}' cannot stand at {self.begins_at:g} V: its output "
+                f"and amplifier give {low:g} to {high:g} V"
+            )
+
+    @property
+    def begins_at(self) -> float:
+        """Voltage at the drive when the program begins [V]."""
+        return self.offset if self.standing is None else self.standing
+
+    @property
+    def drive_range(self) -> Range:
+        """What the output and the amplifier can give to the drive [V]."""
+        low, high = self.voltage_range
+        return self.gain * low + self.offset, self.gain * high + self.offset
+
+    def output(self, voltage: Array) -> Array:
+        """Return what the card must give.
+
+        Parameters
+        ----------
+        voltage : numpy.ndarray
+            Voltages at the drive [V], any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            Voltages at the output [V], the same shape.
+        """
+        return (voltage - self.offset) / self.gain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NiSetup:
+    """A card and all that is wired to it.
+
+    Parameters
+    ----------
+    device : str
+        Name of the card: ``Dev1``.
+    inputs : tuple of SensorInput
+        Its sensors; their numbers count from 1 in this order.
+    outputs : tuple of DriveOutput
+        Its drives.
+    output_rate_hz : float
+        How often the outputs change at least while a waveform runs [Hz].
+    largest_rate_hz : float
+        Largest rate of samples of all inputs together with the outputs [Hz].
+    lead_to_safe : bool
+        Whether `close` leads the drives to their safe voltages: a card goes on giving what it gave
+        when nobody watches any more.
+
+    Raises
+    ------
+    ModelError
+        There is no sensor, two things have the same name or channel, a drive names a sensor that
+        does not exist, or a rate is not positive.
+    """
+
+    device: str
+    inputs: tuple[SensorInput, ...]
+    outputs: tuple[DriveOutput, ...] = ()
+    output_rate_hz: float = 10e3
+    largest_rate_hz: float = 50e3
+    lead_to_safe: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.inputs:
+            raise ModelError(f"card '{self.device}' needs one sensor or more, got none")
+        for what, names in (
+            ("sensors have the name", [s.name for s in self.inputs]),
+            ("axes have the name", [d.axis for d in self.outputs]),
+            ("channels are", [c.channel for c in (*self.inputs, *self.outputs)]),
+        ):
+            if twice := [n for n, count in Counter(names).items() if count > 1]:
+                raise ModelError(f"two {what} '{twice[0]}' at card '{self.device}': name each once")
+        for drive in self.outputs:
+            self.number(drive.sensor)
+        if not 0.0 < self.output_rate_hz <= self.largest_rate_hz < math.inf:
+            raise ModelError(
+                f"the rate of the outputs must be positive and at most {self.largest_rate_hz:g} "
+                f"Hz, got {self.output_rate_hz!r}"
+            )
+
+    def number(self, sensor: str) -> int:
+        """Return the number of a sensor.
+
+        Parameters
+        ----------
+        sensor : str
+            Its name.
+
+        Returns
+        -------
+        int
+            The number, from 1.
+
+        Raises
+        ------
+        ModelError
+            There is no such sensor.
+        """
+        names = [s.name for s in self.inputs]
+        if sensor not in names:
+            raise ModelError(
+                f"card '{self.device}' has no sensor '{sensor}': it has "
+                f"{', '.join(map(repr, names))}"
+            )
+        return names.index(sensor) + 1
+
+
+def _require_rise(bounds: Range, what: str) -> None:
+    if not -math.inf < bounds[0] < bounds[1] < math.inf:
+        raise ModelError(f"the voltage range of {what} must rise and be finite, got {bounds!r}")

@@ -1,0 +1,257 @@
+"""Slow motion between what was and what comes: to the start of a waveform, to the safe voltage."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ControllerError, ModelError
+from flexstage.instruments.checks import check_position, check_voltage
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.protocol import Axis, Capability, Instrument
+from flexstage.instruments.waveform import Quantity, Waveform
+
+__all__ = ["lead_to", "require_loop", "to_safe"]
+
+Array = NDArray[np.float64]
+
+_KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
+_STEP_TIME = 0.01  # between the steps of a staircase [s]
+_STEEPEST = 1.875  # largest slope of a smooth ramp over its mean
+_THERE = 1e-6  # of the range: an axis stands where it should
+
+
+def lead_to(
+    instrument: Instrument,
+    targets: Mapping[str, float],
+    quantity: Quantity,
+    *,
+    time: float = 0.5,
+    timeout: float = 30.0,
+) -> None:
+    r"""Bring axes slowly to where a waveform begins, all in step where the instrument can.
+
+    With a generator of waveforms the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` of the time, which
+    begins and ends without speed and acceleration; else small steps are commanded one by one.
+    All targets are checked before anything moves.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        What moves.
+    targets : Mapping
+        Where to, by axis [V, or m].
+    quantity : {"voltage", "position"}
+        What the targets are; voltages need the position control off, positions need it on.
+    time : float
+        How long the motion takes [s]; longer where speed or slew asks for it.
+    timeout : float
+        How long an axis may take to stand after it [s].
+
+    Raises
+    ------
+    LimitError
+        A target is outside the limits of its axis; nothing has been moved.
+    ControllerError
+        The position control of an axis is off where it should be on, or on where it should be off.
+    """
+    limits = {name: _axis(instrument, name).limits for name in targets}
+    for name, value in targets.items():
+        (check_voltage if quantity == "voltage" else check_position)(limits[name], value, name)
+    require_loop(instrument, targets, quantity)
+    here = {name: _here(instrument.axes[name], quantity) for name in targets}
+    ends = {
+        n: float(v) for n, v in targets.items() if not _is_there(limits[n], here[n], v, quantity)
+    }
+    if not ends:
+        return
+    # An axis that stands outside its range, as a stage at rest may, is first moved to its end.
+    begins = {n: _led(limits[n], here[n], quantity) for n in ends}
+    for name, begin in begins.items():
+        if quantity == "position" and begin != here[name]:
+            instrument.axes[name].move_to(begin, wait=False)
+    for name in begins:
+        instrument.axes[name].wait(timeout)
+    screws = [n for n in ends if limits[n].voltage is None]
+    if Capability.WAVE_GENERATOR in instrument.capabilities and not screws:
+        _run_smooth(instrument, begins, ends, quantity, time, timeout)
+    elif quantity == "voltage":
+        _climb(instrument, begins, ends, time)
+    else:
+        _travel(instrument, begins, ends, time)
+    for name in ends:
+        instrument.axes[name].wait(timeout)
+
+
+def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
+    """Lead every drive with a voltage to its safe voltage, by small steps of plain commands.
+
+    Position control is switched off first, which leaves the voltage as it is. Drives without a
+    voltage, such as screws, stay where they are.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        What moves.
+    time : float
+        How long the motion takes [s]; longer where the slew limit asks for it.
+
+    Raises
+    ------
+    NotConnectedError
+        The link is gone, so that nobody knows where the stage is.
+    ControllerError
+        The instrument refuses.
+    """
+    begins, ends = {}, {}
+    for name, axis in instrument.axes.items():
+        limits = axis.limits
+        if limits.voltage is None or Capability.OPEN_LOOP not in axis.capabilities:
+            continue
+        if axis.closed_loop:
+            axis.set_closed_loop(False)
+        voltage = _here(axis, "voltage")
+        if not _is_there(limits, voltage, limits.safe_voltage, "voltage"):
+            begins[name] = _led(limits, voltage, "voltage")
+            ends[name] = limits.safe_voltage
+    if ends:
+        _climb(instrument, begins, ends, time)
+
+
+def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Quantity) -> None:
+    """Refuse axes whose position control is off for positions, or on for voltages.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        The instrument.
+    axes : Mapping
+        Its keys are the axes.
+    quantity : {"voltage", "position"}
+        What they are to get.
+
+    Raises
+    ------
+    ControllerError
+        An axis would not take the quantity.
+    """
+    for name in axes:
+        on = instrument.axes[name].closed_loop
+        if on and quantity == "voltage":
+            raise ControllerError(
+                f"axis '{name}' is under position control and takes no voltages: switch the "
+                "control off first"
+            )
+        if not on and quantity == "position":
+            raise ControllerError(
+                f"axis '{name}' is not under position control and takes no positions: switch the "
+                "control on first"
+            )
+
+
+def _axis(instrument: Instrument, name: str) -> Axis:
+    if name not in instrument.axes:
+        raise ModelError(
+            f"the instrument has no axis '{name}': it has {', '.join(map(repr, instrument.axes))}"
+        )
+    return instrument.axes[name]
+
+
+def _here(axis: Axis, quantity: Quantity) -> float:
+    value = axis.voltage() if quantity == "voltage" else axis.position()
+    if not math.isfinite(value):
+        raise ControllerError(
+            f"axis '{axis.name}' reads {value} as its {quantity}: look at its sensor and cable"
+        )
+    return value
+
+
+def _is_there(limits: AxisLimits, here: float, wanted: float, quantity: Quantity) -> bool:
+    # On the scale of the range; exactly where there is none.
+    bounds = limits.voltage if quantity == "voltage" else limits.position
+    span = bounds[1] - bounds[0] if bounds is not None else 0.0
+    return abs(here - wanted) <= _THERE * span
+
+
+def _led(limits: AxisLimits, value: float, quantity: Quantity) -> float:
+    bounds = limits.voltage if quantity == "voltage" else limits.position
+    return value if bounds is None else min(max(value, bounds[0]), bounds[1])
+
+
+def _duration(
+    instrument: Instrument,
+    begins: Mapping[str, float],
+    ends: Mapping[str, float],
+    quantity: Quantity,
+    time: float,
+) -> float:
+    """How long a smooth ramp takes at least, so that every axis keeps within its rate [s]."""
+    needed = [time]
+    for name, end in ends.items():
+        limits = instrument.axes[name].limits
+        rate = limits.slew if quantity == "voltage" else limits.speed
+        if rate is not None:
+            needed.append(1.01 * _STEEPEST * abs(end - begins[name]) / rate)
+    return max(needed)
+
+
+def _smooth(knots: int) -> Array:
+    s = np.linspace(0.0, 1.0, knots)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+def _run_smooth(
+    instrument: Instrument,
+    begins: Mapping[str, float],
+    ends: Mapping[str, float],
+    quantity: Quantity,
+    time: float,
+    timeout: float,
+) -> None:
+    waves = instrument.waves
+    duration = _duration(instrument, begins, ends, quantity, time)
+    divider = max(math.floor(waves.base_rate_hz * duration / _KNOTS), 1)
+    rate = waves.base_rate_hz / divider
+    knots = max(math.ceil(duration * rate), 2) + 1
+    shape = _smooth(knots)
+    values = {n: begins[n] + (end - begins[n]) * shape for n, end in ends.items()}
+    waves.load(Waveform(values=values, sample_rate_hz=rate, quantity=quantity))
+    waves.start(1)
+    waited, step = 0.0, min(max(duration / 20.0, 0.005), 0.05)
+    while waves.running():
+        if waited > duration + timeout:
+            instrument.stop()
+            raise ControllerError(
+                f"the ramp to the start should have taken {duration:g} s and still ran after "
+                f"{waited:g} s: it was stopped"
+            )
+        instrument.pause(step)
+        waited += step
+
+
+def _climb(
+    instrument: Instrument, begins: Mapping[str, float], ends: Mapping[str, float], time: float
+) -> None:
+    duration = _duration(instrument, begins, ends, "voltage", time)
+    shape = _smooth(max(math.ceil(duration / _STEP_TIME), 2) + 1)
+    for share in shape[1:]:
+        for name, end in ends.items():
+            value = end if share == 1.0 else begins[name] + (end - begins[name]) * float(share)
+            instrument.axes[name].set_voltage(value)
+        instrument.pause(_STEP_TIME)
+
+
+def _travel(
+    instrument: Instrument,
+    begins: Mapping[str, float],
+    ends: Mapping[str, float],
+    time: float,
+) -> None:
+    for name, end in ends.items():
+        axis = instrument.axes[name]
+        if axis.limits.speed is None:  # nothing else would keep it from a jump
+            for share in _smooth(max(math.ceil(time / _STEP_TIME), 2) + 1)[1:-1]:
+                axis.move_to(begins[name] + (end - begins[name]) * float(share), wait=False)
+                instrument.pause(_STEP_TIME)
+        axis.move_to(end, wait=False)

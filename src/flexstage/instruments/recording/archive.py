@@ -1,0 +1,171 @@
+"""A stream as an HDF5 file that `read_record` reads: written, read back, then put in place."""
+
+import contextlib
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexstage.errors import RecordError
+from flexstage.instruments.recording.attributes import RUN, run_attributes
+from flexstage.instruments.recording.files import sync_folder
+from flexstage.instruments.recording.recovery import recovery_of
+from flexstage.instruments.recording.scan import Scan, chunks, scan
+
+__all__ = ["archived"]
+
+
+def archived(stream: Path, target: Path) -> Path:
+    """Write what is whole in a stream as an HDF5 file, and read it back.
+
+    A dataset for each channel, with its ``unit`` and ``name``; the sample rate, or times where
+    samples are missing; what is known of the run. The file appears under its name when all of it is
+    on disk and was compared with the stream, bit by bit.
+
+    Parameters
+    ----------
+    stream : pathlib.Path
+        The stream; it stays.
+    target : pathlib.Path
+        The file; it must not exist.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    RecordError
+        The stream has fewer than two whole samples, or the file exists, cannot be written, or does
+        not hold what was written to it.
+    """
+    if target.exists():
+        raise RecordError(f"'{target}' exists: no run is written over")
+    try:
+        found = scan(stream)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{target.name}.", suffix=".part", dir=target.parent
+        )
+        os.close(handle)
+        draft = Path(name)
+        try:
+            _write(draft, stream, found)
+            _verify(draft, stream, found)
+            _settle(draft, target)
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                draft.unlink()
+    except RecordError:
+        raise
+    except (OSError, RuntimeError) as error:  # h5py tells some failures of a disk as the latter
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:160]
+        raise RecordError(
+            f"'{target}' cannot be written ({reason}): the stream '{stream}' stays"
+        ) from error
+    return target
+
+
+def _settle(draft: Path, target: Path) -> None:
+    """Force a file to the disk and give it its name."""
+    mask = os.umask(0)
+    os.umask(mask)
+    draft.chmod(0o666 & ~mask)
+    with draft.open("r+b") as file:  # some systems force only files to disk that may be written
+        os.fsync(file.fileno())
+    draft.replace(target)
+    sync_folder(target.parent)
+
+
+def _keys(names: Sequence[str]) -> list[str]:
+    """Return a name for each dataset that every program takes."""
+    keys: list[str] = []
+    for name in names:
+        word = re.sub(r"\W", "_", name, flags=re.ASCII)[:40]
+        word = word if word[:1].isalpha() else f"c_{word}"
+        key, number = word, 1
+        while key in keys or key in (RUN, "time"):
+            number += 1
+            key = f"{word}_{number}"
+        keys.append(key)
+    return keys
+
+
+def _write(draft: Path, stream: Path, found: Scan) -> None:
+    import h5py
+
+    head = found.head
+    total = recovery_of(found).samples
+    whole = not any(part.kind != "overlap" for part in recovery_of(found).lost)
+    if total < 2:
+        raise RecordError(
+            f"'{stream}' holds {total} whole samples, and a record needs two: the stream stays"
+        )
+    with h5py.File(draft, "w", track_order=True) as file:
+        _describe(file, found)
+        if whole:
+            file.attrs["sample_rate_hz"] = head.sample_rate_hz
+            times = None
+        else:
+            # a name that no reader takes for the rate of evenly spaced samples
+            file.attrs["nominal_rate_hz"] = head.sample_rate_hz
+            times = _dataset(file, "time", "time", "s", total)
+        keys = _keys([name for name, _ in head.channels])
+        sets = [
+            _dataset(file, key, _label(name, unit), unit, total)
+            for key, (name, unit) in zip(keys, head.channels, strict=True)
+        ]
+        at = 0
+        for first, part in chunks(stream, found):
+            rows = slice(at, at + part.shape[1])
+            for dataset, values in zip(sets, part, strict=True):
+                dataset[rows] = values
+            if times is not None:
+                times[rows] = np.arange(first, first + part.shape[1]) / head.sample_rate_hz
+            at = rows.stop
+
+
+def _describe(file: Any, found: Scan) -> None:
+    state = recovery_of(found)
+    for key, value in run_attributes(found.head, state.complete, state.notes).items():
+        if key == RUN:
+            # of any length, and so no attribute
+            file.create_dataset(key, data=value)
+        else:
+            file.attrs[key] = value
+
+
+def _label(name: str, unit: str) -> str:
+    # empty brackets keep a bracket in the name from being taken for a unit
+    return f"{name} []" if not unit and re.search(r"[)\]]$| / ", name) else name
+
+
+def _dataset(file: Any, key: str, label: str, unit: str, size: int) -> Any:
+    dataset = file.create_dataset(key, shape=(size,), dtype="<f8", track_times=False)
+    dataset.attrs["name"] = label
+    dataset.attrs["unit"] = unit
+    return dataset
+
+
+def _verify(draft: Path, stream: Path, found: Scan) -> None:
+    """Compare every sample of the file with the stream."""
+    import h5py
+
+    with h5py.File(draft, "r") as opened:
+        file: Any = opened
+        sets = [file[key] for key in _keys([name for name, _ in found.head.channels])]
+        at = 0
+        for _, part in chunks(stream, found):
+            rows = slice(at, at + part.shape[1])
+            for dataset, values in zip(sets, part, strict=True):
+                # as bytes, so that a value that is no number is equal to itself
+                if np.asarray(dataset[rows]).tobytes() != values.tobytes():
+                    raise RecordError(
+                        f"what was read back of '{stream}' is not what was written: the disk may "
+                        "be damaged, and the stream stays"
+                    )
+            at = rows.stop

@@ -1,0 +1,149 @@
+"""What the file of a run says about it, and reading that without its samples."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexstage.errors import RecordError
+from flexstage.instruments.recording.frames import StreamHead
+from flexstage.instruments.recording.metadata import RunMetadata
+
+__all__ = ["RUN", "RunFile", "file_summary", "read_metadata", "run_attributes"]
+
+#: What the whole description is called, in the file and among the attributes of the record.
+RUN = "run"
+_LOST, _ENDING = "lost", "ending"
+# HDF5 keeps attributes in the head of the file, which has room for 64 KiB
+_LONGEST = 1000
+
+
+def run_attributes(head: StreamHead, complete: bool, lost: Sequence[str]) -> dict[str, str]:
+    """Return what a record of a run says about it.
+
+    Parameters
+    ----------
+    head : StreamHead
+        The head of its stream.
+    complete : bool
+        Whether the stream was ended and nothing of it was lost.
+    lost : sequence of str
+        What was lost, or came twice, in words.
+
+    Returns
+    -------
+    dict
+        ``run``, everything as JSON; and the most important of it, one line of text each.
+    """
+    lines = {k: _line(v) for k, v in head.metadata.texts().items()}
+    lines[_ENDING] = "complete" if complete else "recovered"
+    if lost:
+        lines[_LOST] = _line("; ".join(lost))
+    return {**lines, RUN: json.dumps(head.metadata.plain())}
+
+
+def _line(text: str) -> str:
+    """Return a text that HDF5 can hold as an attribute."""
+    line = " ".join(text.replace("\0", " ").split())[:_LONGEST]
+    return line.encode("utf-8", "replace").decode("utf-8")
+
+
+def read_metadata(attributes: Any) -> RunMetadata:
+    """Return what is known of a run from the attributes of its record.
+
+    Parameters
+    ----------
+    attributes : Mapping
+        `Record.attributes` of a record that `RunWriter` wrote.
+
+    Returns
+    -------
+    RunMetadata
+        What was given to the writer.
+
+    Raises
+    ------
+    RecordError
+        The record does not come from a `RunWriter`.
+    """
+    try:
+        return RunMetadata.from_plain(json.loads(attributes[RUN]))
+    except (KeyError, ValueError, TypeError) as error:
+        if isinstance(error, RecordError):
+            raise
+        raise RecordError(
+            "the record does not say which run it is of: it was not written by a recording of "
+            "flexstage"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunFile:
+    """What an HDF5 file of a run says about itself.
+
+    Parameters
+    ----------
+    metadata : RunMetadata
+        What is known of the run.
+    channels : tuple of (str, str)
+        Name and unit of each channel.
+    samples : int
+        Samples of each channel.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    complete : bool
+        Whether its stream was ended by its writer, and nothing of it was lost.
+    lost : str
+        What was lost, or came twice, in words; empty where nothing was.
+    """
+
+    metadata: RunMetadata
+    channels: tuple[tuple[str, str], ...]
+    samples: int
+    sample_rate_hz: float
+    complete: bool
+    lost: str
+
+
+def file_summary(path: str | Path) -> RunFile:
+    """Return what an HDF5 file of a run says about itself, without reading its samples.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The file.
+
+    Returns
+    -------
+    RunFile
+        What it says.
+
+    Raises
+    ------
+    RecordError
+        It cannot be read, or was not written by a `RunWriter`.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as opened:
+            file: Any = opened
+            metadata = RunMetadata.from_plain(json.loads(file[RUN][()]))
+            sets = [file[key] for key in file if key not in (RUN, "time")]
+            rate = file.attrs.get("sample_rate_hz", file.attrs.get("nominal_rate_hz"))
+            return RunFile(
+                metadata=metadata,
+                channels=tuple((str(d.attrs["name"]), str(d.attrs["unit"])) for d in sets),
+                samples=int(sets[0].shape[0]),
+                sample_rate_hz=float(rate),
+                complete=file.attrs[_ENDING] == "complete",
+                lost=str(file.attrs.get(_LOST, "")),
+            )
+    except RecordError:
+        raise
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError) as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+        raise RecordError(
+            f"'{path}' is no whole HDF5 file of a run of flexstage ({reason})"
+        ) from error

@@ -1,0 +1,228 @@
+"""The folder of a run: what lies where."""
+
+import json
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from flexstage.errors import RecordError
+from flexstage.instruments.recording.files import sync_folder
+from flexstage.instruments.recording.writer import STREAM_SUFFIX
+
+__all__ = ["RunFolder"]
+
+_STATE = "run.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunFolder:
+    """A folder with everything that a run gave.
+
+    ``run.json`` is its state, ``records/`` holds streams and HDF5 files, ``models/`` identified
+    models, ``report/`` figures and pages.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The folder.
+    """
+
+    path: Path
+
+    @classmethod
+    def create(
+        cls, root: str | Path, stage: str, slug: str = "", *, when: datetime | None = None
+    ) -> Self:
+        """Make a folder that was not there before.
+
+        Parameters
+        ----------
+        root : str or pathlib.Path
+            Where runs are kept; made where it does not exist.
+        stage : str
+            Name of the stage.
+        slug : str
+            What the run is about, in a word or two.
+        when : datetime.datetime, optional
+            Date and time, with its zone; now where not given.
+
+        Returns
+        -------
+        RunFolder
+            The folder, named by UTC time, stage and slug.
+
+        Raises
+        ------
+        RecordError
+            It cannot be made.
+
+        Examples
+        --------
+        >>> when = datetime(2031, 5, 17, 9, 30, 5, tzinfo=UTC)
+        >>> with tempfile.TemporaryDirectory() as root:
+        ...     RunFolder.create(root, "vgtu-piezo", "Loop width", when=when).path.name
+        '20310517T093005Z-vgtu-piezo-loop-width'
+        """
+        time = (when or datetime.now(UTC)).astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
+        words = [time, *(w for w in (_slug(stage), _slug(slug)) if w)]
+        name = "-".join(words)
+        try:
+            Path(root).mkdir(parents=True, exist_ok=True)
+            for number in range(1, 10_000):
+                path = Path(root) / (name if number == 1 else f"{name}-{number}")
+                with suppress(FileExistsError):
+                    path.mkdir()
+                    for part in ("records", "models", "report"):
+                        (path / part).mkdir()
+                    sync_folder(path)
+                    sync_folder(path.parent)
+                    return cls(path=path)
+        except OSError as error:
+            raise RecordError(
+                f"the folder of the run cannot be made in '{root}': {error.strerror or error}"
+            ) from error
+        raise RecordError(f"'{root}' holds too many runs of the name {name}")
+
+    @classmethod
+    def open(cls, path: str | Path) -> Self:
+        """Return a folder that is there.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The folder.
+
+        Returns
+        -------
+        RunFolder
+            The folder.
+
+        Raises
+        ------
+        RecordError
+            There is no such folder.
+        """
+        if not Path(path).is_dir():
+            raise RecordError(f"there is no folder '{path}': give the folder of a run")
+        return cls(path=Path(path))
+
+    @property
+    def state_file(self) -> Path:
+        """The file of its state."""
+        return self.path / _STATE
+
+    @property
+    def models(self) -> Path:
+        """Where models are."""
+        return self.path / "models"
+
+    @property
+    def report(self) -> Path:
+        """Where figures and pages are."""
+        return self.path / "report"
+
+    def stream(self, name: str) -> Path:
+        """Return where the stream of a measurement is written.
+
+        Parameters
+        ----------
+        name : str
+            Name of the measurement, such as that of a step.
+
+        Returns
+        -------
+        pathlib.Path
+            The stream, in ``records/``; the HDF5 file will have the same name but for its ending.
+
+        Raises
+        ------
+        RecordError
+            No letter of the name can be in the name of a file.
+        """
+        word = _slug(name)
+        if not word:
+            raise RecordError(f"'{name}' has no letter that the name of a file can have")
+        return self.path / "records" / f"{word}{STREAM_SUFFIX}"
+
+    def records(self) -> list[Path]:
+        """Return the HDF5 files of the run, by name."""
+        return self._files(".h5")
+
+    def streams(self) -> list[Path]:
+        """Return the streams that no HDF5 file stands for, by name: runs that did not end well."""
+        return [p for p in self._files(STREAM_SUFFIX) if not p.with_suffix(".h5").exists()]
+
+    def _files(self, suffix: str) -> list[Path]:
+        # a folder that was laid out by hand, or a single folder of records, is one too
+        places = [p for p in (self.path, self.path / "records") if p.is_dir()]
+        found = (p for place in places for p in place.iterdir())
+        return sorted(p for p in found if p.suffix == suffix and not p.name.startswith("."))
+
+    def write_state(self, state: Mapping[str, Any]) -> None:
+        """Write the state, whole or not at all.
+
+        Parameters
+        ----------
+        state : Mapping
+            Plain data.
+
+        Raises
+        ------
+        RecordError
+            It cannot be written; what was there before stays.
+        """
+        text = json.dumps(state, indent=2, allow_nan=False)
+        draft = None
+        try:
+            handle, name = tempfile.mkstemp(prefix=f".{_STATE}.", dir=self.path)
+            draft = Path(name)
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            mask = os.umask(0)
+            os.umask(mask)
+            draft.chmod(0o666 & ~mask)
+            draft.replace(self.state_file)
+            sync_folder(self.path)
+        except OSError as error:
+            raise RecordError(
+                f"'{self.state_file}' cannot be written: {error.strerror or error}"
+            ) from error
+        finally:
+            if draft is not None:
+                draft.unlink(missing_ok=True)
+
+    def read_state(self) -> dict[str, Any]:
+        """Return the state.
+
+        Returns
+        -------
+        dict
+            What was written; empty where nothing was.
+
+        Raises
+        ------
+        RecordError
+            The file cannot be read, or holds something else.
+        """
+        try:
+            state = json.loads(self.state_file.read_text("utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError) as error:
+            raise RecordError(f"'{self.state_file}' cannot be read: {error}") from error
+        if not isinstance(state, dict):
+            raise RecordError(f"'{self.state_file}' holds no state of a run")
+        return state
+
+
+def _slug(text: str) -> str:
+    """Return a text in letters that every system takes in the name of a file."""
+    return re.sub(r"[^a-z0-9]+", "-", text.casefold()).strip("-")[:60].rstrip("-")

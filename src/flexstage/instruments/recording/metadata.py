@@ -1,0 +1,219 @@
+"""What is known of a run before its first sample: stage, instrument, settings, who and why."""
+
+import datetime
+import uuid
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+import flexstage
+from flexstage.errors import RecordError
+from flexstage.instruments.protocol import Identity
+
+__all__ = ["RunMetadata", "new_identifier", "utc_now"]
+
+
+def utc_now() -> str:
+    """Return the present date and time, UTC, ISO 8601 to the microsecond.
+
+    Returns
+    -------
+    str
+        Such as ``2031-05-17T09:30:00.000000+00:00``.
+    """
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds")
+
+
+def new_identifier() -> str:
+    """Return a name for a run that no other has.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits, random.
+    """
+    return uuid.uuid4().hex
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMetadata:
+    """What is written at the head of a run, so that its file tells all of it alone.
+
+    Parameters
+    ----------
+    stage : str
+        Name of the stage.
+    stage_hash : str
+        SHA-256 of its description (`flexstage.provenance.content_hash`).
+    serial_number : str
+        Serial number of the stage.
+    design : str
+        Built-in design, or file, that its description comes from.
+    instrument : Identity
+        What the instrument says it is.
+    settings : Mapping
+        Its settings, as text (`Instrument.settings`).
+    kind : str
+        Which kind of test it is: ``motion``, ``staircase``, ``hold``...
+    axis : str
+        The axis that moves.
+    plan, step : str
+        The plan and its step.
+    operator, note : str
+        Who made it, and what they say about it.
+    seed : int, optional
+        Seed of a simulation, or of a designed command.
+    version : str
+        Version of flexstage.
+    started : str
+        Date and time of the start, UTC, ISO 8601; empty until the run is begun.
+    identifier : str
+        Name of the run that no other has: 32 hexadecimal digits; empty until the run is begun. So
+        one description serves for several runs.
+
+    Raises
+    ------
+    RecordError
+        A field is of another type, the start is no time with its zone, or the identifier is not
+        one.
+
+    Examples
+    --------
+    >>> about = RunMetadata(stage="vgtu-piezo", instrument=Identity(vendor="v", model="m"))
+    >>> RunMetadata.from_plain(about.plain()) == about
+    True
+    """
+
+    stage: str
+    instrument: Identity
+    stage_hash: str = ""
+    serial_number: str = ""
+    design: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    kind: str = ""
+    axis: str = ""
+    plan: str = ""
+    step: str = ""
+    operator: str = ""
+    note: str = ""
+    seed: int | None = None
+    version: str = flexstage.__version__
+    started: str = ""
+    identifier: str = ""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.type is str and not isinstance(value, str):
+                raise RecordError(f"'{f.name}' of a run must be a text, got {value!r}")
+        if self.seed is not None and (
+            isinstance(self.seed, bool) or not isinstance(self.seed, int)
+        ):
+            raise RecordError(f"the seed of a run must be a whole number, got {self.seed!r}")
+        if not all(isinstance(k, str) and isinstance(v, str) for k, v in self.settings.items()):
+            raise RecordError("the settings of an instrument must be texts by name")
+        digits = self.identifier
+        if digits and (len(digits) != 32 or not set(digits) <= set("0123456789abcdef")):
+            raise RecordError(
+                f"the identifier of a run must be 32 hexadecimal digits, got {digits!r}"
+            )
+        if self.started:
+            self.start_time()
+
+    def begun(self) -> "RunMetadata":
+        """Return the same with the start and the identifier of a run that begins now.
+
+        Returns
+        -------
+        RunMetadata
+            What was given stays.
+        """
+        return replace(
+            self,
+            started=self.started or utc_now(),
+            identifier=self.identifier or new_identifier(),
+        )
+
+    def start_time(self) -> datetime.datetime:
+        """Return the date and time of the start.
+
+        Returns
+        -------
+        datetime.datetime
+            The time, in UTC.
+
+        Raises
+        ------
+        RecordError
+            `started` is no time, or has no zone.
+        """
+        try:
+            time = datetime.datetime.fromisoformat(self.started)
+        except ValueError as error:
+            raise RecordError(
+                f"the start of a run must be a date and time such as {utc_now()}, got "
+                f"{self.started!r}"
+            ) from error
+        if time.tzinfo is None:
+            raise RecordError(
+                f"the start of a run must say its zone, as in {self.started}+00:00, got "
+                f"{self.started!r}"
+            )
+        return time.astimezone(datetime.UTC)
+
+    def plain(self) -> dict[str, Any]:
+        """Return everything as plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Texts, numbers and dicts by the names of the fields.
+        """
+        return {**asdict(self), "settings": dict(self.settings)}
+
+    @classmethod
+    def from_plain(cls, plain: Any) -> "RunMetadata":
+        """Return what `plain` wrote; names that this version does not know are left out.
+
+        Parameters
+        ----------
+        plain : Any
+            What a file holds.
+
+        Returns
+        -------
+        RunMetadata
+            The same as was written.
+
+        Raises
+        ------
+        RecordError
+            It is something else.
+        """
+        try:
+            known = {f.name for f in fields(cls)}
+            words = {k: v for k, v in plain.items() if k in known}
+            names = {f.name for f in fields(Identity)}
+            told = {k: v for k, v in words["instrument"].items() if k in names}
+            return cls(**{**words, "instrument": Identity(**told)})
+        except (AttributeError, KeyError, TypeError) as error:
+            raise RecordError(
+                f"what a file says about its run cannot be understood ({error!r}): was it written "
+                "by flexstage?"
+            ) from error
+
+    def texts(self) -> dict[str, str]:
+        """Return what a reader of the file looks for first, as one line of text each.
+
+        Returns
+        -------
+        dict
+            Texts by name, empty ones left out.
+        """
+        told = self.instrument
+        device = " ".join(w for w in (told.vendor, told.model, told.serial_number) if w)
+        lines = {f.name: getattr(self, f.name) for f in fields(self) if f.type is str}
+        lines["instrument"] = f"{device} (simulated)" if told.simulated else device
+        lines["simulated"] = "yes" if told.simulated else "no"
+        lines["seed"] = "" if self.seed is None else str(self.seed)
+        return {k: v for k, v in lines.items() if v}

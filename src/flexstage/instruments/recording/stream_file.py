@@ -1,0 +1,174 @@
+"""The file of a stream: frames written behind one another, and how far they are safe."""
+
+import contextlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.instruments.recording.files import locked, sync_folder
+from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head_bytes
+
+__all__ = ["Place", "StreamFile"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """How far a stream is written.
+
+    Parameters
+    ----------
+    size : int
+        Its size [bytes].
+    number : int
+        Number of the next frame.
+    checksum : int
+        Checksum of the last frame.
+    samples : int
+        Samples of each channel.
+    """
+
+    size: int
+    number: int = 0
+    checksum: int = 0
+    samples: int = 0
+
+
+class StreamFile:
+    """A new file with the head of a stream, to which frames are added.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; it must not exist.
+    head : StreamHead
+        What it begins with.
+    opener : callable, optional
+        Opens a new file for writing bytes, without a buffer.
+
+    Raises
+    ------
+    RecordError
+        It, or the HDF5 file that it will become, exists, or it cannot be made.
+    """
+
+    def __init__(
+        self, path: Path, head: StreamHead, opener: Callable[[Path], Any] | None = None
+    ) -> None:
+        first, self._salt = head_bytes(head)
+        self._file = _opened(path, opener or _new_file, first)
+        self.at = self.safe = Place(size=len(first))
+
+    def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
+        """Write a frame.
+
+        Parameters
+        ----------
+        mark : bytes
+            What kind of frame it is.
+        first : int
+            Number of its first sample.
+        columns : list of numpy.ndarray
+            Samples of each channel, shape (n,).
+
+        Raises
+        ------
+        OSError
+            It cannot be written; `cut` removes what there is of it.
+        """
+        at = self.at
+        data, checksum = frame_bytes(mark, at.number, first, columns, at.checksum, self._salt)
+        _write_all(self._file, data)
+        self.at = Place(
+            size=at.size + len(data),
+            number=at.number + 1,
+            checksum=checksum,
+            samples=at.samples + (columns[0].size if columns else 0),
+        )
+
+    def sync(self) -> None:
+        """Force what was written to the disk.
+
+        Raises
+        ------
+        OSError
+            It cannot be.
+        """
+        os.fsync(self._file.fileno())
+        self.trust()
+
+    def trust(self) -> None:
+        """Take all that was written for safe."""
+        self.safe = self.at
+
+    def cut(self) -> None:
+        """Remove what there is of a frame that could not be written whole."""
+        # a reader passes over half a frame, so nothing is lost where this fails too
+        with contextlib.suppress(OSError):
+            self._file.truncate(self.at.size)
+            self._file.seek(self.at.size)
+
+    def back(self) -> None:
+        """Remove what is not known to be safe, to write it again.
+
+        Raises
+        ------
+        OSError
+            It cannot be removed.
+        """
+        self.at = self.safe
+        self._file.truncate(self.at.size)
+        self._file.seek(self.at.size)
+
+    def close(self) -> None:
+        """Close the file.
+
+        Raises
+        ------
+        OSError
+            The system tells only now that something was not written.
+        """
+        self._file.close()
+
+
+def _opened(path: Path, opener: Callable[[Path], Any], first: bytes) -> BinaryIO:
+    if path.with_suffix(".h5").exists():
+        raise RecordError(f"'{path.with_suffix('.h5')}' exists: no run is written over")
+    try:
+        file = cast(BinaryIO, opener(path))
+    except FileExistsError as error:
+        raise RecordError(f"'{path}' exists: no run is written over") from error
+    except OSError as error:
+        raise RecordError(
+            f"the stream '{path}' cannot be made: {error.strerror or error}"
+        ) from error
+    try:
+        locked(file)
+        _write_all(file, first)
+        os.fsync(file.fileno())
+        sync_folder(path.parent)
+    except OSError as error:
+        file.close()
+        path.unlink(missing_ok=True)
+        raise RecordError(
+            f"the stream '{path}' cannot be begun: {error.strerror or error}; nothing was recorded"
+        ) from error
+    return file
+
+
+def _new_file(path: Path) -> BinaryIO:
+    return cast(BinaryIO, path.open("xb", buffering=0))
+
+
+def _write_all(file: BinaryIO, data: bytes) -> None:
+    """Write all bytes: one call may take only some of them."""
+    view = memoryview(data)
+    while view:
+        view = view[file.write(view) :]

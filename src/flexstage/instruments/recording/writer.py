@@ -1,0 +1,370 @@
+"""Writing samples to disk while they are taken, so that a crash loses none that was written."""
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import RecordError
+from flexstage.instruments.recording.chunk import Irregularity, checked_chunk
+from flexstage.instruments.recording.frames import (
+    END,
+    LARGEST_PAYLOAD,
+    SAMPLES,
+    StreamHead,
+)
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.stream_file import StreamFile
+
+__all__ = ["STREAM_SUFFIX", "RunWriter"]
+
+Array = NDArray[np.float64]
+
+#: How the name of a stream ends.
+STREAM_SUFFIX = ".stream"
+# so much may wait for the disk at most, whatever the clock says [bytes]
+_MOST_UNSYNCED = 8 * 2**20
+
+
+class RunWriter:
+    """A stream of samples on disk: appended chunk by chunk, kept whatever happens.
+
+    Every chunk is framed with its length and a checksum, and handed to the operating system before
+    `append` returns, so that the end of the program, by ``kill -9`` too, loses nothing that was
+    appended. What a power failure may lose is what came after the last `sync`. On `close` the
+    stream becomes an HDF5 file, and is removed once that was read back and is the same.
+
+    As a context manager it closes the stream; where the block failed it leaves it for `recover`.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The stream, whose name ends in ``.stream``; it must not exist, and its folder must.
+    channels : sequence of (str, str)
+        Name and SI unit of each channel.
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    metadata : RunMetadata
+        What is known of the run; start and identifier are given to it where they are empty.
+    sync : float, optional
+        The longest time that samples wait until they are forced to the disk [s]; 0 for no time at
+        all, None to leave it to the operating system.
+    clock : callable
+        Returns the time in seconds.
+    opener : callable
+        Opens a new file for writing bytes, without a buffer.
+
+    Raises
+    ------
+    RecordError
+        The file exists, or cannot be made; a channel, the rate or a text is impossible.
+
+    Validity
+    --------
+    For one thread. Between an append and the sync that follows, at most `sync` seconds and 8 MiB
+    are exposed to a power failure; `synced` says how many samples are not.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        channels: Sequence[tuple[str, str]],
+        sample_rate_hz: float,
+        metadata: RunMetadata,
+        *,
+        sync: float | None = 0.5,
+        clock: Callable[[], float] = time.monotonic,
+        opener: Callable[[Path], Any] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        if self.path.suffix != STREAM_SUFFIX:
+            raise RecordError(
+                f"the name of a stream must end in {STREAM_SUFFIX}, got '{self.path.name}'"
+            )
+        if sync is not None and not sync >= 0.0:
+            raise RecordError(f"the time between syncs must not be negative, got {sync!r} s")
+        self.head = StreamHead(
+            channels=tuple((n, u) for n, u in channels),
+            sample_rate_hz=sample_rate_hz,
+            metadata=metadata.begun(),
+        )
+        self._names = [name for name, _ in self.head.channels]
+        self._sync_after, self._clock = sync, clock
+        self._state = "open"
+        self._next = 0
+        self._unsynced: list[_Chunk] = []
+        self._unsaved: list[_Chunk] = []
+        self._irregular: list[Irregularity] = []
+        self._file = StreamFile(self.path, self.head, opener)
+        self._synced_at = clock()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of each channel that were written."""
+        return self._file.at.samples
+
+    @property
+    def synced(self) -> int:
+        """Number of samples of each channel that a power failure does not lose."""
+        return self._file.safe.samples
+
+    @property
+    def failed(self) -> bool:
+        """Whether the stream could not be written on, so that samples are in `unsaved`."""
+        return self._state == "failed"
+
+    @property
+    def irregularities(self) -> tuple[Irregularity, ...]:
+        """Gaps and overlaps so far."""
+        return tuple(self._irregular)
+
+    @property
+    def unsaved(self) -> tuple[tuple[int, dict[str, Array]], ...]:
+        """Chunks that are not sure to be on disk: number of the first sample, and columns."""
+        return tuple(
+            (first, dict(zip(self._names, columns, strict=True)))
+            for first, columns in self._unsaved
+        )
+
+    def append(self, first: int, columns: Mapping[str, ArrayLike]) -> Irregularity | None:
+        """Write the samples of a chunk behind those before.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first of them, counted from the start of the run.
+        columns : Mapping
+            Samples of every channel in SI units by its name, each of shape (n,).
+
+        Returns
+        -------
+        Irregularity or None
+            The gap or overlap, where the chunk does not follow the one before; it is kept in the
+            stream and in `irregularities`.
+
+        Raises
+        ------
+        RecordError
+            The columns are not those of the run, or the writer is closed; nothing is written.
+            Or the disk is full, or fails: once. What was written stays readable, this chunk and
+            those that follow are kept in `unsaved`.
+        """
+        if self._state == "closed":
+            raise RecordError(f"'{self.path}' is closed: nothing can be added to it")
+        values = checked_chunk(self._names, first, columns)
+        if values[0].size == 0:
+            return None
+        irregularity = self._compared(first, values[0].size)
+        if self._state == "failed":
+            self._unsaved.append((first, values))
+            return irregularity
+        step = max(LARGEST_PAYLOAD // self.head.row_size, 1)
+        for start in range(0, values[0].size, step):
+            try:
+                self._write_chunk(first + start, [v[start : start + step] for v in values])
+            except OSError as error:
+                self._fail(error, (first + start, [v[start:] for v in values]))
+        self._sync_in_time()
+        return irregularity
+
+    def sync(self) -> None:
+        """Force what was appended to the disk.
+
+        Raises
+        ------
+        RecordError
+            The disk fails; the samples since the last sync are kept in `unsaved`.
+        """
+        if self._state == "open":
+            try:
+                self._sync()
+            except OSError as error:
+                self._fail(error, None)
+
+    def close(self) -> Path:
+        """End the stream, turn it into an HDF5 file beside it, and remove the stream.
+
+        The stream is removed only when every sample was read back from the HDF5 file and is the
+        same, bit by bit; it stays where samples were given twice, as the file holds them once.
+
+        Returns
+        -------
+        pathlib.Path
+            The HDF5 file, which `flexstage.records.read_record` reads.
+
+        Validity
+        --------
+        The file is forced to the disk, but what is read back may come from the system's memory: a
+        disk that keeps other bytes than it was given is found later, by the hash of the catalogue.
+
+        Raises
+        ------
+        RecordError
+            The stream has fewer than two samples, or the file cannot be written: the stream stays,
+            and `recover` reads it.
+        """
+        from flexstage.instruments.recording.archive import archived
+
+        target = self.path.with_suffix(".h5")
+        if self._state == "closed":
+            if target.exists():
+                return target
+            raise RecordError(f"'{self.path}' was left as a stream: read it with recover")
+        if self._state == "failed":
+            self._retry()
+        self._finish()
+        if self._file.at.samples < 2:
+            raise RecordError(
+                f"the run has {self._file.at.samples} samples, and a record needs two: the stream "
+                f"'{self.path}' stays"
+            )
+        archived(self.path, target)
+        if not any(i.kind == "overlap" for i in self._irregular):
+            self.path.unlink()
+        return target
+
+    def leave(self) -> None:
+        """Close the stream as it is, without its end: what `recover` finds is all that there is."""
+        if self._state != "closed":
+            if self._state == "open":
+                with contextlib.suppress(OSError):
+                    self._file.sync()
+            self._state = "closed"
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+    def rescue(self, path: str | Path) -> "RunWriter":
+        """Write what could not be saved into another stream, as on another disk.
+
+        Parameters
+        ----------
+        path : str or pathlib.Path
+            The new stream; it must not exist.
+
+        Returns
+        -------
+        RunWriter
+            A writer that holds the unsaved chunks, to be continued or closed: another run, whose
+            note names this one.
+
+        Raises
+        ------
+        RecordError
+            It cannot be written either.
+        """
+        about = self.head.metadata
+        note = f"{about.note} (continues run {about.identifier})".strip()
+        other = RunWriter(
+            path,
+            self.head.channels,
+            self.head.sample_rate_hz,
+            replace(about, note=note, identifier=""),
+            sync=self._sync_after,
+            clock=self._clock,
+        )
+        for first, columns in self.unsaved:
+            other.append(first, columns)
+        other.sync()
+        self._unsaved.clear()
+        return other
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self.leave()
+        elif self._state != "closed":
+            try:
+                self.close()
+            finally:
+                self.leave()
+
+    def _compared(self, first: int, count: int) -> Irregularity | None:
+        """Note whether a chunk follows the ones before, and count it."""
+        found = None
+        if first > self._next:
+            found = Irregularity(kind="gap", first=self._next, count=first - self._next)
+        elif first < self._next:
+            again = min(count, self._next - first)
+            found = Irregularity(kind="overlap", first=int(first), count=int(again))
+        if found is not None:
+            self._irregular.append(found)
+        self._next = max(self._next, int(first) + count)
+        return found
+
+    def _write_chunk(self, first: int, columns: list[Array]) -> None:
+        self._file.append(SAMPLES, first, columns)
+        if self._sync_after is not None:
+            self._unsynced.append((first, columns))
+
+    def _sync_in_time(self) -> None:
+        if self._sync_after is None:
+            return
+        waiting = self._file.at.size - self._file.safe.size
+        if self._clock() - self._synced_at >= self._sync_after or waiting >= _MOST_UNSYNCED:
+            self.sync()
+
+    def _sync(self) -> None:
+        self._file.sync()
+        self._unsynced.clear()
+        self._synced_at = self._clock()
+
+    def _fail(self, error: OSError, chunk: "_Chunk | None") -> None:
+        """Keep in memory what is not on disk, cut off the frame that is not whole, and tell."""
+        self._state = "failed"
+        self._file.cut()
+        try:
+            self._sync()
+        except OSError:
+            if self._sync_after is None:
+                self._file.trust()  # nothing was kept that could be written again
+        self._unsaved += self._unsynced
+        self._unsynced = []
+        if chunk is not None:
+            self._unsaved.append(chunk)
+        raise RecordError(
+            f"'{self.path}' cannot be written on: {error.strerror or error}; its first "
+            f"{self._file.safe.samples} samples are safe, those that follow are kept in memory"
+        ) from error
+
+    def _retry(self) -> None:
+        """Write once more, from the last sync on: there may be room by now."""
+        try:
+            self._file.back()
+            for first, columns in self._unsaved:
+                self._file.append(SAMPLES, first, columns)
+            self._sync()
+        except OSError as error:
+            self._file.cut()
+            safe = self._file.safe.samples
+            raise RecordError(
+                f"'{self.path}' still cannot be written on: {error.strerror or error}; its first "
+                f"{safe} samples are safe, those that follow are kept in memory, and rescue writes "
+                "them elsewhere"
+            ) from error
+        self._unsaved.clear()
+        self._state = "open"
+
+    def _finish(self) -> None:
+        try:
+            self._file.append(END, self._next, [])
+            self._sync()
+        except OSError as error:
+            self._fail(error, None)
+        self._state = "closed"
+        self._file.close()
+
+
+_Chunk = tuple[int, list[Array]]

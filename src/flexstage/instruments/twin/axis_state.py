@@ -1,0 +1,274 @@
+"""One axis of a simulated controller: what it is commanded sample by sample, where it stands."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.compiled import compiled
+from flexstage.instruments.twin.device import AxisDescription
+from flexstage.instruments.twin.profiles import Ramp
+from flexstage.instruments.twin.wave_tables import WaveRun
+
+__all__ = ["AxisState"]
+
+Array = NDArray[np.float64]
+
+#: Time constant with which the reading is smoothed before it is compared with the target [s].
+_SMOOTHING = 1e-3
+#: A full travel takes this long as delivered [s].
+_TRAVEL_TIME = 0.1
+#: A full range of a drive whose fastest change is not known [s].
+_RANGE_TIME = 10e-3
+
+
+class AxisState:
+    """What a controller knows of one of its axes.
+
+    Parameters
+    ----------
+    description : AxisDescription
+        What it is.
+    index : int
+        Its place among the axes, from 0.
+    rate_hz : float
+        Rate of the loop [Hz].
+    window : float
+        Largest distance from the target at which it counts as reached [m].
+    settle : float
+        How long it must be within the window [s].
+    """
+
+    def __init__(
+        self,
+        description: AxisDescription,
+        index: int,
+        rate_hz: float,
+        *,
+        window: float,
+        settle: float,
+    ) -> None:
+        self.description, self.index = description, index
+        self.period = 1.0 / rate_hz
+        self._window, self._settle = window, max(1, round(settle * rate_hz))
+        self._share = 1.0 - math.exp(-self.period / _SMOOTHING)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to what it is when it is switched on."""
+        self.servo = self.screw
+        self.ramp = Ramp.hold(0.0)
+        self.wave: WaveRun | None = None
+        self.speed = self._first_speed()
+        self.target = 0.0  # position that was commanded last
+        self.voltage_command = 0.0  # voltage that was commanded last
+        self.reading = 0.0
+        self.volts = self.asked = 0.0  # voltage at the drive, and what its amplifier is told
+        self._smooth, self._inside = 0.0, 0
+
+    @property
+    def screw(self) -> bool:
+        """Whether it is a screw, which is always under control."""
+        return self.description.kind == "screw"
+
+    @property
+    def largest_speed(self) -> float:
+        """Largest speed of moves and waveforms [m/s].
+
+        Where the limits name none: what the largest slew of the voltage gives on average.
+        """
+        limits = self.description.limits
+        if limits.speed is not None:
+            return limits.speed
+        return _span(limits.position, 1e-4) / _span(limits.voltage, 100.0) * self.largest_slew
+
+    @property
+    def largest_slew(self) -> float:
+        """Largest rate of the voltage [V/s]; the full range in 10 ms where the limits name none."""
+        limits = self.description.limits
+        return _span(limits.voltage, 100.0) / _RANGE_TIME if limits.slew is None else limits.slew
+
+    @property
+    def largest_rate(self) -> float:
+        """Largest rate of what a waveform commands at present [m/s, or V/s]."""
+        return self.largest_speed if self.servo else self.largest_slew
+
+    def _first_speed(self) -> float:
+        if self.screw and self.description.limits.speed is not None:
+            return self.description.limits.speed
+        return min(self.largest_speed, _span(self.description.limits.position, 1e-4) / _TRAVEL_TIME)
+
+    def present(self, sample: int) -> float:
+        """Return what is commanded at a sample: a position under control, else a voltage.
+
+        Parameters
+        ----------
+        sample : int
+            Number of the loop's latest sample.
+
+        Returns
+        -------
+        float
+            The value [m, or V].
+        """
+        begun = self.wave is not None and sample >= self.wave.first
+        source = self.wave if self.wave is not None and begun else self.ramp
+        return float(source.values(sample, 1)[0])
+
+    def moving(self, sample: int) -> bool:
+        """Say whether a command or a waveform still moves it.
+
+        Parameters
+        ----------
+        sample : int
+            Number of the loop's latest sample.
+
+        Returns
+        -------
+        bool
+            Whether there is a way to go.
+        """
+        return self.wave is not None or sample < self.ramp.last
+
+    def settled(self, sample: int) -> bool:
+        """Say whether it has come to where it was sent.
+
+        Parameters
+        ----------
+        sample : int
+            Number of the loop's latest sample.
+
+        Returns
+        -------
+        bool
+            Whether the way is gone, and in control the reading has stayed near the target.
+        """
+        if self.moving(sample):
+            return False
+        return not self.servo or self._inside >= self._settle
+
+    def go(self, value: float, sample: int, rate: float) -> None:
+        """Lead the commanded value to another one.
+
+        Parameters
+        ----------
+        value : float
+            Where to [m, or V].
+        sample : int
+            Number of the loop's latest sample.
+        rate : float
+            Rate at which it changes [m/s, or V/s].
+        """
+        here = self.present(sample)
+        self.ramp = Ramp(first=sample + 1, start=here, end=value, step=rate * self.period)
+        self._inside = 0
+        self._note(value)
+
+    def hold(self, value: float) -> None:
+        """Command a value from the next sample on, and end what moves the axis.
+
+        Parameters
+        ----------
+        value : float
+            What to hold [m, or V].
+        """
+        self.wave = None
+        self.ramp = Ramp.hold(value)
+        self._inside = 0
+        self._note(value)
+
+    def run(self, wave: WaveRun, sample: int) -> None:
+        """Follow a waveform from its first sample on.
+
+        Parameters
+        ----------
+        wave : WaveRun
+            The waveform.
+        sample : int
+            Number of the loop's latest sample, the one before it begins.
+        """
+        self.ramp = Ramp.hold(self.present(sample))
+        self.wave = wave
+        self._inside = 0
+
+    def stop(self, sample: int) -> None:
+        """Hold where the axis is: the present reading under control, else the present command.
+
+        Parameters
+        ----------
+        sample : int
+            Number of the loop's latest sample.
+        """
+        self.hold(self.reading if self.servo and not self.screw else self.present(sample))
+
+    def switch(self, on: bool) -> None:
+        """Switch control on, to hold what is read, or off, to hold the voltage.
+
+        Parameters
+        ----------
+        on : bool
+            Whether it shall be on.
+        """
+        self.servo = on
+        self._smooth = self.reading
+        self.hold(self.reading if on else self.asked)
+
+    def fill(self, first: int, command: Array, feedforward: Array) -> None:
+        """Write what is commanded over the next samples.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first of them.
+        command : numpy.ndarray
+            Written: positions under control, else voltages [m, or V], shape (n,).
+        feedforward : numpy.ndarray
+            Written: voltages beside the control [V], NaN where there are none, shape (n,).
+        """
+        source = self.ramp if self.wave is None else self.wave
+        command[:] = source.values(first, command.size)
+        feedforward[:] = np.nan if self.wave is None else self.wave.voltages(first, command.size)
+
+    def take(self, last: int, command: Array, reading: Array) -> None:
+        """Take note of where the stage is.
+
+        Parameters
+        ----------
+        last : int
+            Number of the last sample.
+        command : numpy.ndarray
+            What was commanded [m, or V], shape (n,).
+        reading : numpy.ndarray
+            What the axis's own sensor reads [m], shape (n,).
+        """
+        self.reading = float(reading[-1])
+        if self.servo:
+            share = 1.0 if self.screw else self._share
+            self._smooth, self._inside = _settle(
+                command, reading, self._window, share, self._smooth, self._inside
+            )
+        if self.wave is not None and not self.wave.running(last):
+            inside = self._inside
+            self.hold(float(self.wave.table[-1]))
+            self._inside = inside
+
+    def _note(self, value: float) -> None:
+        if self.servo:
+            self.target = value
+        else:
+            self.voltage_command = value
+
+
+def _span(bounds: tuple[float, float] | None, unknown: float) -> float:
+    return unknown if bounds is None else bounds[1] - bounds[0]
+
+
+@compiled
+def _settle(
+    command: Array, reading: Array, window: float, share: float, smooth: float, inside: int
+) -> tuple[float, int]:
+    """Smooth the reading by a first-order lag, and count the samples near what is commanded."""
+    for k in range(command.size):
+        smooth += share * (reading[k] - smooth)
+        inside = inside + 1 if abs(smooth - command[k]) <= window else 0
+    return smooth, inside

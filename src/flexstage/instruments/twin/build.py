@@ -1,0 +1,303 @@
+"""Simulated stages from their description: made with scatter, and set to what was measured."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.experiment.virtual import (
+    AsBuilt,
+    Scatter,
+    as_built,
+    displaced_system,
+    displacements,
+    manufactured,
+)
+from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.loops import loop_width
+from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.instruments.limits import AxisLimits, stage_limits
+from flexstage.instruments.twin.charge import ChargeDrive
+from flexstage.instruments.twin.delivered import delivered_settings
+from flexstage.instruments.twin.hammer import Hammer
+from flexstage.instruments.twin.piezo_parts import PiezoAxis
+from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
+from flexstage.instruments.twin.sensors import AxisSensor, SensorBench
+from flexstage.stage import PiezoStack, Screw, Stage
+from flexstage.system import MechanicalSystem, axis_mode, modes
+
+__all__ = ["virtual_stage"]
+
+Array = NDArray[np.float64]
+
+#: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
+_BANDWIDTH_HZ = 2000.0
+_CURRENT = 0.3
+_CREEP = 0.012
+#: Width of a loop over its stroke where nobody has measured one, and the widths there can be.
+_USUAL_WIDTH = 0.125
+_WIDTHS = (0.03, 0.25)
+#: So many plays that their kinks drown in any noise.
+_PLAYS = 192
+#: Spread of strokes, of widths and of backlash from one stage to the next [1].
+_STROKE_SPREAD, _WIDTH_SPREAD, _BACKLASH_SPREAD = 0.02, 0.04, 0.2
+_BACKLASH = 0.5e-6
+#: Part of the stroke that is kept free at each end.
+_KEPT_FREE = 0.015
+_CYCLES = 4
+_EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
+_EDDY_CURRENT = SensorBench(
+    along=AxisSensor(noise_rms=20e-9, mains_amplitude=20e-9, gain_scatter=5e-4),
+    beside=AxisSensor(noise_rms=20e-9, mains_amplitude=20e-9, gain_scatter=2e-3),
+)
+
+
+def virtual_stage(
+    stage: Stage,
+    *,
+    model: Literal["superelement", "lumped"] = "superelement",
+    seed: int = 0,
+    sample_rate_hz: float = 10e3,
+    amplifier: Literal["voltage", "charge"] = "voltage",
+    quiet: bool = False,
+    scatter: bool = True,
+) -> PiezoStage | ScrewStage:
+    """Make a stage that runs sample by sample.
+
+    What has been measured of the stage and published is set: natural frequencies, stroke, width of
+    the loop, straightness. What no model knows is drawn: how its guides bend, and the gains of its
+    sensors. With scatter, necks and notches are off as from wire erosion, so that frequencies
+    differ by some percent, strokes by 2 % and widths by 4 %.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage as drawn; all its axes have piezo stacks with a voltage range, or all screws.
+    model : {"superelement", "lumped"}
+        Its mechanics: finite elements of each body, or rigid bodies on hinges. Both have the same
+        natural frequencies along the axes. Screws need the second alone.
+    seed : int
+        Seed of all draws.
+    sample_rate_hz : float
+        Rate of the loop [Hz], 1 to 50 kHz.
+    amplifier : {"voltage", "charge"}
+        What drives the stacks.
+    quiet : bool
+        Whether to leave out noise, mains, drift and all steps of converters and sensors.
+    scatter : bool
+        Whether the stage is made with scatter.
+
+    Returns
+    -------
+    PiezoStage or ScrewStage
+        The stage, relaxed.
+
+    Raises
+    ------
+    ModelError
+        The axes are driven by something else, or by both; or an option is not one of those named.
+
+    Notes
+    -----
+    Validity: an invention for trials, of the size and kind that such stages have; `PiezoStage` and
+    `ScrewStage` say what is left out. The positions that may be commanded of a piezo stage are
+    those of cycles at 1 Hz over the whole range, less 1.5 % of the stroke at each end. Creep takes
+    some percent of the stroke after hours at one end, so that the other may then be out of reach.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> made = virtual_stage(design("vgtu-piezo"), model="lumped", seed=1, quiet=True)
+    >>> ramp = np.linspace(0.0, 120.0, 5000)
+    >>> moved = made.run(np.array([ramp, 0.0 * ramp]), (False, False))
+    >>> round(float(moved.position[0, -1]) * 1e6, 1)
+    69.7
+    """
+    if model not in ("superelement", "lumped"):
+        raise ModelError(f"the model of a twin is 'superelement' or 'lumped', got {model!r}")
+    if amplifier not in ("voltage", "charge"):
+        raise ModelError(f"an amplifier drives by 'voltage' or 'charge', got {amplifier!r}")
+    if not 1e3 <= sample_rate_hz <= 50e3:
+        raise ModelError(f"the rate of a twin's loop is 1 to 50 kHz, got {sample_rate_hz!r} Hz")
+    if not stage.axes:
+        raise ModelError(
+            f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
+        )
+    drives = [stage.drive(axis.drive) for axis in stage.axes]
+    screws = all(isinstance(d, Screw) for d in drives)
+    if not screws and not all(isinstance(d, PiezoStack) and d.voltage_range for d in drives):
+        kinds = ", ".join(f"'{d.name}' {d.kind}" for d in drives)
+        raise ModelError(
+            f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
+        )
+    built = _as_made(stage, model, seed, scatter=scatter, screws=screws)
+    if screws:
+        return _screws(built, seed, sample_rate_hz, quiet=quiet, scatter=scatter)
+    return _piezos(
+        built, seed, sample_rate_hz, charge=amplifier == "charge", quiet=quiet, scatter=scatter
+    )
+
+
+def _as_made(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
+    """Set what was measured first, and let the process miss it then."""
+    exact = as_built(stage, seed=seed, scatter=_EXACT)
+    made, moved = exact.made, {}
+    if scatter:
+        made = manufactured(exact.made, Scatter(), seed=seed)
+        moved = displacements(stage, Scatter(), seed=seed)
+    damping = exact.system.damping
+    system = displaced_system(made, moved)
+    if model == "superelement" and not screws:
+        from flexstage.fem.superelement import superelement_model
+
+        system = _with_frequencies(superelement_model(stage).system, system)
+    if damping is not None:
+        system = system.with_damping(damping)
+    return replace(exact, made=made, system=system)
+
+
+def _with_frequencies(system: MechanicalSystem, wanted: MechanicalSystem) -> MechanicalSystem:
+    """Stiffen the modes along the axes until they have the frequencies of another model."""
+    found, aim = modes(system, count=None), modes(wanted, count=None)
+    K = system.K.copy()
+    for axis in system.axes:
+        i = axis_mode(system, found, axis.drive, axis.probe)
+        j = axis_mode(wanted, aim, axis.drive, axis.probe)
+        force = system.M @ found.shapes[:, i]
+        K += np.outer(force, force) * (aim.omega[j] ** 2 - found.omega[i] ** 2)
+    return replace(system, K=0.5 * (K + K.T))
+
+
+def _piezos(
+    built: AsBuilt, seed: int, rate: float, *, charge: bool, quiet: bool, scatter: bool
+) -> PiezoStage:
+    rng = _draws(seed)
+    creep = LogCreep(rate_per_decade=_CREEP)
+    aims, parts = [], []
+    for state in built.axes:
+        off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
+        width = _published_width(built.stage, state.name)
+        share = _USUAL_WIDTH if width is None else width / state.stroke
+        share *= 1.0 + _WIDTH_SPREAD * off[0]
+        aims.append(
+            (state.stroke * (1.0 + _STROKE_SPREAD * off[1]), float(np.clip(share, *_WIDTHS)))
+        )
+        parts.append(_axis_of(built, state.name))
+    # creep and the stage add to both, so that the stack itself needs a little less
+    size = [
+        (built.stage.drive(p.drive).stroke or 0.0, s) for p, (_, s) in zip(parts, aims, strict=True)
+    ]
+    for _ in range(2):
+        parts = [_with_stack(p, *s) for p, s in zip(parts, size, strict=True)]
+        got = _conditioned(built, parts, creep)
+        size = [
+            (free * aim[0] / stroke, float(np.clip(own * aim[1] / width, *_WIDTHS)))
+            for (free, own), aim, (stroke, width, _) in zip(size, aims, got, strict=True)
+        ]
+    parts = [_with_stack(p, *s) for p, s in zip(parts, size, strict=True)]
+    final = []
+    for part, (stroke, _, low) in zip(parts, _conditioned(built, parts, creep), strict=True):
+        free = _KEPT_FREE * stroke
+        guide = replace(built.axis(part.name).guide, stroke=stroke)
+        limits = replace(part.limits, position=(low + free, low + stroke - free))
+        final.append(replace(part, limits=limits, guide=guide, low=low))
+    final = delivered_settings(built.system, final, rate, _BANDWIDTH_HZ, creep)
+    return PiezoStage(
+        stage=built.stage,
+        system=built.system,
+        axes=final,
+        sample_rate_hz=rate,
+        seed=seed,
+        creep=creep,
+        bandwidth_hz=_BANDWIDTH_HZ,
+        charge=ChargeDrive(voltage_range=_range(final[0])) if charge else None,
+        quiet=quiet,
+        scatter=scatter,
+        hammer=Hammer(built, seed),
+        notes=built.notes,
+    )
+
+
+def _range(part: PiezoAxis) -> tuple[float, float]:
+    return part.limits.voltage or (0.0, 1.0)
+
+
+def _axis_of(built: AsBuilt, name: str) -> PiezoAxis:
+    """Return an axis with the limits of its drive and its amplifier."""
+    axis = built.stage.axis(name)
+    drive = built.stage.drive(axis.drive)
+    limits = stage_limits(built.stage, name)
+    rate = float("inf")
+    if isinstance(drive, PiezoStack) and drive.capacitance is not None:
+        rate = _CURRENT / drive.capacitance
+        limits = limits.within(AxisLimits(slew=rate))
+    return PiezoAxis(
+        name=name, drive=axis.drive, probe=axis.probe, limits=limits, largest_rate=rate,
+        stack=virtual_stack(limits.voltage or (0.0, 1.0), 1.0, _USUAL_WIDTH, plays=8),
+    )  # fmt: skip
+
+
+def _with_stack(part: PiezoAxis, free: float, width: float) -> PiezoAxis:
+    return replace(part, stack=virtual_stack(_range(part), free, width, plays=_PLAYS))
+
+
+def _conditioned(
+    built: AsBuilt, parts: list[PiezoAxis], creep: LogCreep
+) -> list[tuple[float, float, float]]:
+    """Return stroke, width of the loop over it, and low end of each axis after some cycles."""
+    rate = 1000.0
+    stage = PiezoStage(
+        stage=built.stage, system=built.system, axes=parts, sample_rate_hz=rate, creep=creep,
+        bandwidth_hz=_BANDWIDTH_HZ, quiet=True, scatter=False,
+    )  # fmt: skip
+    n = int(rate)
+    swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)
+    ends = np.array([_range(p) for p in parts])
+    block = stage.run(ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * swing, [False] * len(parts))
+    found = []
+    for u, y in zip(block.voltage[:, -2 * n :], block.position[:, -2 * n :], strict=True):
+        stroke = float(np.ptp(y))
+        found.append((stroke, loop_width(u, y, np.array([0, n])) / stroke, float(y.min())))
+    return found
+
+
+def _published_width(stage: Stage, axis: str) -> float | None:
+    from flexstage.characteristic import Characteristics
+
+    rows = Characteristics(stage.published).select(
+        "hysteresis_loop_width", axis, "published-measured"
+    )
+    return rows[0].value if rows else None
+
+
+def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: bool) -> ScrewStage:
+    rng = _draws(seed)
+    axes = []
+    for state in built.axes:
+        drive = built.stage.drive(built.stage.axis(state.name).drive)
+        if not isinstance(drive, Screw):
+            raise ModelError(f"drive '{drive.name}' is no screw: a twin needs screws on all axes")
+        off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
+        stroke = state.stroke * (1.0 + _STROKE_SPREAD * off[0])
+        backlash = _BACKLASH * float(np.clip(1.0 + _BACKLASH_SPREAD * off[1], 0.3, 1.7))
+        axes.append(
+            ScrewAxis(
+                name=state.name,
+                limits=stage_limits(built.stage, state.name),
+                smallest_step=drive.smallest_step,
+                backlash=backlash,
+                ratio=stroke / (drive.travel - backlash),
+                guide=replace(state.guide, stroke=stroke),
+            )
+        )
+    return ScrewStage(
+        stage=built.stage, axes=axes, sensors=_EDDY_CURRENT, sample_rate_hz=rate, seed=seed,
+        quiet=quiet, scatter=scatter, hammer=Hammer(built, seed), notes=built.notes,
+    )  # fmt: skip
+
+
+def _draws(seed: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(8,)))

@@ -1,0 +1,52 @@
+"""What a command of the command set is."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from flexstage.instruments.twin.state import ControllerState
+
+__all__ = ["Client", "Command", "Reply"]
+
+#: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
+Reply = Sequence[str] | Iterator[str] | None
+
+
+class Client(Protocol):
+    """What a command needs of the session that gives it."""
+
+    #: Number that ``ERR?`` answers next.
+    error: int
+    #: Command level, 0 or 1.
+    level: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """A command.
+
+    Parameters
+    ----------
+    name : str
+        Its word.
+    arguments : str
+        Its arguments, as it is listed.
+    text : str
+        What it does, as it is listed.
+    run : callable
+        Carries it out, given state, session and words.
+    changes : bool
+        Whether it moves or changes something, so that only the client in control may give it.
+    moves : bool
+        Whether it can start a motion; one that was given before a stop is not carried out after.
+    poll : bool
+        Whether a client repeats it while it waits for a motion, a waveform or a record.
+    """
+
+    name: str
+    arguments: str
+    text: str
+    run: Callable[[ControllerState, Client, Sequence[str]], Reply]
+    changes: bool = False
+    moves: bool = False
+    poll: bool = False

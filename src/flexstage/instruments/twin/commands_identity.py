@@ -1,0 +1,281 @@
+"""Commands about the controller itself: identity, help, errors, parameters, reboot."""
+
+from collections.abc import Iterable, Sequence
+
+from flexstage import __version__
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.parameters import (
+    PARAMETERS,
+    SIMULATED_TIME,
+    items_of,
+    listing,
+    value_text,
+)
+from flexstage.instruments.twin.servo_draft import ServoDraft
+from flexstage.instruments.twin.state import ControllerState
+from flexstage.instruments.twin.words import chosen, number, unsigned, unsigned_or_hex
+
+__all__ = ["IDENTITY", "delivered", "identity_line", "nothing"]
+
+#: Longest simulated time that one command leads on by [s].
+_LONGEST = 3600.0
+#: Characters that are commands of their own, as they are listed.
+_CHARACTERS = (
+    "#5 Request Motion Status",
+    "#7 Request Controller Ready Status",
+    "#9 Get Wave Generator Status",
+    "#24 Stop All Axes",
+)
+
+
+def nothing(words: Sequence[str]) -> None:
+    """Refuse arguments.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The arguments.
+
+    Raises
+    ------
+    GcsError
+        There is one.
+    """
+    if words:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+
+
+def identity_line(state: ControllerState) -> str:
+    """Return what ``*IDN?`` answers.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+
+    Returns
+    -------
+    str
+        Vendor, model, serial number and firmware; of a simulation the word ``simulated`` is part.
+    """
+    said = state.device.identity
+    model = said.model
+    if said.simulated and "simulated" not in f"{said.vendor} {model}":
+        model = f"{model} (simulated)"
+    fields = (said.vendor, model, said.serial_number or "0", said.firmware or __version__)
+    return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
+
+
+def _identity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [identity_line(state)]
+
+
+def _syntax_version(_: ControllerState, __: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return ["2.0"]
+
+
+def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [
+        f"FW: {state.device.identity.firmware or __version__}",
+        f"SIMULATION: flexstage {__version__}",
+    ]
+
+
+def help_lines(commands: Iterable[Command]) -> list[str]:
+    """Return what ``HLP?`` answers.
+
+    Parameters
+    ----------
+    commands : iterable of Command
+        The commands.
+
+    Returns
+    -------
+    list of str
+        One line for each, between a heading and an end.
+    """
+    listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
+    return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
+
+
+def _parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return listing(state)
+
+
+def _read_error(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    number_of_error, client.error = client.error, code.NO_ERROR
+    return [str(number_of_error)]
+
+
+def _level(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+    if len(words) not in (1, 2):
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    level = unsigned(words[0])
+    if level > 1:
+        raise GcsError(code.OUT_OF_RANGE)
+    if level == 1 and words[1:] != ["advanced"]:
+        raise GcsError(code.WRONG_PASSWORD)
+    client.level = level
+    return None
+
+
+def _read_level(_: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [str(client.level)]
+
+
+def _reboot(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    state.device.reboot()
+    state.forget()
+    return None
+
+
+def _asked(state: ControllerState, words: Sequence[str]) -> list[tuple[str, int]]:
+    """Return items and numbers of parameters; all where none is asked for."""
+    if not words:
+        return [(item, key) for key, p in PARAMETERS.items() for item in items_of(state, p)]
+    if len(words) % 2:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    return [_found(state, *pair) for pair in zip(words[::2], words[1::2], strict=True)]
+
+
+def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
+    key = unsigned_or_hex(word)
+    parameter = PARAMETERS.get(key)
+    if parameter is None:
+        raise GcsError(code.UNKNOWN_PARAMETER)
+    items = items_of(state, parameter)
+    # the system is item 0 or 1, to different clients
+    item = "1" if parameter.item == "system" and item == "0" else item
+    if item not in items:
+        channel = parameter.item == "channel"
+        raise GcsError(code.UNKNOWN_CHANNEL if channel else code.UNKNOWN_AXIS)
+    return item, key
+
+
+def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
+    """Return the values of all parameters, which the controller keeps as those of delivery.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+
+    Returns
+    -------
+    dict
+        Texts by item and number.
+    """
+    return {
+        (item, key): value_text(PARAMETERS[key].get(state, item)) for item, key in _asked(state, ())
+    }
+
+
+def _read_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    return [
+        f"{item} 0x{key:08X}={value_text(PARAMETERS[key].get(state, item))}"
+        for item, key in _asked(state, words)
+    ]
+
+
+def _read_delivered(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    return [
+        f"{item} 0x{key:08X}={state.delivered[item, key]}" for item, key in _asked(state, words)
+    ]
+
+
+def _set_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if not words or len(words) % 3:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    given = [
+        (*_found(state, words[i], words[i + 1]), words[i + 2]) for i in range(0, len(words), 3)
+    ]
+    drafts: dict[str, ServoDraft] = {}
+    seconds = 0.0
+    for item, key, word in given:
+        parameter = PARAMETERS[key]
+        if parameter.set is None and parameter.edit is None:
+            raise GcsError(code.READ_ONLY)
+        if key == SIMULATED_TIME:
+            seconds += number(word)
+            if not 0.0 <= seconds <= _LONGEST:
+                raise GcsError(code.OUT_OF_RANGE)
+            if not state.pace.fast:
+                raise GcsError(code.NOT_POSSIBLE)
+        elif parameter.edit is not None:
+            if item not in drafts:
+                drafts[item] = state.servo_draft(item)
+            parameter.edit(drafts[item], number(word))
+    # all of the position control at once: between two numbers it might not be stable
+    for axis, draft in drafts.items():
+        state.apply_draft(axis, draft)
+    for item, key, word in given:
+        parameter = PARAMETERS[key]
+        if parameter.set is not None:
+            parameter.set(state, item, word)
+    return state.pass_time(seconds) if seconds else None
+
+
+def _axis_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if words not in ([], ["ALL"]):
+        raise GcsError(code.NUMBER_OF_PARAMETERS if len(words) > 1 else code.SYNTAX)
+    return list(state.axes)
+
+
+def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
+    return [f"{name}={axis.stage_axis}" for name, axis in axes]
+
+
+def _outputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [str(len(state.outputs))]
+
+
+def _inputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [str(len(state.channels))]
+
+
+#: Commands about the controller; ``HLP?`` is made from the list of all of them.
+IDENTITY = (
+    Command(name="*IDN?", arguments="", text="Get Device Identification", run=_identity),
+    Command(name="CCL", arguments="<Level> [<PSWD>]", text="Set Command Level", run=_level),
+    Command(name="CCL?", arguments="", text="Get Command Level", run=_read_level),
+    Command(name="CST?", arguments="[{<AxisID>}]", text="Get Stage Of Axis", run=_stage_names),
+    Command(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
+    Command(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
+    Command(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
+    Command(name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True),
+    Command(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
+    Command(
+        name="SEP?",
+        arguments="[{<ItemID> <PamID>}]",
+        text="Get Parameters As Delivered",
+        run=_read_delivered,
+    ),
+    Command(
+        name="SPA",
+        arguments="{<ItemID> <PamID> <PamValue>}",
+        text="Set Volatile Memory Parameters",
+        run=_set_parameters,
+        changes=True,
+    ),
+    Command(
+        name="SPA?",
+        arguments="[{<ItemID> <PamID>}]",
+        text="Get Volatile Memory Parameters",
+        run=_read_parameters,
+    ),
+    Command(name="TPC?", arguments="", text="Get Number Of Output Channels", run=_outputs),
+    Command(name="TSC?", arguments="", text="Get Number Of Input Channels", run=_inputs),
+    Command(name="VER?", arguments="", text="Get Versions", run=_versions),
+)

@@ -1,0 +1,220 @@
+"""Commands of motion: targets, voltages, position control, speed, limits, stop."""
+
+from collections.abc import Callable, Sequence
+
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.commands_identity import nothing
+from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.state import MICRO, ControllerState
+from flexstage.instruments.twin.words import chosen, number, one, pairs, printed, switch
+
+__all__ = ["MOTION", "OF_VOLTAGES", "halt", "moving_bits"]
+
+#: Commands that need an axis with a voltage.
+OF_VOLTAGES = ("SVA", "SVA?", "SVR", "VMA?", "VMI?", "VOL?")
+
+Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
+
+
+def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
+    """Stop axes, and tell the client.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+    client : Client
+        Who stops them.
+    words : sequence of str
+        The axes; all where there are none.
+    """
+    axes = [name for name, _ in chosen(words, state.axes, code.UNKNOWN_AXIS)]
+    state.device.stop(axes if words else None)
+    client.error = code.STOPPED
+
+
+def moving_bits(state: ControllerState) -> str:
+    """Return what ``#5`` answers.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+
+    Returns
+    -------
+    str
+        Sum of 1, 2, 4, ... of the axes that move, in hexadecimal digits.
+    """
+    return f"{sum(1 << i for i, axis in enumerate(state.axes) if state.device.moving(axis)):X}"
+
+
+def _stop(state: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    halt(state, client)
+    return None
+
+
+def _halt(state: ControllerState, client: Client, words: Sequence[str]) -> Reply:
+    halt(state, client, words)
+    return None
+
+
+def _move(relative: bool) -> Run:
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        given = pairs(words, state.axes, code.UNKNOWN_AXIS)
+        targets = {axis: number(word) * MICRO for axis, word in given}
+        if relative:
+            targets = {axis: state.device.target(axis) + v for axis, v in targets.items()}
+        state.recorder.move(lambda: state.device.set_targets(targets))
+        return None
+
+    return run
+
+
+def _set_voltage(relative: bool) -> Run:
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        given = pairs(words, state.axes, code.UNKNOWN_AXIS)
+        voltages = {axis: number(word) for axis, word in given}
+        if relative:
+            voltages = {axis: state.device.command(axis) + v for axis, v in voltages.items()}
+        try:
+            state.recorder.move(lambda: state.device.set_commands(voltages))
+        except RefusedError as error:
+            if error.reason is Refusal.OUT_OF_LIMITS:
+                raise GcsError(code.VOLTAGE_OUT_OF_LIMITS) from error
+            raise
+        return None
+
+    return run
+
+
+def _switch_servo(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = [(axis, switch(w)) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
+    for axis, on in given:
+        if on != state.device.servo_on(axis):
+            state.device.set_servo(axis, on)
+    return None
+
+
+def _set_speed(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = [(axis, number(w)) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
+    for axis, speed in given:
+        largest = state.axes[axis].limits.speed
+        if not speed > 0.0 or (largest is not None and speed * MICRO > largest * (1.0 + 1e-9)):
+            raise GcsError(code.SPEED_OUT_OF_LIMITS)
+    for axis, speed in given:
+        state.device.set_speed(axis, speed * MICRO)
+    return None
+
+
+def _strike(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    axis = one(words, state.axes)
+    if not state.device.drives_removed():
+        raise GcsError(code.NOT_POSSIBLE)
+    state.recorder.run(lambda: state.device.strike(axis))
+    return None
+
+
+def _of_axes(value: Callable[[ControllerState, str], str]) -> Run:
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
+        return [f"{axis}={value(state, axis)}" for axis, _ in axes]
+
+    return run
+
+
+def _of_outputs(value: Callable[[ControllerState, str], float]) -> Run:
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        outputs = chosen(words, state.outputs, code.UNKNOWN_CHANNEL)
+        return [f"{name}={printed(value(state, axis))}" for name, axis in outputs]
+
+    return run
+
+
+def _sensors(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    channels = chosen(words, state.channels, code.UNKNOWN_CHANNEL)
+    return [
+        f"{name}={printed(state.device.channel(channel.number) / MICRO)}"
+        for name, channel in channels
+    ]
+
+
+def _micro(value: Callable[[ControllerState, str], float]) -> Callable[[ControllerState, str], str]:
+    return lambda state, axis: printed(value(state, axis) / MICRO)
+
+
+def _flag(value: Callable[[ControllerState, str], bool]) -> Callable[[ControllerState, str], str]:
+    return lambda state, axis: str(int(value(state, axis)))
+
+
+def _low(state: ControllerState, axis: str) -> float:
+    return state.position_range(axis)[0]
+
+
+def _high(state: ControllerState, axis: str) -> float:
+    return state.position_range(axis)[1]
+
+
+def _voltage_command(state: ControllerState, axis: str) -> str:
+    return printed(state.device.command(axis))
+
+
+def _question(name: str, text: str, run: Run, *, poll: bool = False) -> Command:
+    return Command(name=name, arguments="[{<AxisID>}]", text=text, run=run, poll=poll)
+
+
+def _change(name: str, arguments: str, text: str, run: Run) -> Command:
+    return Command(name=name, arguments=arguments, text=text, run=run, changes=True, moves=True)
+
+
+#: Commands of motion.
+MOTION = (
+    _question("FRF?", "Get Referencing Result", _of_axes(lambda _, __: "1")),
+    Command(name="HLT", arguments="[{<AxisID>}]", text="Halt Motion Smoothly", run=_halt),
+    _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
+    _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
+    _question("MOV?", "Get Target Position", _of_axes(_micro(lambda s, a: s.device.target(a)))),
+    _change("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True)),
+    _question("NLM?", "Get Low Position Soft Limit", _of_axes(_micro(_low))),
+    _question(
+        "ONT?",
+        "Get On-Target State",
+        _of_axes(_flag(lambda s, a: s.device.on_target(a))),
+        poll=True,
+    ),
+    _question("PLM?", "Get High Position Soft Limit", _of_axes(_micro(_high))),
+    _question("POS?", "Get Real Position", _of_axes(_micro(lambda s, a: s.device.position(a)))),
+    _question("PUN?", "Get Axis Unit", _of_axes(lambda _, __: "um")),
+    Command(name="STP", arguments="", text="Stop All Axes", run=_stop),
+    _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
+    _question("SVA?", "Get Open-Loop Voltage", _of_axes(_voltage_command)),
+    _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
+    _question("SVO?", "Get Servo Mode", _of_axes(_flag(lambda s, a: s.device.servo_on(a)))),
+    _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
+    _question("TMN?", "Get Minimum Commandable Position", _of_axes(_micro(_low))),
+    _question("TMX?", "Get Maximum Commandable Position", _of_axes(_micro(_high))),
+    Command(name="TSP?", arguments="[{<InputID>}]", text="Get Input Signal Position", run=_sensors),
+    _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
+    _question("VEL?", "Get Velocity", _of_axes(_micro(lambda s, a: s.device.speed(a)))),
+    Command(
+        name="VMA?",
+        arguments="[{<OutputID>}]",
+        text="Get Maximum Output Voltage",
+        run=_of_outputs(lambda s, a: s.voltage_range(a)[1]),
+    ),
+    Command(
+        name="VMI?",
+        arguments="[{<OutputID>}]",
+        text="Get Minimum Output Voltage",
+        run=_of_outputs(lambda s, a: s.voltage_range(a)[0]),
+    ),
+    Command(
+        name="VOL?",
+        arguments="[{<OutputID>}]",
+        text="Get Voltage Of Output Channel",
+        run=_of_outputs(lambda s, a: s.device.voltage(a)),
+    ),
+)

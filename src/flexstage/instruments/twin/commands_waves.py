@@ -1,0 +1,292 @@
+"""Commands of the wave generator: tables, who runs which, rate, cycles, start."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.array_text import array_text
+from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.commands_identity import identity_line, nothing
+from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.state import ControllerState
+from flexstage.instruments.twin.wave_command import segment
+from flexstage.instruments.twin.words import LARGEST, chosen, pairs, unsigned
+
+__all__ = ["WAVES", "running_bits"]
+
+
+def running_bits(state: ControllerState) -> str:
+    """Return what ``#9`` answers.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+
+    Returns
+    -------
+    str
+        Sum of 1, 2, 4, ... of the generators that run, in hexadecimal digits.
+    """
+    running = (state.device.wave_running(axis) for axis in state.generators.values())
+    return f"{sum(1 << i for i, runs in enumerate(running) if runs):X}"
+
+
+def _table(state: ControllerState, word: str) -> int:
+    table = unsigned(word)
+    if not 1 <= table <= state.device.wave_tables:
+        raise GcsError(code.UNKNOWN_WAVE_TABLE)
+    return table
+
+
+def _define(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if len(words) < 3:
+        raise GcsError(code.NUMBER_OF_WAVE_PARAMETERS)
+    table = _table(state, words[0])
+    how = words[1].upper()
+    if how not in ("X", "&", "+"):
+        raise GcsError(code.SYNTAX)
+    held = state.waves.size(table) if how == "&" else 0
+    room = state.waves.room(table) - held
+    samples = segment(words[2].upper(), words[3:], held=held, room=room)
+    if how == "&":
+        state.waves.append(table, samples)
+        return None
+    if how == "+":
+        # added to what is there; the longer of the two goes on as it is
+        there = state.waves.samples(table)
+        size = max(there.size, samples.size)
+        samples = np.pad(there, (0, size - there.size)) + np.pad(samples, (0, size - samples.size))
+        if not np.all(np.abs(samples) <= LARGEST):
+            raise GcsError(code.WAVE_OUT_OF_RANGE)
+    state.waves.replace(table, samples)
+    return None
+
+
+def _lengths(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if len(words) > 2 or (len(words) == 2 and words[1] != "1"):
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    tables = [_table(state, words[0])] if words else range(1, state.device.wave_tables + 1)
+    return [f"{table} 1={state.waves.size(table)}" for table in tables]
+
+
+def _clear(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if not words:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    tables = [_table(state, word) for word in words]
+    if any(state.waves.in_use(table) for table in tables):
+        raise GcsError(code.WAVE_RUNNING)
+    for table in tables:
+        state.waves.replace(table, np.empty(0))
+    return None
+
+
+def _samples(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if len(words) == 1:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    tables = [_table(state, word) for word in words[2:]] or state.waves.filled()
+    if not tables or any(not state.waves.size(table) for table in tables):
+        raise GcsError(code.WAVE_NOT_DEFINED)
+    least = min(state.waves.size(table) for table in tables)
+    first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, least)
+    if not (first >= 1 and count >= 1 and first - 1 + count <= least):
+        raise GcsError(code.WAVE_OUT_OF_RANGE)
+    columns = [state.waves.samples(table)[first - 1 : first - 1 + count] for table in tables]
+    names = [f"Wave Table {table}" for table in tables]
+    step = state.device.wave_rate_divider() / state.device.sample_rate_hz
+    return array_text(columns, names, step, identity_line(state))
+
+
+def _choose(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = pairs(words, state.generators, code.UNKNOWN_AXIS)
+    chosen_tables = [(state.generators[g], unsigned(word)) for g, word in given]
+    if any(table > state.device.wave_tables for _, table in chosen_tables):
+        raise GcsError(code.UNKNOWN_WAVE_TABLE)
+    if any(state.device.wave_running(axis) for axis, _ in chosen_tables):
+        raise GcsError(code.WAVE_RUNNING)
+    for axis, table in chosen_tables:
+        state.device.choose_wave(axis, table, state.device.wave_choice(axis)[1])
+    return None
+
+
+def _choices(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+    return [f"{g}={state.device.wave_choice(axis)[0]}" for g, axis in generators]
+
+
+def _set_cycles(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = pairs(words, state.generators, code.UNKNOWN_AXIS)
+    cycles = [(state.generators[g], unsigned(word)) for g, word in given]
+    for axis, count in cycles:
+        state.device.set_wave_cycles(axis, count)
+    return None
+
+
+def _cycles(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+    return [f"{g}={state.device.wave_cycles(axis)}" for g, axis in generators]
+
+
+def _set_rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if not words or len(words) % 3:
+        raise GcsError(code.NUMBER_OF_PARAMETERS)
+    rates = set()
+    for i in range(0, len(words), 3):
+        if words[i] != "0" and words[i] not in state.generators:
+            raise GcsError(code.UNKNOWN_AXIS)
+        rate, interpolation = unsigned(words[i + 1]), unsigned(words[i + 2])
+        # straight lines join the samples; steps between them are not simulated
+        if rate < 1 or interpolation > 1 or (rate > 1 and interpolation != 1):
+            raise GcsError(code.OUT_OF_RANGE)
+        rates.add(rate)
+    if len(rates) != 1:  # all generators run at one rate
+        raise GcsError(code.OUT_OF_RANGE)
+    state.device.set_wave_rate_divider(rates.pop())
+    return None
+
+
+def _rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    if words == ["0"]:
+        words = []
+    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+    return [f"{g}={state.device.wave_rate_divider()} 1" for g, _ in generators]
+
+
+def _start(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = pairs(words, state.generators, code.UNKNOWN_AXIS)
+    modes = [(state.generators[g], unsigned(word)) for g, word in given]
+    if any(mode > 1 for _, mode in modes):
+        raise GcsError(code.UNKNOWN_START_MODE)
+    starting = [axis for axis, mode in modes if mode == 1]
+    stopping = [axis for axis, mode in modes if mode == 0]
+    if any(state.device.wave_running(axis) for axis in starting):
+        raise GcsError(code.WAVE_RUNNING)
+    if starting:
+        state.waves.give(starting)
+        state.recorder.run(lambda: state.device.start_waves(starting))
+    if stopping:
+        state.device.stop_waves(stopping)
+    return None
+
+
+def _modes(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+    return [f"{g}={int(state.device.wave_running(axis))}" for g, axis in generators]
+
+
+def _record_again(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    if not any(state.device.wave_running(axis) for axis in state.axes):
+        raise GcsError(code.NO_WAVE_CHOSEN)
+    state.recorder.now(by_client=False)
+    return None
+
+
+def _generators(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    nothing(words)
+    return [str(len(state.generators))]
+
+
+def _capacity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    tables = [_table(state, word) for word in words] or range(1, state.device.wave_tables + 1)
+    return [f"{table}={state.waves.room(table)}" for table in tables]
+
+
+#: Commands of the wave generator.
+WAVES = (
+    Command(
+        name="GWD?",
+        arguments="[<StartPoint> <NumberOfPoints> [{<WaveTableID>}]]",
+        text="Get Wave Table Data",
+        run=_samples,
+    ),
+    Command(name="TWG?", arguments="", text="Get Number Of Wave Generators", run=_generators),
+    Command(
+        name="WAV",
+        arguments="<WaveTableID> <AppendWave> <WaveType> <WaveTypeParameters>",
+        text="Set Waveform Definition",
+        run=_define,
+        changes=True,
+    ),
+    Command(
+        name="WAV?",
+        arguments="[<WaveTableID> [<WaveParameterID>]]",
+        text="Get Waveform Length",
+        run=_lengths,
+    ),
+    Command(
+        name="WCL",
+        arguments="{<WaveTableID>}",
+        text="Clear Wave Table Data",
+        run=_clear,
+        changes=True,
+    ),
+    Command(
+        name="WGC",
+        arguments="{<WaveGenID> <Cycles>}",
+        text="Set Number Of Wave Generator Cycles",
+        run=_set_cycles,
+        changes=True,
+    ),
+    Command(
+        name="WGC?",
+        arguments="[{<WaveGenID>}]",
+        text="Get Number Of Wave Generator Cycles",
+        run=_cycles,
+    ),
+    Command(
+        name="WGO",
+        arguments="{<WaveGenID> <StartMode>}",
+        text="Set Wave Generator Start/Stop Mode",
+        run=_start,
+        changes=True,
+        moves=True,
+    ),
+    Command(
+        name="WGO?",
+        arguments="[{<WaveGenID>}]",
+        text="Get Wave Generator Start/Stop Mode",
+        run=_modes,
+        poll=True,
+    ),
+    Command(
+        name="WGR",
+        arguments="",
+        text="Start Recording Again While Wave Generator Runs",
+        run=_record_again,
+        changes=True,
+    ),
+    Command(
+        name="WMS?",
+        arguments="[{<WaveTableID>}]",
+        text="Get Maximum Number Of Wave Table Points",
+        run=_capacity,
+    ),
+    Command(
+        name="WSL",
+        arguments="{<WaveGenID> <WaveTableID>}",
+        text="Connect Wave Table To Wave Generator",
+        run=_choose,
+        changes=True,
+    ),
+    Command(
+        name="WSL?",
+        arguments="[{<WaveGenID>}]",
+        text="Get Wave Table Of Wave Generator",
+        run=_choices,
+    ),
+    Command(
+        name="WTR",
+        arguments="{<WaveGenID> <WaveTableRate> <InterpolationType>}",
+        text="Set Wave Generator Table Rate",
+        run=_set_rate,
+        changes=True,
+    ),
+    Command(
+        name="WTR?",
+        arguments="[{<WaveGenID>}]",
+        text="Get Wave Generator Table Rate",
+        run=_rate,
+    ),
+)

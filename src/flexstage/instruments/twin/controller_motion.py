@@ -1,0 +1,370 @@
+"""Motion of a simulated controller: targets, voltages, position control, and stops."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from flexstage.errors import ModelError
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.twin.axis_state import AxisState
+from flexstage.instruments.twin.controller_core import ControllerCore
+from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.twin.wave_checks import require_within
+
+__all__ = ["ControllerMotion"]
+
+#: Part by which a speed may pass its limit because texts are rounded.
+_ROUNDING = 1e-6
+
+
+class ControllerMotion(ControllerCore):
+    """Motion of the axes.
+
+    Moves are ramps: under control at the speed of the axis, in open loop at the largest slew of its
+    voltage. A new target takes over from where the old ramp is.
+    """
+
+    def servo_on(self, axis: str) -> bool:
+        """Say whether position control is on.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        bool
+            Whether it is so; always for a screw.
+        """
+        return self._axis(axis).servo
+
+    def set_servo(self, axis: str, on: bool) -> None:
+        """Switch position control, without a jump.
+
+        Switched on, the target is what the sensor reads; switched off, the voltage stays.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        on : bool
+            Whether it shall be on.
+
+        Raises
+        ------
+        RefusedError
+            It is a screw that shall be off, a waveform runs, or the drives are taken out.
+        """
+        state = self._axis(axis)
+        if state.servo == on:
+            return
+        if state.screw:
+            raise RefusedError(
+                Refusal.NOT_ABLE, f"axis '{axis}' is a screw, and always under control"
+            )
+        self._need_drives()
+        self._need_no_wave(state)
+        state.switch(on)
+
+    def target(self, axis: str) -> float:
+        """Return the position that is commanded.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            Where a move goes, or where a waveform is; in open loop the last one [m].
+        """
+        state = self._axis(axis)
+        if state.servo and state.wave is not None:
+            return state.present(self._sample)
+        return state.target
+
+    def set_targets(self, targets: Mapping[str, float]) -> None:
+        """Command positions of one or more axes: all of them or none.
+
+        Parameters
+        ----------
+        targets : Mapping
+            Positions [m] by axis.
+
+        Raises
+        ------
+        RefusedError
+            Control is off, a position is outside the limits or no number, a waveform runs, or the
+            drives are taken out.
+        """
+        self._need_drives()
+        found = {self._axis(axis): value for axis, value in targets.items()}
+        for state, value in found.items():
+            self._need_no_wave(state)
+            if not state.servo:
+                raise RefusedError(
+                    Refusal.SERVO_OFF,
+                    f"axis '{state.description.name}' takes no position while its control is off: "
+                    "switch it on, or command a voltage",
+                )
+            found[state] = _allowed(state, value, state.description.limits.position, "m")
+        for state, value in found.items():
+            state.go(value, self._sample, state.speed)
+        self._recorder.trigger("move", self._sample + 1)
+
+    def command(self, axis: str) -> float:
+        """Return the voltage that is commanded in open loop.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            Where a ramp goes, or where a waveform is; under control the last one [V].
+
+        Raises
+        ------
+        RefusedError
+            It is a screw.
+        """
+        state = self._piezo(axis)
+        if not state.servo and state.wave is not None:
+            return state.present(self._sample)
+        return state.voltage_command
+
+    def set_commands(self, commands: Mapping[str, float]) -> None:
+        """Command voltages in open loop of one or more axes: all of them or none.
+
+        Parameters
+        ----------
+        commands : Mapping
+            Voltages [V] by axis.
+
+        Raises
+        ------
+        RefusedError
+            Control is on, an axis is a screw, a voltage is outside the limits or no number, a
+            waveform runs, or the drives are taken out.
+        """
+        self._need_drives()
+        found = {self._piezo(axis): value for axis, value in commands.items()}
+        for state, value in found.items():
+            self._need_no_wave(state)
+            if state.servo:
+                raise RefusedError(
+                    Refusal.SERVO_ON,
+                    f"axis '{state.description.name}' takes no voltage while its control is on: "
+                    "switch it off, or command a position",
+                )
+            found[state] = _allowed(state, value, state.description.limits.voltage, "V")
+        for state, value in found.items():
+            state.go(value, self._sample, state.largest_slew)
+        self._recorder.trigger("move", self._sample + 1)
+
+    def speed(self, axis: str) -> float:
+        """Return the speed of moves.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The speed [m/s].
+        """
+        return self._axis(axis).speed
+
+    def set_speed(self, axis: str, speed: float) -> None:
+        """Set the speed of moves, from the next one on.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        speed : float
+            The speed [m/s].
+
+        Raises
+        ------
+        RefusedError
+            It is not positive, or above the largest one.
+        """
+        state = self._axis(axis)
+        largest = state.largest_speed
+        if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
+            raise RefusedError(
+                Refusal.SPEED_OUT_OF_LIMITS,
+                f"axis '{axis}' cannot move at {speed * 1e6:g} um/s: it must be above 0 and at "
+                f"most {largest * 1e6:g} um/s",
+            )
+        state.speed = min(float(speed), largest)
+
+    def position(self, axis: str) -> float:
+        """Return what the axis's own sensor reads now.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            Position of the platform; of a screw its advance [m].
+        """
+        return self._axis(axis).reading
+
+    def voltage(self, axis: str) -> float:
+        """Return the voltage at the drive now.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The voltage [V].
+
+        Raises
+        ------
+        RefusedError
+            It is a screw.
+        """
+        return self._piezo(axis).volts
+
+    def on_target(self, axis: str) -> bool:
+        """Say whether the axis has come to its target and stays there.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        bool
+            Whether no move or waveform goes on and, under control, the reading, smoothed over 1 ms,
+            has been near the target for some time; in open loop the end of the ramp is enough.
+            Shortly after the arrival mains in the reading may lead it out of the window again.
+        """
+        return self._axis(axis).settled(self._sample)
+
+    def moving(self, axis: str) -> bool:
+        """Say whether the axis is being moved, by a command or a waveform.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        bool
+            Whether what is commanded still changes.
+        """
+        return self._axis(axis).moving(self._sample)
+
+    def channel(self, number: int) -> float:
+        """Return what a sensor reads now.
+
+        Parameters
+        ----------
+        number : int
+            Number of the channel, from 1.
+
+        Returns
+        -------
+        float
+            The reading [m, or rad].
+
+        Raises
+        ------
+        RefusedError
+            There is no such channel.
+        """
+        return float(self._readings[self._channel(number) - 1])
+
+    def stop(self, axes: Sequence[str] | None = None) -> None:
+        """Stop motion and waveforms at once; the axes hold where they are.
+
+        Under control the target becomes what the sensor reads; in open loop the voltage that is
+        commanded stays, and a screw stops. A recording that a waveform has started ends, unless one
+        runs on another axis.
+
+        Parameters
+        ----------
+        axes : sequence of str, optional
+            The axes; all where not given.
+        """
+        states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
+        for state in states:
+            if self._drives_out or not (state.moving(self._sample) or state.servo):
+                continue
+            state.stop(self._sample)
+        if not any(state.wave for state in self._states.values()):
+            self._recorder.end(by="wave")
+
+    def servo(self, axis: str) -> ServoSettings:
+        """Return the settings of the position control.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        ServoSettings
+            The settings.
+
+        Raises
+        ------
+        RefusedError
+            It is a screw.
+        """
+        return self._stage.servo_settings(self._piezo(axis).description.stage_axis)
+
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change the settings of the position control, at once.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        settings : ServoSettings
+            The settings.
+
+        Raises
+        ------
+        RefusedError
+            It is a screw, or a filter lies above half the rate of the loop.
+        """
+        state = self._piezo(axis)
+        try:
+            settings.sections(self._rate)
+            self._stage.set_servo_settings(state.description.stage_axis, settings)
+        except ModelError as error:
+            raise RefusedError(Refusal.BAD_VALUE, str(error)) from error
+
+    def _channel(self, number: int) -> int:
+        count = len(self._stage.channels)
+        if not 1 <= number <= count:
+            raise RefusedError(
+                Refusal.UNKNOWN, f"there is no channel {number}: they are 1 to {count}"
+            )
+        return number
+
+
+def _allowed(
+    state: AxisState, value: float, bounds: tuple[float, float] | None, unit: str
+) -> float:
+    return float(require_within(state.description.name, np.array([value]), bounds, unit)[0])

@@ -1,0 +1,279 @@
+"""Recorder and test bench of a simulated controller."""
+
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.protocol import Signal
+from flexstage.instruments.twin.controller_core import ControllerCore
+from flexstage.instruments.twin.device import Refusal, RefusedError
+
+__all__ = ["ControllerRecorder", "resampled"]
+
+Array = NDArray[np.float64]
+
+_KINDS = ("position", "target", "voltage", "channel", "force", "response")
+
+
+class ControllerRecorder(ControllerCore):
+    """The data recorder, and the hammer.
+
+    A recording goes on until its tables are full, as long as nobody stops the motion that started
+    it. Samples are taken as they are: at a slower rate nothing is averaged.
+    """
+
+    @property
+    def record_tables(self) -> int:
+        """Number of tables of the recorder."""
+        return self._recorder.count
+
+    @property
+    def record_capacity(self) -> int:
+        """Samples of each of them."""
+        return self._recorder.capacity
+
+    def record_signal(self, table: int) -> Signal | None:
+        """Return what a table records.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+
+        Returns
+        -------
+        Signal or None
+            What it records; None for nothing.
+        """
+        return self._recorder.signals.get(self._recorder.known(table))
+
+    def set_record_signal(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table records, from the next recording on.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+        signal : Signal or None
+            What to record, its `source` the identifier of an axis or the number of a channel; None
+            for nothing.
+
+        Raises
+        ------
+        RefusedError
+            There is no such table, axis, channel or kind, or a screw has no voltage.
+        """
+        self._recorder.known(table)
+        if signal is not None:
+            self._require_signal(signal)
+        self._recorder.choose(table, signal)
+
+    def record_divider(self) -> int:
+        """Return how many samples of the loop one sample of a record lasts.
+
+        Returns
+        -------
+        int
+            The number.
+        """
+        return self._recorder.divider
+
+    def set_record_divider(self, divider: int) -> None:
+        """Set how many samples of the loop one sample of a record lasts.
+
+        Parameters
+        ----------
+        divider : int
+            The number, 1 or more.
+        """
+        self._recorder.set_divider(divider)
+
+    def arm_recorder(self, trigger: Literal["wave", "move", "now"]) -> None:
+        """Start recording with the next waveform or blow, the next move, or now.
+
+        What was recorded before can be read until then.
+
+        Parameters
+        ----------
+        trigger : {"wave", "move", "now"}
+            What starts it, once.
+        """
+        if trigger not in ("wave", "move", "now"):
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a recording starts with wave, move or now, got {trigger!r}"
+            )
+        self._recorder.arm(trigger)
+        if trigger == "now":
+            self._recorder.trigger("now", self._sample + 1)
+
+    def recorded(self) -> int:
+        """Return the number of samples that are there.
+
+        Returns
+        -------
+        int
+            The number, the same for every table.
+        """
+        return self._recorder.recorded
+
+    def recording(self) -> bool:
+        """Say whether the recorder runs.
+
+        Returns
+        -------
+        bool
+            Whether samples are still to come; not while it waits for its trigger.
+        """
+        return self._recorder.recording
+
+    def record(self, table: int, first: int, count: int) -> Array:
+        """Return samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+        first : int
+            Number of the first sample, from 0.
+        count : int
+            How many.
+
+        Returns
+        -------
+        numpy.ndarray
+            The samples [m, rad, V, N or m/s^2], shape (count,).
+        """
+        return self._recorder.read(table, first, count)
+
+    def drives_removed(self) -> bool:
+        """Say whether the drives are taken out, so that the stage can be struck.
+
+        Returns
+        -------
+        bool
+            Whether it is so.
+        """
+        return self._drives_out
+
+    def remove_drives(self, removed: bool) -> None:
+        """Take the drives out, or put them back.
+
+        Parameters
+        ----------
+        removed : bool
+            Whether they shall be out.
+
+        Raises
+        ------
+        RefusedError
+            An axis moves, or is under control of its platform's sensor.
+        """
+        for name, state in self._states.items():
+            if state.moving(self._sample):
+                reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
+                raise RefusedError(
+                    reason, f"axis '{name}' moves: let it come to rest before drives are handled"
+                )
+            if state.servo and not state.screw:
+                raise RefusedError(
+                    Refusal.SERVO_ON,
+                    f"the control of axis '{name}' is on: switch it off before drives are handled",
+                )
+        self._drives_out = bool(removed)
+
+    def strike(self, axis: str) -> None:
+        """Strike the stage with a hammer; a recorder armed for a waveform records it.
+
+        The record begins a little before the blow. Force and answer have a rate of their own and
+        are resampled, without a change within their band, to that of the record: above half of
+        the lower of both there is nothing in it. They come in as simulated time passes. The answer
+        is that along the axis that was struck; of another axis nothing is recorded but zeros.
+
+        Parameters
+        ----------
+        axis : str
+            The axis along which it is struck.
+
+        Raises
+        ------
+        RefusedError
+            There is no such axis, or the drives are not taken out.
+        """
+        state = self._axis(axis)
+        if not self._drives_out:
+            raise RefusedError(
+                Refusal.NOT_ABLE, "take the drives out before the stage is struck with a hammer"
+            )
+        blow = self._stage.strike(state.description.stage_axis)
+        rate = self._rate / self._recorder.divider
+        force = resampled(blow.force, blow.sample_rate_hz, rate)
+        response = resampled(blow.response, blow.sample_rate_hz, rate)
+
+        def samples(kind: str, source: str) -> Array:
+            if kind == "force":
+                return force
+            return response if source == axis else np.zeros_like(response)
+
+        self._recorder.trigger("wave", self._sample + 1, samples)
+
+    def _require_signal(self, signal: Signal) -> None:
+        if signal.kind not in _KINDS:
+            raise RefusedError(
+                Refusal.UNKNOWN,
+                f"nothing of the kind '{signal.kind}' is recorded: it is one of "
+                f"{', '.join(_KINDS)}",
+            )
+        if signal.kind == "channel":
+            numbers = {str(c.number) for c in self._stage.channels}
+            if signal.source not in numbers:
+                raise RefusedError(
+                    Refusal.UNKNOWN,
+                    f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
+                )
+        elif signal.kind == "voltage":
+            self._piezo(signal.source)
+        else:
+            self._axis(signal.source)
+
+
+def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
+    """Return a decaying record at another rate, by its Fourier series.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Samples, near 0 at both ends, shape (n,).
+    from_hz, to_hz : float
+        Samples in a second, before and after [Hz].
+
+    Returns
+    -------
+    numpy.ndarray
+        Samples over the same time, the first at the same instant.
+
+    Notes
+    -----
+    What lies below half of both rates is kept as it is, and what lies above is left out. Validity:
+    a record that does not begin and end at 0 rings at its ends.
+
+    Examples
+    --------
+    >>> t = np.arange(512) / 512.0
+    >>> pulse = np.exp(-0.5 * ((t - 0.4) / 0.02) ** 2)
+    >>> finer = resampled(pulse, 512.0, 800.0)
+    >>> finer.size, round(float(finer[320]), 6)
+    (800, 1.0)
+    """
+    ratio = Fraction(to_hz / from_hz).limit_denominator(10**5)
+    # whole periods at both rates: zeros behind the record
+    padded = np.zeros(-(-values.size // ratio.denominator) * ratio.denominator)
+    padded[: values.size] = values
+    size = padded.size * ratio.numerator // ratio.denominator
+    spectrum = np.fft.rfft(padded)
+    kept = np.zeros(size // 2 + 1, dtype=np.complex128)
+    below = (min(padded.size, size) + 1) // 2  # what is below both Nyquist frequencies
+    kept[:below] = spectrum[:below]
+    out = np.fft.irfft(kept, n=size) * (size / padded.size)
+    return out[: max(1, int(values.size * ratio))]

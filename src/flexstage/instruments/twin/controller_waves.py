@@ -1,0 +1,264 @@
+"""Waveforms of a simulated controller: tables, and the axes that run them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.twin.axis_state import AxisState
+from flexstage.instruments.twin.controller_core import ControllerCore
+from flexstage.instruments.twin.device import Refusal, RefusedError
+from flexstage.instruments.twin.wave_checks import check_feedforward, check_wave
+from flexstage.instruments.twin.wave_tables import WaveRun
+
+__all__ = ["ControllerWaves"]
+
+Array = NDArray[np.float64]
+
+
+class ControllerWaves(ControllerCore):
+    """Wave tables and generators.
+
+    A table holds positions for an axis under control, and voltages for one in open loop. When its
+    waveform has ended an axis holds the last sample.
+    """
+
+    @property
+    def wave_tables(self) -> int:
+        """Number of tables."""
+        return self._tables.count
+
+    @property
+    def wave_capacity(self) -> int:
+        """Samples over all tables."""
+        return self._tables.capacity
+
+    def wave(self, table: int) -> Array:
+        """Return the samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples [m or V: whichever the axis takes that runs it], shape (n,).
+        """
+        return self._tables.samples(table)
+
+    def set_wave(self, table: int, samples: Array) -> None:
+        """Replace the samples of a table; an empty sequence clears it.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+        samples : numpy.ndarray
+            Samples, shape (n,).
+
+        Raises
+        ------
+        RefusedError
+            A sample is not finite, there is no room, or a waveform of the table runs.
+        """
+        self._tables.known(table)
+        for name, state in self._states.items():
+            if state.wave is not None and table in self._choice[name]:
+                raise RefusedError(
+                    Refusal.WAVE_RUNNING, f"wave table {table} runs on axis '{name}': stop it first"
+                )
+        self._tables.replace(table, samples)
+
+    def wave_rate_divider(self) -> int:
+        """Return how many samples of the loop one sample of a table lasts.
+
+        Returns
+        -------
+        int
+            The number.
+        """
+        return self._divider
+
+    def set_wave_rate_divider(self, divider: int) -> None:
+        """Set how many samples of the loop one sample of a table lasts.
+
+        Parameters
+        ----------
+        divider : int
+            The number, 1 or more.
+
+        Raises
+        ------
+        RefusedError
+            It is below 1, or a waveform runs.
+        """
+        if divider < 1:
+            raise RefusedError(
+                Refusal.BAD_VALUE,
+                f"a sample of a table lasts 1 sample of the loop or more, got {divider}",
+            )
+        for state in self._states.values():
+            self._need_no_wave(state)
+        self._divider = int(divider)
+
+    def wave_choice(self, axis: str) -> tuple[int, int]:
+        """Return the table of an axis and that of its feedforward.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        tuple of int
+            Both numbers, 0 for none.
+        """
+        self._axis(axis)
+        return self._choice[axis]
+
+    def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
+        """Choose the table of an axis and that of its feedforward.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        table : int
+            Number of the table, from 1; 0 for none.
+        feedforward : int
+            Number of the table of voltages beside the control; 0 for none.
+
+        Raises
+        ------
+        RefusedError
+            There is no such table, a waveform runs, or the axis is a screw and has no voltage.
+        """
+        state = self._axis(axis)
+        self._need_no_wave(state)
+        if feedforward:
+            self._piezo(axis)
+        for number in (table, feedforward):
+            if number:
+                self._tables.known(number)
+        self._choice[axis] = (int(table), int(feedforward))
+
+    def wave_cycles(self, axis: str) -> int:
+        """Return how often the waveform of an axis is run.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        int
+            The number; 0 for endlessly.
+        """
+        self._axis(axis)
+        return self._cycles[axis]
+
+    def set_wave_cycles(self, axis: str, cycles: int) -> None:
+        """Set how often the waveform of an axis is run.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        cycles : int
+            The number; 0 for endlessly.
+
+        Raises
+        ------
+        RefusedError
+            It is negative, or a waveform runs.
+        """
+        state = self._axis(axis)
+        self._need_no_wave(state)
+        if cycles < 0:
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a waveform runs 0 times (endlessly) or more, got {cycles}"
+            )
+        self._cycles[axis] = int(cycles)
+
+    def start_waves(self, axes: Sequence[str]) -> None:
+        """Check every sample of the chosen tables against the limits, then start all in step.
+
+        Parameters
+        ----------
+        axes : sequence of str
+            The axes.
+
+        Raises
+        ------
+        RefusedError
+            No table is chosen or one is empty, a waveform runs already, a value, a slope or the
+            step from where the axis stands is outside the limits, a feedforward has another length
+            or no control beside it, or the drives are taken out; nothing has started.
+        """
+        self._need_drives()
+        runs = [(state, self._prepared(axis, state)) for axis, state in self._named(axes)]
+        for state, run in runs:
+            state.run(run, self._sample)
+        self._recorder.trigger("wave", self._sample + 1)
+
+    def stop_waves(self, axes: Sequence[str]) -> None:
+        """Stop waveforms; the axes hold where they are.
+
+        Parameters
+        ----------
+        axes : sequence of str
+            The axes; those on which none runs are left as they are.
+        """
+        for _, state in self._named(axes):
+            if state.wave is not None:
+                state.stop(self._sample)
+
+    def wave_running(self, axis: str) -> bool:
+        """Say whether a waveform runs on an axis.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        bool
+            Whether it is so.
+        """
+        return self._axis(axis).wave is not None
+
+    def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:
+        return [(axis, self._axis(axis)) for axis in dict.fromkeys(axes)]
+
+    def _prepared(self, axis: str, state: AxisState) -> WaveRun:
+        self._need_no_wave(state)
+        table, beside = self._choice[axis]
+        samples = self._filled(axis, table)
+        cycles = self._cycles[axis]
+        divider = self._divider
+        samples = check_wave(state, samples, cycles, divider, state.present(self._sample))
+        voltages = None
+        if beside:
+            voltages = check_feedforward(
+                state, self._filled(axis, beside), samples.size, cycles, divider
+            )
+        return WaveRun(
+            first=self._sample + 1,
+            table=samples,
+            divider=divider,
+            cycles=cycles,
+            feedforward=voltages,
+        )
+
+    def _filled(self, axis: str, table: int) -> Array:
+        if not table:
+            raise RefusedError(Refusal.NO_WAVE, f"no wave table is chosen for axis '{axis}'")
+        samples = self._tables.samples(table)
+        if not samples.size:
+            raise RefusedError(Refusal.NO_WAVE, f"wave table {table} of axis '{axis}' is empty")
+        return samples

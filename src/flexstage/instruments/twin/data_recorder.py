@@ -1,0 +1,237 @@
+"""The memory of a data recorder: it fills table by table, all in step, until it is full."""
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.protocol import Signal
+from flexstage.instruments.twin.device import Refusal, RefusedError
+
+__all__ = ["DataRecorder"]
+
+Array = NDArray[np.float64]
+Trigger = Literal["wave", "move", "now"]
+
+
+class DataRecorder:
+    """Tables that record signals of the loop.
+
+    A recording begins with the sample after its trigger, takes every d-th sample as it is, and goes
+    on until the tables are full, also when the waveform that started it has ended. What is read may
+    be read while it goes on. A trigger starts one recording: it is armed anew for each.
+
+    Parameters
+    ----------
+    count : int
+        Number of tables.
+    capacity : int
+        Samples of each.
+    """
+
+    def __init__(self, count: int, capacity: int) -> None:
+        self.count, self.capacity = count, capacity
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was recorded and what was to be recorded."""
+        self._signals: dict[int, Signal] = {}
+        self._kept: dict[int, Signal] = {}
+        self._data: dict[int, Array] = {}
+        self._blow: dict[int, Array] = {}
+        self._divider = self._kept_divider = 1
+        self._armed: Trigger | None = None
+        self._by: Trigger | None = None
+        self._first = 0
+        self._filled = 0
+        self._length = 0
+
+    @property
+    def recorded(self) -> int:
+        """Samples of each table that are there."""
+        return self._filled
+
+    @property
+    def recording(self) -> bool:
+        """Whether it runs."""
+        return self._filled < self._length
+
+    @property
+    def divider(self) -> int:
+        """Samples of the loop for one of a record."""
+        return self._divider
+
+    @property
+    def signals(self) -> Mapping[int, Signal]:
+        """What each table is to record."""
+        return self._signals
+
+    def known(self, table: int) -> int:
+        """Return the number of a table.
+
+        Parameters
+        ----------
+        table : int
+            Its number, from 1.
+
+        Returns
+        -------
+        int
+            The same.
+
+        Raises
+        ------
+        RefusedError
+            There is no such table.
+        """
+        if not 1 <= table <= self.count:
+            raise RefusedError(
+                Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
+            )
+        return table
+
+    def choose(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table records, from the next trigger on.
+
+        Parameters
+        ----------
+        table : int
+            Its number, from 1.
+        signal : Signal or None
+            What to record; None for nothing.
+        """
+        self._signals.pop(self.known(table), None)
+        if signal is not None:
+            self._signals[table] = signal
+
+    def set_divider(self, divider: int) -> None:
+        """Choose the rate, from the next trigger on.
+
+        Parameters
+        ----------
+        divider : int
+            Samples of the loop for one of a record.
+
+        Raises
+        ------
+        RefusedError
+            It is below 1.
+        """
+        if divider < 1:
+            raise RefusedError(
+                Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
+            )
+        self._divider = divider
+
+    def arm(self, trigger: Trigger) -> None:
+        """Wait for a trigger; a recording that runs is ended.
+
+        Parameters
+        ----------
+        trigger : {"wave", "move", "now"}
+            What starts it.
+        """
+        self._length = self._filled
+        self._armed = trigger
+
+    def trigger(
+        self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
+    ) -> None:
+        """Start if it was armed for this.
+
+        Parameters
+        ----------
+        what : {"wave", "move", "now"}
+            What happens.
+        sample : int
+            Number of the next sample of the loop.
+        blow : callable, optional
+            Gives samples of a blow, at the rate of the record, by kind and source of the signal.
+        """
+        if self._armed != what:
+            return
+        self._armed, self._by = None, what
+        self._first, self._filled = sample, 0
+        self._kept, self._kept_divider = dict(self._signals), self._divider
+        self._length = self.capacity if self._kept else 0
+        self._data = {table: np.zeros(self._length) for table in self._kept}
+        self._blow = {}
+        if blow is not None:
+            given = {table: blow(s.kind, s.source) for table, s in self._kept.items() if _struck(s)}
+            self._length = min([self._length, *(v.size for v in given.values())])
+            self._blow = given
+
+    def end(self, by: Trigger | None = None) -> None:
+        """End a recording that runs.
+
+        Parameters
+        ----------
+        by : {"wave", "move", "now"}, optional
+            Only one that was started by this.
+        """
+        if by is None or by == self._by:
+            self._length = self._filled
+
+    def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
+        """Keep what belongs to a recording that runs.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first of the loop's samples that are there.
+        count : int
+            How many.
+        values : callable
+            Gives these samples of a signal, shape (count,).
+        """
+        if not self.recording:
+            return
+        d = self._kept_divider
+        start = self._first + self._filled * d - first
+        new = min(len(range(start, count, d)), self._length - self._filled)
+        if not new:
+            return
+        to = slice(self._filled, self._filled + new)
+        for table, signal in self._kept.items():
+            if table in self._blow:
+                self._data[table][to] = self._blow[table][to]
+            elif not _struck(signal):
+                self._data[table][to] = values(signal)[start : start + (new - 1) * d + 1 : d]
+        self._filled += new
+
+    def read(self, table: int, first: int, count: int) -> Array:
+        """Return samples.
+
+        Parameters
+        ----------
+        table : int
+            Number of the table, from 1.
+        first : int
+            Number of the first sample, from 0.
+        count : int
+            How many.
+
+        Returns
+        -------
+        numpy.ndarray
+            The samples, shape (count,).
+
+        Raises
+        ------
+        RefusedError
+            They are not there.
+        """
+        if self.known(table) not in self._data:
+            raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
+        if first < 0 or count < 0 or first + count > self._filled:
+            raise RefusedError(
+                Refusal.BAD_VALUE,
+                f"{count} samples from number {first} on are not there: {self._filled} are "
+                "recorded",
+            )
+        return self._data[table][first : first + count].copy()
+
+
+def _struck(signal: Signal) -> bool:
+    return signal.kind in ("force", "response")

@@ -1,0 +1,134 @@
+"""Settings of a position control as a stage is delivered: slow enough to be safe."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.chain import LogCreep
+from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.instruments.twin.loop import ModeArrays
+from flexstage.instruments.twin.piezo_parts import PiezoAxis, mode_arrays
+from flexstage.instruments.twin.small_signal import sampled_response
+from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
+from flexstage.system import MechanicalSystem, modes
+
+__all__ = ["delivered_settings", "largest_slope"]
+
+Array = NDArray[np.float64]
+
+#: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
+_SENSITIVITY = 1.6
+#: Part of the gain that would reach this.
+_MODEST = 0.7
+_NOTCH_DAMPING = 0.5
+_GRID = 4000
+
+
+def delivered_settings(
+    system: MechanicalSystem,
+    parts: Sequence[PiezoAxis],
+    sample_rate_hz: float,
+    bandwidth_hz: float,
+    creep: LogCreep | None,
+) -> list[PiezoAxis]:
+    """Give each axis an integral control with a notch at the mode that it excites most.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        Model of the stage.
+    parts : sequence of PiezoAxis
+        Its axes.
+    sample_rate_hz : float
+        Rate of the loop [Hz].
+    bandwidth_hz : float
+        Bandwidth of the amplifiers [Hz].
+    creep : LogCreep or None
+        Creep of the stacks.
+
+    Returns
+    -------
+    list of PiezoAxis
+        The axes, with settings.
+
+    Notes
+    -----
+    Validity: each axis by itself, at the steepest slope of its major loop, with all modes and the
+    delay of the loop.
+    """
+    arrays = mode_arrays(system, parts, sample_rate_hz)
+    found = modes(system, drives="in place", count=None)
+    frequency = np.geomspace(0.1, 0.499 * sample_rate_hz, _GRID)
+    # and close to each mode, whose peak is narrower than any grid
+    near = found.frequency_hz[found.frequency_hz < 0.49 * sample_rate_hz]
+    fine = near[:, None] * (1.0 + 0.05 * np.linspace(-1.0, 1.0, 201) ** 3)
+    frequency = np.sort(np.concatenate((frequency, fine.ravel())))
+    frequency = frequency[frequency < 0.5 * sample_rate_hz]
+    out = []
+    for a, part in enumerate(parts):
+        response = sampled_response(
+            arrays, a, a, frequency, sample_rate_hz, slope=largest_slope(part),
+            bandwidth_hz=bandwidth_hz, creep=creep,
+        ) * np.exp(-2j * np.pi * frequency / sample_rate_hz)  # fmt: skip
+        notches = _notch(arrays, a, found.frequency_hz, sample_rate_hz)
+        unit = ServoSettings(integral=1.0, notches=notches)
+        loop = response * unit.response(frequency, sample_rate_hz)
+        settings = ServoSettings(integral=_MODEST * _largest_gain(loop), notches=notches)
+        out.append(replace(part, settings=settings))
+    return out
+
+
+def largest_slope(part: PiezoAxis) -> float:
+    """Return the steepest slope of the major loop of a stack, without creep.
+
+    Parameters
+    ----------
+    part : PiezoAxis
+        The axis.
+
+    Returns
+    -------
+    float
+        Free displacement over voltage [m/V].
+    """
+    low, high = part.limits.voltage or (0.0, 1.0)
+    line = np.linspace(low, high, 300)
+    u = np.concatenate([line, line[::-1], line, line[::-1]])
+    arrays = stack_arrays([part.stack], 1e3)
+    w = free_displacements(arrays, relaxed_stacks(arrays), u[None, :])[0]
+    du, dw = np.diff(u), np.diff(w)
+    return float(np.max(dw[du != 0.0] / du[du != 0.0]))
+
+
+def _notch(
+    arrays: ModeArrays, a: int, frequency_hz: Array, sample_rate_hz: float
+) -> tuple[Notch, ...]:
+    size = np.abs(arrays.force[a] * arrays.reader[a])[: frequency_hz.size]
+    size[frequency_hz > 0.4 * sample_rate_hz] = 0.0
+    if not np.any(size):
+        return ()
+    return (
+        Notch(
+            frequency_hz=float(frequency_hz[int(np.argmax(size))]),
+            zero_damping=0.02,
+            pole_damping=_NOTCH_DAMPING,
+        ),
+    )
+
+
+def _largest_gain(loop: NDArray[np.complex128]) -> float:
+    """Return the gain at which the sensitivity reaches its bound, coming from zero."""
+
+    def peak(gain: float) -> float:
+        return float(np.max(1.0 / np.abs(1.0 + gain * loop)))
+
+    gain = 1e-3 / float(np.max(np.abs(loop)))
+    while peak(gain) < _SENSITIVITY:
+        gain *= 1.03
+    low, high = gain / 1.03, gain
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if peak(middle) < _SENSITIVITY else (low, middle)
+    return low

@@ -1,0 +1,220 @@
+"""A GCS controller as seen by its clients: carries out their lines, one at a time."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from flexstage.errors import ControllerError, FlexstageError
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.clock import Pace
+from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.commands_identity import IDENTITY, delivered, help_lines, nothing
+from flexstage.instruments.twin.commands_motion import MOTION, OF_VOLTAGES, halt, moving_bits
+from flexstage.instruments.twin.commands_recorder import RECORDER
+from flexstage.instruments.twin.commands_waves import WAVES, running_bits
+from flexstage.instruments.twin.device import Device, RefusedError
+from flexstage.instruments.twin.errors_gcs import CODES, GcsError
+from flexstage.instruments.twin.state import ControllerState
+
+__all__ = ["Interpreter"]
+
+#: Answer to ``#7``: always ready; a controller that is not says 0xB0.
+_READY = "\xb1"
+
+
+class Interpreter:
+    """Carries out commands of GCS 2.0 on a simulated controller, for any number of clients.
+
+    One client is in control: the first that gives a command that moves or changes something, until
+    its session ends. From the others such commands are refused (error 51); they may read
+    everything, and stop the motion. When the client in control leaves, the stage holds where it is
+    (a motion or waveform that runs goes on to its end), and the next one may take control.
+
+    Parameters
+    ----------
+    device : Device
+        The controller with its stage.
+    pace : Pace
+        How its time passes.
+
+    Notes
+    -----
+    Validity: the commands that ``HLP?`` lists, with positions in um and voltages in V. Error
+    numbers are those of the command set; which of them a controller of a given type and firmware
+    gives where several fit is not documented by its maker, and may differ. Real controllers keep
+    parameters over a reboot where they are told to; this one does not.
+    """
+
+    def __init__(self, device: Device, pace: Pace) -> None:
+        self._state = ControllerState(device, pace)
+        self._state.delivered = delivered(self._state)
+        self._clients: list[Client] = []
+        self._in_control: Client | None = None
+        help_command = Command(
+            name="HLP?", arguments="", text="Get List Of Available Commands", run=self._help
+        )
+        commands = sorted(
+            (help_command, *IDENTITY, *MOTION, *RECORDER, *WAVES), key=lambda c: c.name
+        )
+        # a controller of motors does not know the commands of voltages
+        self._commands: Mapping[str, Command] = {
+            command.name: command
+            for command in commands
+            if self._state.outputs or command.name not in OF_VOLTAGES
+        }
+
+    @property
+    def commands(self) -> Mapping[str, Command]:
+        """The commands by name."""
+        return self._commands
+
+    @property
+    def pace(self) -> Pace:
+        """How time passes."""
+        return self._state.pace
+
+    @property
+    def device(self) -> Device:
+        """The controller with its stage."""
+        return self._state.device
+
+    @property
+    def in_control(self) -> Client | None:
+        """The session that is in control."""
+        return self._in_control
+
+    def join(self, client: Client) -> None:
+        """Welcome a client.
+
+        Parameters
+        ----------
+        client : Client
+            Its session.
+        """
+        with self.pace.lock:
+            self._clients.append(client)
+
+    def leave(self, client: Client) -> None:
+        """Let a client go; if it was in control, another one may be.
+
+        Parameters
+        ----------
+        client : Client
+            Its session.
+        """
+        with self.pace.lock:
+            self._clients = [other for other in self._clients if other is not client]
+            if self._in_control is client:
+                self._in_control = None
+
+    def stop(self, client: Client) -> None:
+        """Stop all axes at once, as ``#24`` does; the client in control is told, too.
+
+        Parameters
+        ----------
+        client : Client
+            Who stops them.
+        """
+        with self.pace.lock:
+            self._attempt(client, lambda: halt(self._state, client))
+            self._tell_controlling()
+
+    def character(self, client: Client, byte: int) -> Reply:
+        """Carry out a command of one character.
+
+        Parameters
+        ----------
+        client : Client
+            Who gives it.
+        byte : int
+            5: which axes move; 7: ready; 9: which wave generators run.
+
+        Returns
+        -------
+        sequence of str
+            Lines of the answer.
+        """
+        if byte == 7:
+            return [_READY]
+        bits = moving_bits if byte == 5 else running_bits
+        with self.pace.lock:
+            return self._attempt(client, lambda: [bits(self._state)], poll=True)
+
+    def line(self, client: Client, text: str, *, stopped: bool = False) -> Reply:
+        """Carry out a line.
+
+        Parameters
+        ----------
+        client : Client
+            Who gives it.
+        text : str
+            The line, without its end.
+        stopped : bool
+            Whether motion was stopped after it had been given, so that it starts none.
+
+        Returns
+        -------
+        sequence or iterator of str, or None
+            Lines of the answer; or pieces of its text, to be made one after the other without a
+            lock; or no answer.
+        """
+        words = text.split(" ")
+        if "" in words:
+            words = [word for word in words if word]
+        if not words:
+            return None
+        command = self._commands.get(words[0].upper())
+        if command is None:
+            client.error = code.UNKNOWN_COMMAND
+            return None
+        with self.pace.lock:
+            return self._attempt(
+                client,
+                lambda: self._run(client, command, words[1:], stopped),
+                poll=command.poll,
+                record=command.name != "ERR?",
+            )
+
+    def _run(self, client: Client, command: Command, words: Sequence[str], stopped: bool) -> Reply:
+        if stopped and command.moves:
+            raise GcsError(code.STOPPED)
+        if command.changes:
+            if self._in_control is None:
+                self._in_control = client
+            elif self._in_control is not client:
+                raise GcsError(code.CONTROLLED_ELSEWHERE)
+        reply = command.run(self._state, client, words)
+        if command.name in ("STP", "HLT"):
+            self._tell_controlling()
+        return reply
+
+    def _attempt(
+        self,
+        client: Client,
+        action: Callable[[], Reply],
+        *,
+        poll: bool = False,
+        record: bool = False,
+    ) -> Reply:
+        """Bring the device to now and do something, with errors turned into numbers."""
+        try:
+            self.pace.before_command(poll)
+            if record and self._state.recorder.trigger == 2:
+                self._state.recorder.trigger = 0
+                self._state.recorder.now()
+            return action()
+        except GcsError as error:
+            client.error = error.code
+        except RefusedError as error:
+            client.error = CODES[error.reason]
+        except ControllerError:
+            client.error = code.HARDWARE
+        except FlexstageError:
+            client.error = code.OUT_OF_RANGE
+        return None
+
+    def _tell_controlling(self) -> None:
+        if self._in_control is not None:
+            self._in_control.error = code.STOPPED
+
+    def _help(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
+        nothing(words)
+        return help_lines(self._commands.values())

@@ -1,0 +1,305 @@
+"""The loop of a piezo stage, one sample after the other: drives, modes, sensors, control.
+
+In sample k the stage is led from the time of sample k - 1 to its own, with what the converters hold
+since then. Then it is read. The control takes the reading of sample k - 1, which has just been
+converted; what it computes is put out in sample k + 1.
+
+Compiled loops are kept beside this file and not made anew when only the steps of the stacks change:
+touch this file then.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis.compiled import compiled
+from flexstage.instruments.twin.stack import StackArrays, StackState, step_stack
+
+__all__ = ["DriveArrays", "LoopState", "ModeArrays", "SensorArrays", "ServoArrays", "run_loop"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class DriveArrays(NamedTuple):
+    """Converters and amplifiers, one row an axis.
+
+    Parameters
+    ----------
+    converter : numpy.ndarray
+        Lowest and highest voltage [V], step of the converter [V] (0 for none), shape (axes, 3).
+    amplifier : numpy.ndarray
+        Step over time constant [1], largest rate times time constant [V], shape (axes, 2).
+    """
+
+    converter: Array
+    amplifier: Array
+
+
+class ModeArrays(NamedTuple):
+    """Modes of the stage with the stacks in place, as they are stepped.
+
+    Parameters
+    ----------
+    force : numpy.ndarray
+        Where a free displacement of 1 m leads each mode, shape (axes, k).
+    transition : numpy.ndarray
+        From deflection and rate to the same a sample later, shape (4, k).
+    moments : numpy.ndarray
+        What a force, and its derivative, do in a sample, shape (3, k).
+    reader : numpy.ndarray
+        What the sensors of the axes see of each mode [1], shape (axes, k).
+    """
+
+    force: Array
+    transition: Array
+    moments: Array
+    reader: Array
+
+
+class SensorArrays(NamedTuple):
+    """What lies between modes and readings.
+
+    Parameters
+    ----------
+    bow : numpy.ndarray
+        Motion along axis a that another axis causes by its guide, polynomials in the position of
+        that axis, from the constant up; entry (a, s), shape (axes, axes, 6).
+    gain : numpy.ndarray
+        Reading over motion [1], shape (axes,).
+    step : float
+        Smallest step of a reading [m]; 0 for none.
+    """
+
+    bow: Array
+    gain: Array
+    step: float
+
+
+class ServoArrays(NamedTuple):
+    """Settings of the control, one row an axis.
+
+    Parameters
+    ----------
+    on : numpy.ndarray
+        Whether it is on, shape (axes,).
+    begins : numpy.ndarray
+        Whether it was off before, shape (axes,); cleared.
+    gains : numpy.ndarray
+        Proportional gain [V/m], integral gain times step [V/m], shape (axes, 2).
+    filters : numpy.ndarray
+        Number of filters, shape (axes,).
+    sections : numpy.ndarray
+        b0, b1, b2, a1, a2 of each, shape (axes, most, 5).
+    """
+
+    on: Flags
+    begins: Flags
+    gains: Array
+    filters: NDArray[np.int64]
+    sections: Array
+
+
+class LoopState(NamedTuple):
+    """What the loop remembers beside the stacks; changed in place.
+
+    Parameters
+    ----------
+    axis : numpy.ndarray
+        Of each axis: voltage that its converter holds, voltage to be put out next, voltage of the
+        amplifier [V], last reading [m], integral [V], last feedforward [V] (NaN for none), last
+        free displacement [m], shape (axes, 7).
+    modes : numpy.ndarray
+        Deflections, rates [per sample], and last forces of the modes [m], shape (3, k).
+    filters : numpy.ndarray
+        Two numbers of each filter, shape (axes, most, 2).
+    """
+
+    axis: Array
+    modes: Array
+    filters: Array
+
+
+@compiled
+def run_loop(
+    drives: DriveArrays,
+    stacks: StackArrays,
+    memory: StackState,
+    modes: ModeArrays,
+    sensors: SensorArrays,
+    servo: ServoArrays,
+    state: LoopState,
+    command: Array,
+    feedforward: Array,
+    drift: Array,
+    noise: Array,
+    reading: Array,
+    position: Array,
+    voltage: Array,
+    asked: Array,
+) -> None:
+    """Run some samples.
+
+    Parameters
+    ----------
+    drives : DriveArrays
+        Converters and amplifiers.
+    stacks : StackArrays
+        The stacks.
+    memory : StackState
+        What they remember; changed.
+    modes : ModeArrays
+        Modes of the stage.
+    sensors : SensorArrays
+        Sensors of the axes.
+    servo : ServoArrays
+        Control.
+    state : LoopState
+        What the loop remembers; changed.
+    command : numpy.ndarray
+        Position wanted [m], or voltage [V], shape (axes, n).
+    feedforward : numpy.ndarray
+        Voltage added [V], NaN for none, shape (axes, n).
+    drift : numpy.ndarray
+        Motion of the platform by temperature [m], shape (axes, n).
+    noise : numpy.ndarray
+        What the sensors add [m], shape (axes, n).
+    reading : numpy.ndarray
+        Readings [m], written, shape (axes, n).
+    position : numpy.ndarray
+        True motion [m], written, shape (axes, n).
+    voltage : numpy.ndarray
+        Voltages at the stacks [V], written, shape (axes, n).
+    asked : numpy.ndarray
+        Voltages that are asked of the amplifiers [V], written, shape (axes, n).
+    """
+    axes, n = command.shape
+    rise = np.empty(axes)
+    own = np.empty(axes)
+    for k in range(n):
+        for a in range(axes):
+            axis = state.axis[a]
+            axis[2] = _amplify(axis[0], axis[2], drives.amplifier[a, 0], drives.amplifier[a, 1])
+            voltage[a, k] = axis[2]
+            free = step_stack(stacks, memory, a, axis[2])
+            rise[a] = free - axis[6]
+            axis[6] = free
+        _move(modes, state.modes, rise)
+        for a in range(axes):
+            own[a] = _dot(modes.reader[a], state.modes[0])
+        for a in range(axes):
+            at = own[a] + drift[a, k]
+            for s in range(axes):
+                if s != a:
+                    at += _polynomial(sensors.bow[a, s], own[s])
+            position[a, k] = at
+            seen = sensors.gain[a] * at + noise[a, k]
+            if sensors.step > 0.0:
+                seen = sensors.step * np.round(seen / sensors.step)
+            reading[a, k] = seen
+        for a in range(axes):
+            axis = state.axis[a]
+            if servo.on[a]:
+                u = _control(
+                    servo, drives.converter[a], axis, state.filters[a], a, command[a, k],
+                    feedforward[a, k],
+                )  # fmt: skip
+            else:
+                u = min(max(command[a, k], drives.converter[a, 0]), drives.converter[a, 1])
+            axis[5] = feedforward[a, k]
+            step = drives.converter[a, 2]
+            if step > 0.0:
+                low = drives.converter[a, 0]
+                u = low + step * np.round((u - low) / step)
+            asked[a, k] = u
+            axis[0] = axis[1]
+            axis[1] = u
+            axis[3] = reading[a, k]
+
+
+@compiled
+def _amplify(target: float, u: float, h: float, threshold: float) -> float:
+    """Follow a held voltage with one pole, and no faster than the threshold allows."""
+    e = target - u
+    if abs(e) > threshold:
+        sign = 1.0 if e > 0.0 else -1.0
+        slewing = abs(e) / threshold - 1.0
+        if slewing >= h:
+            return u + sign * threshold * h
+        return target - sign * threshold * math.exp(slewing - h)
+    return target - e * math.exp(-h)
+
+
+@compiled
+def _move(modes: ModeArrays, state: Array, rise: Array) -> None:
+    """Step all modes, their forces on straight lines."""
+    z, v, f = state[0], state[1], state[2]
+    t, m = modes.transition, modes.moments
+    for i in range(z.size):
+        df = modes.force[0, i] * rise[0]
+        for a in range(1, rise.size):
+            df += modes.force[a, i] * rise[a]
+        at, speed, last = z[i], v[i], f[i]
+        z[i] = (t[0, i] * at + t[1, i] * speed) + (m[1, i] * last + m[2, i] * df)
+        v[i] = (t[2, i] * at + t[3, i] * speed) + (m[0, i] * last + m[1, i] * df)
+        f[i] = last + df
+
+
+@compiled
+def _dot(x: Array, y: Array) -> float:
+    """A sum of products, in four sums side by side; the size is a multiple of 4."""
+    s0 = s1 = s2 = s3 = 0.0
+    for i in range(0, x.size, 4):
+        s0 += x[i] * y[i]
+        s1 += x[i + 1] * y[i + 1]
+        s2 += x[i + 2] * y[i + 2]
+        s3 += x[i + 3] * y[i + 3]
+    return (s0 + s1) + (s2 + s3)
+
+
+@compiled
+def _polynomial(c: Array, x: float) -> float:
+    total = c[5]
+    for i in range(4, -1, -1):
+        total = total * x + c[i]
+    return total
+
+
+@compiled
+def _control(
+    servo: ServoArrays,
+    converter: Array,
+    axis: Array,
+    filters: Array,
+    a: int,
+    wanted: float,
+    feedforward: float,
+) -> float:
+    """Return the next voltage: filters, then proportional and integral terms, then the range."""
+    fresh = servo.begins[a]
+    if fresh:
+        servo.begins[a] = False
+        filters[:] = 0.0
+    e = wanted - axis[3]
+    for i in range(servo.filters[a]):
+        b0, b1, b2, a1, a2 = servo.sections[a, i]
+        y = b0 * e + filters[i, 0]
+        filters[i, 0] = b1 * e - a1 * y + filters[i, 1]
+        filters[i, 1] = b2 * e - a2 * y
+        e = y
+    forward = 0.0 if np.isnan(feedforward) else feedforward
+    before = 0.0 if np.isnan(axis[5]) else axis[5]
+    if fresh:
+        # the first voltage is the last one
+        axis[4] = axis[1] - forward - (servo.gains[a, 0] + servo.gains[a, 1]) * e
+    elif np.isnan(feedforward) != np.isnan(axis[5]):
+        axis[4] += before - forward
+    low, high = converter[0], converter[1]
+    integral = axis[4] + servo.gains[a, 1] * e
+    u = forward + servo.gains[a, 0] * e + integral
+    # at an end of the range it stands still, but it may come back from there
+    if not ((u > high and e > 0.0) or (u < low and e < 0.0)):
+        axis[4] = integral
+    return min(max(u, low), high)

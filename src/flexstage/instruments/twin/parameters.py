@@ -1,0 +1,328 @@
+"""Parameters of the simulated controller, read by ``SPA?`` and set by ``SPA``.
+
+Numbers below 0x70000000 are those of PI's piezo controllers; the simulated controller's own have
+``Twin`` in their group. Units are part of the names, so that a client can tell them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from flexstage.instruments.protocol import Capability
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.servo_draft import NOTCHES, ServoDraft
+from flexstage.instruments.twin.state import MICRO, ControllerState
+from flexstage.instruments.twin.words import number, printed, switch, unsigned
+
+__all__ = ["PARAMETERS", "SIMULATED_TIME", "Parameter", "items_of", "listing", "value_text"]
+
+Value = float | int | str
+Get = Callable[[ControllerState, str], Value]
+Set = Callable[[ControllerState, str, str], None]
+Edit = Callable[[ServoDraft, float], None]
+
+_KINDS = {int: "INT", str: "CHAR"}
+
+#: Leads simulated time on by the seconds that it is set to; reads how much has passed.
+SIMULATED_TIME = 0x7F000001
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A parameter.
+
+    Parameters
+    ----------
+    item : {"system", "axis", "servo", "channel"}
+        What it belongs to; ``servo``: an axis with a position control that can be set.
+    group, name : str
+        How it is listed.
+    get : callable
+        Returns the value, from state and item.
+    set : callable, optional
+        Sets it, from state, item and word.
+    edit : callable, optional
+        Sets a number of the position control, all of which are changed at once.
+    """
+
+    item: str
+    group: str
+    name: str
+    get: Get
+    set: Set | None = None
+    edit: Edit | None = None
+
+
+def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
+    """Return the items that have a parameter.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+    parameter : Parameter
+        The parameter.
+
+    Returns
+    -------
+    sequence of str
+        Identifiers of axes or channels, or ``"1"`` for the system.
+    """
+    if parameter.item == "system":
+        return ("1",)
+    if parameter.item == "channel":
+        return tuple(state.channels)
+    return tuple(
+        name
+        for name, axis in state.axes.items()
+        if parameter.item == "axis" or Capability.SERVO_TUNING in axis.capabilities
+    )
+
+
+def value_text(value: Value) -> str:
+    """Return a value as it is sent.
+
+    Parameters
+    ----------
+    value : float, int or str
+        The value.
+
+    Returns
+    -------
+    str
+        Its text.
+    """
+    return printed(value) if isinstance(value, float) else str(value)
+
+
+def listing(state: ControllerState) -> list[str]:
+    """Return what ``HPA?`` answers: number, level to write it, items, type, group, name.
+
+    Parameters
+    ----------
+    state : ControllerState
+        State of the controller.
+
+    Returns
+    -------
+    list of str
+        Lines.
+    """
+    lines = ["The following parameters are valid:"]
+    for identifier, parameter in PARAMETERS.items():
+        items = items_of(state, parameter)
+        if items:
+            value = parameter.get(state, items[0])
+            kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
+            writable = parameter.set is not None or parameter.edit is not None
+            words = (0 if writable else 9, len(items), kind, parameter.group, parameter.name)
+            lines.append(f"0x{identifier:08X}=" + "\t".join(str(word) for word in words))
+    return [*lines, "end of help"]
+
+
+def _speed(state: ControllerState, axis: str, word: str) -> None:
+    state.device.set_speed(axis, number(word) * MICRO)
+
+
+def _wave_rate(state: ControllerState, _: str, word: str) -> None:
+    state.device.set_wave_rate_divider(unsigned(word))
+
+
+def _record_rate(state: ControllerState, _: str, word: str) -> None:
+    state.device.set_record_divider(unsigned(word))
+
+
+def _drives(state: ControllerState, _: str, word: str) -> None:
+    state.device.remove_drives(switch(word))
+
+
+def _feedforward(state: ControllerState, axis: str, word: str) -> None:
+    table = unsigned(word)
+    if table > state.device.wave_tables:
+        raise GcsError(code.UNKNOWN_WAVE_TABLE)
+    if Capability.FEEDFORWARD_TABLE not in state.axes[axis].capabilities:
+        raise GcsError(code.NOT_POSSIBLE)
+    state.device.choose_wave(axis, state.device.wave_choice(axis)[0], table)
+
+
+def _notch(quantity: str, slot: int) -> tuple[Get, Edit]:
+    def get(state: ControllerState, axis: str) -> Value:
+        return float(getattr(state.servo_draft(axis), quantity)[slot])
+
+    def edit(draft: ServoDraft, value: float) -> None:
+        getattr(draft, quantity)[slot] = value
+
+    return get, edit
+
+
+def _gain(quantity: str) -> tuple[Get, Edit]:
+    def get(state: ControllerState, axis: str) -> Value:
+        return float(getattr(state.servo_draft(axis), quantity))
+
+    def edit(draft: ServoDraft, value: float) -> None:
+        setattr(draft, quantity, value)
+
+    return get, edit
+
+
+def _servo_parameters() -> dict[int, Parameter]:
+    made: dict[int, Parameter] = {}
+
+    def add(identifier: int, group: str, name: str, both: tuple[Get, Edit]) -> None:
+        get, edit = both
+        made[identifier] = Parameter(item="servo", group=group, name=name, get=get, edit=edit)
+
+    add(0x07000300, "Servo", "Servo Loop P-Term [V/um]", _gain("proportional"))
+    add(0x07000301, "Servo", "Servo Loop I-Term [V/(um s)]", _gain("integral"))
+    texts = {
+        "frequency": (0x08000100, "Notch Frequency {} [Hz], 0 for none"),
+        "rejection": (0x08000200, "Notch Rejection {}: gain at the frequency"),
+        "bandwidth": (0x08000300, "Notch Bandwidth {}: twice the damping ratio of the poles"),
+    }
+    for quantity, (base, text) in texts.items():
+        for slot in range(NOTCHES):
+            add(base + slot, "Servo", text.format(slot + 1), _notch(quantity, slot))
+    add(0x7F000010, "Twin", "Servo Loop Low-Pass Frequency [Hz], 0 for none", _gain("lowpass"))
+    return made
+
+
+#: The parameters by number, in ascending order.
+PARAMETERS: dict[int, Parameter] = dict(
+    sorted(
+        {
+            0x07000000: Parameter(
+                item="axis",
+                group="Servo",
+                name="Range Limit min [um]",
+                get=lambda s, axis: s.position_range(axis)[0] / MICRO,
+            ),
+            0x07000001: Parameter(
+                item="axis",
+                group="Servo",
+                name="Range Limit max [um]",
+                get=lambda s, axis: s.position_range(axis)[1] / MICRO,
+            ),
+            0x07000200: Parameter(
+                item="axis",
+                group="Servo",
+                name="Servo Loop Slew-Rate [um/s]",
+                get=lambda s, axis: s.device.speed(axis) / MICRO,
+                set=_speed,
+            ),
+            0x07000600: Parameter(
+                item="axis", group="Axis", name="Axis Identifier", get=lambda _, axis: axis
+            ),
+            0x07000601: Parameter(
+                item="axis", group="Axis", name="Axis Unit", get=lambda _, __: "um"
+            ),
+            0x0E000200: Parameter(
+                item="system",
+                group="System",
+                name="Servo Update Time [s]",
+                get=lambda s, _: 1.0 / s.device.sample_rate_hz,
+            ),
+            0x13000004: Parameter(
+                item="system",
+                group="Wave Generator",
+                name="Max Wave Points",
+                get=lambda s, _: int(s.device.wave_capacity),
+            ),
+            0x13000109: Parameter(
+                item="system",
+                group="Wave Generator",
+                name="Wave Generator Table Rate",
+                get=lambda s, _: int(s.device.wave_rate_divider()),
+                set=_wave_rate,
+            ),
+            0x1300010A: Parameter(
+                item="system",
+                group="Wave Generator",
+                name="Number Of Waves",
+                get=lambda s, _: int(s.device.wave_tables),
+            ),
+            0x16000000: Parameter(
+                item="system",
+                group="Data Recorder",
+                name="Data Recorder Table Rate",
+                get=lambda s, _: int(s.device.record_divider()),
+                set=_record_rate,
+            ),
+            0x16000200: Parameter(
+                item="system",
+                group="Data Recorder",
+                name="Data Recorder Max Points",
+                get=lambda s, _: int(s.device.record_tables * s.device.record_capacity),
+            ),
+            0x16000201: Parameter(
+                item="system",
+                group="Data Recorder",
+                name="Data Recorder Points Per Table",
+                get=lambda s, _: int(s.device.record_capacity),
+            ),
+            0x16000300: Parameter(
+                item="system",
+                group="Data Recorder",
+                name="Data Recorder Chan Number",
+                get=lambda s, _: int(s.device.record_tables),
+            ),
+            SIMULATED_TIME: Parameter(
+                item="system",
+                group="Twin",
+                name="Simulated Time [s]: leads on by the seconds it is set to, where it runs fast",
+                get=lambda s, _: float(s.device.now),
+                set=lambda _, __, ___: None,  # taken by SPA itself, after all other parameters
+            ),
+            0x7F000002: Parameter(
+                item="system",
+                group="Twin",
+                name="Simulated Time runs fast: 1, in step with real time: 0",
+                get=lambda s, _: int(s.pace.fast),
+            ),
+            0x7F000003: Parameter(
+                item="system",
+                group="Twin",
+                name="Drives Taken Out: 0 or 1",
+                get=lambda s, _: int(s.device.drives_removed()),
+                set=_drives,
+            ),
+            0x7F000011: Parameter(
+                item="axis",
+                group="Twin",
+                name="Feedforward Wave Table [V], 0 for none",
+                get=lambda s, axis: int(s.device.wave_choice(axis)[1]),
+                set=_feedforward,
+            ),
+            0x7F000012: Parameter(
+                item="axis",
+                group="Twin",
+                name="Axis Of The Stage",
+                get=lambda s, axis: s.axes[axis].stage_axis,
+            ),
+            0x7F000013: Parameter(
+                item="axis",
+                group="Twin",
+                name="Largest Slew-Rate Of The Voltage [V/s], 0 for none",
+                get=lambda s, axis: float(s.axes[axis].limits.slew or 0.0),
+            ),
+            0x7F000014: Parameter(
+                item="axis",
+                group="Twin",
+                name="Largest Speed [um/s], 0 for none",
+                get=lambda s, axis: float(s.axes[axis].limits.speed or 0.0) / MICRO,
+            ),
+            0x7F000020: Parameter(
+                item="channel",
+                group="Twin",
+                name="Channel Name",
+                get=lambda s, channel: s.channels[channel].name,
+            ),
+            0x7F000021: Parameter(
+                item="channel",
+                group="Twin",
+                name="Channel Unit",
+                get=lambda s, channel: "um" if s.channels[channel].unit == "m" else "urad",
+            ),
+            **_servo_parameters(),
+        }.items()
+    )
+)

@@ -1,0 +1,365 @@
+"""A simulated stage driven by piezo stacks, its position control inside."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.experiment.virtual import GuideErrors
+from flexstage.hysteresis.chain import LogCreep
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.twin.beside import (
+    beside_channels,
+    kinds_of,
+    neighbour,
+    polynomial,
+    readings_beside,
+    sources,
+)
+from flexstage.instruments.twin.charge import ChargeDrive
+from flexstage.instruments.twin.device import ChannelDescription
+from flexstage.instruments.twin.hammer import Hammer
+from flexstage.instruments.twin.loop import (
+    LoopState,
+    SensorArrays,
+    ServoArrays,
+    run_loop,
+)
+from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_arrays, mode_arrays
+from flexstage.instruments.twin.sensors import Disturbances, SensorBench
+from flexstage.instruments.twin.small_signal import sampled_response
+from flexstage.instruments.twin.stack import relaxed_stacks, stack_arrays
+from flexstage.instruments.twin.stage import Block, Blow
+from flexstage.stage import Stage
+from flexstage.system import MechanicalSystem
+
+__all__ = ["PiezoStage"]
+
+Array = NDArray[np.float64]
+#: Most filters of a control.
+_FILTERS = 8
+
+
+class PiezoStage:
+    """A piezo stage sample by sample, as `VirtualStage` says.
+
+    Each command goes through a converter, which holds it (20 bit over the voltage range), and an
+    amplifier of one pole and limited current, to a stack with hysteresis and creep; all modes of
+    the stage with its stacks in place follow. Sensors add their errors.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage as drawn.
+    system : MechanicalSystem
+        Its model as made.
+    axes : sequence of PiezoAxis
+        What drives and guides it.
+    sensors : SensorBench, optional
+        Its sensors; the usual ones where not given.
+    sample_rate_hz : float
+        Rate of the loop [Hz].
+    seed : int
+        Seed of noise, drift and the gains of sensors.
+    creep : LogCreep, optional
+        Creep of the stacks; none where not given.
+    bandwidth_hz : float
+        Bandwidth of the amplifiers [Hz].
+    charge : ChargeDrive, optional
+        That the stacks are driven by charge.
+    quiet : bool
+        Whether to leave out noise, mains, drift and all steps of converters and sensors.
+    scatter : bool
+        Whether the gains of the sensors are off.
+    hammer : Hammer, optional
+        What a blow does; none can be struck where not given.
+    notes : sequence of str
+        What was drawn and set.
+
+    Raises
+    ------
+    ModelError
+        An axis has no voltage range, or its drive no stiffness.
+
+    Notes
+    -----
+    Validity: small motion; voltage and free displacement are straight between samples, which is
+    off by less than 1e-4 of the stroke up to 50 Hz at 10 kHz; hysteresis does not depend on the
+    force of the stack, and its capacitance is one number. Guide errors are curves of the position
+    alone. The sensors across an axis read the motion along the other axis, from a place of their
+    own; those out of the plane and of rotations see what their own axis does.
+    """
+
+    def __init__(
+        self,
+        *,
+        stage: Stage,
+        system: MechanicalSystem,
+        axes: Sequence[PiezoAxis],
+        sensors: SensorBench | None = None,
+        sample_rate_hz: float = 10e3,
+        seed: int = 0,
+        creep: LogCreep | None = None,
+        bandwidth_hz: float = 2000.0,
+        charge: ChargeDrive | None = None,
+        quiet: bool = False,
+        scatter: bool = True,
+        hammer: Hammer | None = None,
+        notes: Sequence[str] = (),
+    ) -> None:
+        self._stage, self._parts, self._system = stage, tuple(axes), system
+        self._rate, self._creep, self._bandwidth = sample_rate_hz, creep, bandwidth_hz
+        self._notes, self._hammer = tuple(notes), hammer
+        self._channels = beside_channels(self.axes)
+        self._bench, self._seed = sensors or SensorBench(), seed
+        self._quiet, self._scatter = quiet, scatter
+        self._modes = mode_arrays(system, self._parts, sample_rate_hz)
+        self._stacks = stack_arrays(
+            [a.stack for a in self._parts], sample_rate_hz, creep=creep, charge=charge
+        )
+        self._drives = drive_arrays(self._parts, sample_rate_hz, bandwidth_hz, quiet=quiet)
+        guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self._parts}
+        self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self._parts})
+        self._bow = self._bows(guides)
+        self._servo = ServoArrays(
+            on=np.zeros(len(axes), dtype=np.bool_),
+            begins=np.zeros(len(axes), dtype=np.bool_),
+            gains=np.zeros((len(axes), 2)),
+            filters=np.zeros(len(axes), dtype=np.int64),
+            sections=np.zeros((len(axes), _FILTERS, 5)),
+        )
+        self._settings: dict[str, ServoSettings] = {}
+        self.reset()
+
+    @property
+    def stage(self) -> Stage:
+        """The stage as drawn."""
+        return self._stage
+
+    @property
+    def system(self) -> MechanicalSystem:
+        """Its model as made."""
+        return self._system
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of its axes."""
+        return tuple(a.name for a in self._parts)
+
+    @property
+    def parts(self) -> tuple[PiezoAxis, ...]:
+        """What drives and guides each axis."""
+        return self._parts
+
+    @property
+    def kind(self) -> Literal["piezo", "screw"]:
+        """What drives it."""
+        return "piezo"
+
+    @property
+    def channels(self) -> tuple[ChannelDescription, ...]:
+        """Its sensors: those of the axes first."""
+        return self._channels
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Rate of its loop [Hz]."""
+        return self._rate
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        """What may be commanded, by axis."""
+        return {a.name: a.limits for a in self._parts}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was drawn, set and left out, as sentences."""
+        return self._notes
+
+    def servo_settings(self, axis: str) -> ServoSettings:
+        """Return the settings of an axis's position control.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        ServoSettings
+            The settings.
+        """
+        self._number(axis)
+        return self._settings[axis]
+
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change them; the filters keep their state where their number stays.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        settings : ServoSettings
+            The settings.
+
+        Raises
+        ------
+        ModelError
+            There is no such axis, a filter lies above half the rate, or there are more than 8.
+        """
+        a = self._number(axis)
+        sections = settings.sections(self._rate)
+        if len(sections) > _FILTERS:
+            raise ModelError(
+                f"the control of an axis has room for {_FILTERS} filters, got {len(sections)}"
+            )
+        if len(sections) != self._servo.filters[a]:
+            self._state.filters[a] = 0.0
+        self._servo.filters[a] = len(sections)
+        self._servo.sections[a, : len(sections)] = sections
+        self._servo.gains[a] = settings.proportional, settings.integral / self._rate
+        self._settings[axis] = settings
+
+    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+        """Let samples of the loop pass.
+
+        Parameters
+        ----------
+        command : numpy.ndarray
+            Positions wanted [m] where control is on, else voltages [V], shape (axes, n).
+        servo : sequence of bool
+            Whether control is on, by axis.
+        feedforward : numpy.ndarray, optional
+            Voltages added under control [V], shape (axes, n), NaN where there are none.
+
+        Returns
+        -------
+        Block
+            What happened.
+
+        Raises
+        ------
+        ModelError
+            Shapes do not fit, or a command is not finite.
+        """
+        axes = len(self._parts)
+        wanted = commands(command, axes)
+        n = wanted.shape[1]
+        forward = np.full((axes, n), np.nan)
+        if feedforward is not None:
+            forward = np.array(feedforward, dtype=np.float64, order="C")
+        on = np.array(servo, dtype=np.bool_)
+        if forward.shape != wanted.shape or on.shape != (axes,):
+            raise ModelError(
+                f"a run of {axes} axes and {n} samples needs a feedforward of the same shape and "
+                f"{axes} flags, got {forward.shape} and {on.shape}"
+            )
+        self._servo.begins[:] = self._servo.begins & on | on & ~self._servo.on
+        self._servo.on[:] = on
+        drift, noise = self._disturbances.take(self._count, n)
+        reading = np.empty((len(self._channels), n))
+        position, voltage, asked = (np.empty((axes, n)) for _ in range(3))
+        run_loop(
+            self._drives, self._stacks, self._memory, self._modes, self._sensors, self._servo,
+            self._state, wanted, forward, drift, noise, reading, position, voltage, asked,
+        )  # fmt: skip
+        readings_beside(
+            self._source, self._rows, position, drift, noise, self._disturbances.gain,
+            self._disturbances.step, reading,
+        )  # fmt: skip
+        time = (self._count + np.arange(n)) / self._rate
+        self._count += n
+        return Block(time=time, reading=reading, position=position, voltage=voltage, command=asked)
+
+    def strike(self, axis: str) -> Blow:
+        """Strike the platform along an axis with a hammer, the drives taken out for it.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        Blow
+            Force and response; the next blow differs from it.
+        """
+        self._number(axis)
+        if self._hammer is None:
+            raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
+        return self._hammer.strike(axis)
+
+    def reset(self) -> None:
+        """Relax the stage: time and all memory back to 0, settings as delivered."""
+        axes = len(self._parts)
+        self._count = 0
+        self._disturbances = Disturbances(
+            kinds_of(self._channels), self._bench, self._rate, self._seed,
+            quiet=self._quiet, scatter=self._scatter,
+        )  # fmt: skip
+        self._sensors = SensorArrays(
+            bow=self._bow,
+            gain=self._disturbances.gain[:axes].copy(),
+            step=float(self._disturbances.step[0]),
+        )
+        self._memory = relaxed_stacks(self._stacks)
+        self._state = LoopState(
+            axis=np.zeros((axes, 7)),
+            modes=np.zeros((3, self._modes.force.shape[1])),
+            filters=np.zeros((axes, _FILTERS, 2)),
+        )
+        self._state.axis[:, 5] = np.nan
+        self._servo.on[:] = False
+        self._servo.begins[:] = False
+        for part in self._parts:
+            self.set_servo_settings(part.name, part.settings)
+        if self._hammer is not None:
+            self._hammer.reset()
+
+    def small_signal_response(
+        self, axis: str, frequency_hz: ArrayLike, *, slope: float, read: str | None = None
+    ) -> NDArray[np.complex128]:
+        """Return the response from the voltage asked for to the position, for small signals.
+
+        Parameters
+        ----------
+        axis : str
+            The axis that is driven.
+        frequency_hz : array_like
+            Frequencies [Hz], shape (n,).
+        slope : float
+            Slope of the stack about its working point, without creep [m/V].
+        read : str, optional
+            The axis that is read; the same where not given.
+
+        Returns
+        -------
+        numpy.ndarray
+            Position over voltage [m/V], shape (n,): without the sample that a reading takes.
+        """
+        return sampled_response(
+            self._modes, self._number(axis), self._number(read or axis), frequency_hz, self._rate,
+            slope=slope, bandwidth_hz=self._bandwidth, creep=self._creep,
+        )  # fmt: skip
+
+    def _number(self, axis: str) -> int:
+        if axis not in self.axes:
+            raise ModelError(f"the stage has no axis '{axis}': choose from {', '.join(self.axes)}")
+        return self.axes.index(axis)
+
+    def _bows(self, guides: Mapping[str, GuideErrors]) -> Array:
+        """What the guide of one axis adds along another, beside what the model does."""
+        names = self.axes
+        bow = np.zeros((len(names), len(names), 6))
+        static = self._modes.force @ self._modes.reader.T
+        for s, part in enumerate(self._parts):
+            other = neighbour(names, part.name)
+            if other is None or part.guide is None:
+                continue
+            a = names.index(other)
+            bow[a, s] = polynomial(guides[part.name], "across", part.low)
+            bow[a, s, 1] -= static[s, a] / static[s, s]
+        return bow

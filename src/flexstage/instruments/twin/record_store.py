@@ -1,0 +1,271 @@
+"""What the data recorder of a controller is to record, and what it has recorded."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.protocol import Signal
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.device import Device, RefusedError
+from flexstage.instruments.twin.errors_gcs import GcsError
+
+__all__ = ["RECORD_OPTIONS", "RecordOption", "RecordStore"]
+
+Array = NDArray[np.float64]
+
+#: Micrometres, and microradians, of the wire in SI.
+_MICRO = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordOption:
+    """Something that the data recorder offers.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the signal.
+    text : str
+        How it is listed.
+    source : {"axis", "output", "channel"}
+        What its source is a number of.
+    unit : str
+        SI unit; that of the sensor for a channel.
+    """
+
+    kind: str
+    text: str
+    source: str
+    unit: str
+
+
+#: What can be recorded, by number. From 200 on it is the simulated controller's own.
+RECORD_OPTIONS = {
+    1: RecordOption(kind="target", text="Target Position of axis", source="axis", unit="m"),
+    2: RecordOption(kind="position", text="Current Position of axis", source="axis", unit="m"),
+    7: RecordOption(
+        kind="voltage", text="Control Voltage of output chan", source="output", unit="V"
+    ),
+    20: RecordOption(
+        kind="channel", text="Sensor mech.linear of input chan", source="channel", unit=""
+    ),
+    200: RecordOption(kind="force", text="Hammer Force [N] at axis", source="axis", unit="N"),
+    201: RecordOption(
+        kind="response", text="Response to Blow [m/s^2] of axis", source="axis", unit="m/s^2"
+    ),
+}
+_OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
+
+
+class RecordStore:
+    """Tables of the recorder in the terms of the wire.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    outputs : Mapping
+        Axis by output channel.
+    """
+
+    def __init__(self, device: Device, outputs: Mapping[str, str]) -> None:
+        self._device, self._outputs = device, outputs
+        self._units = {str(channel.number): channel.unit for channel in device.channels}
+        #: The trigger option.
+        self.trigger = 0
+        #: What the last recording holds, by table, and the step of its samples [s].
+        self.kept: dict[int, Signal] = {}
+        self.kept_step = 0.0
+        self._by_client = False
+
+    def sources(self, option: RecordOption) -> Iterable[str]:
+        """Return what an option can be recorded of.
+
+        Parameters
+        ----------
+        option : RecordOption
+            The option.
+
+        Returns
+        -------
+        iterable of str
+            Axes or channels.
+        """
+        known = {"axis": self._device.axes, "output": self._outputs, "channel": self._units}
+        return tuple(known[option.source])
+
+    def choice(self, table: int) -> tuple[str, int]:
+        """Return what a table of the recorder records.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+
+        Returns
+        -------
+        tuple
+            Source and number of the option; ``"0"`` and 0 for nothing.
+        """
+        return self.source_and_option(self._device.record_signal(table))
+
+    def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
+        """Return how a signal is chosen.
+
+        Parameters
+        ----------
+        signal : Signal or None
+            The signal; None for nothing.
+
+        Returns
+        -------
+        tuple
+            Source and number of the option.
+        """
+        if signal is None:
+            return "0", 0
+        option = _OPTION_OF[signal.kind]
+        if RECORD_OPTIONS[option].source == "output":
+            return next(k for k, axis in self._outputs.items() if axis == signal.source), option
+        return signal.source, option
+
+    def signal(self, source: str, number: int) -> Signal | None:
+        """Return the signal of a source and an option.
+
+        Parameters
+        ----------
+        source : str
+            Axis or channel.
+        number : int
+            Number of the option.
+
+        Returns
+        -------
+        Signal or None
+            The signal; None for nothing.
+
+        Raises
+        ------
+        GcsError
+            There is no such option, or no such source.
+        """
+        if number == 0:
+            return None
+        option = RECORD_OPTIONS.get(number)
+        if option is None:
+            raise GcsError(code.UNKNOWN_RECORD_OPTION)
+        if source not in self.sources(option):
+            raise GcsError(code.UNKNOWN_RECORD_SOURCE)
+        unit = option.unit
+        if option.source == "output":
+            source = self._outputs[source]
+        elif option.source == "channel":
+            unit = self._units[source]
+        return Signal(kind=option.kind, source=source, name=f"{option.kind} {source}", unit=unit)
+
+    def choose(self, table: int, signal: Signal | None) -> None:
+        """Choose what a table of the recorder records; what it has recorded is forgotten.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+        signal : Signal or None
+            What it records; None for nothing.
+        """
+        self._device.set_record_signal(table, signal)
+        self.kept.pop(table, None)
+
+    def column(self, table: int, first: int, count: int) -> Array:
+        """Return samples of a table of the recorder in the unit of the wire.
+
+        Parameters
+        ----------
+        table : int
+            The table, one of those in `kept`.
+        first, count : int
+            First sample, from 0, and how many.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples [um, urad, V, N, or what a blow is answered in], shape (count,).
+        """
+        values = np.array(self._device.record(table, first, count), dtype=np.float64)
+        if self.kept[table].unit in ("m", "rad"):
+            values /= _MICRO
+        return values
+
+    def move(self, command: Callable[[], None]) -> None:
+        """Command a motion, which starts the recorder where this is chosen.
+
+        Parameters
+        ----------
+        command : callable
+            Commands it.
+        """
+        armed = self.trigger == 1 and not self._device.recording()
+        if armed:
+            self._device.arm_recorder("move")
+        try:
+            command()
+        except RefusedError:
+            # no later motion shall start it
+            self._device.arm_recorder("wave")
+            raise
+        if armed:
+            self._keep(by_client=False)
+
+    def run(self, command: Callable[[], None]) -> None:
+        """Start a waveform, or strike a blow, which starts the recorder.
+
+        A recording that a client started at a moment of its own is not interrupted.
+
+        Parameters
+        ----------
+        command : callable
+            Starts it.
+        """
+        armed = not (self._by_client and self._device.recording())
+        if armed:
+            self._device.arm_recorder("wave")
+        command()
+        if armed:
+            self._keep(by_client=False)
+
+    def set_trigger(self, trigger: int) -> None:
+        """Choose what starts the recorder next.
+
+        A recording that a client started before goes on, and the next start may end it.
+
+        Parameters
+        ----------
+        trigger : int
+            Number of the trigger; 4 starts at once.
+        """
+        self.trigger = trigger
+        self._by_client = False
+        if trigger == 4:
+            self.now()
+
+    def now(self, *, by_client: bool = True) -> None:
+        """Start the recorder.
+
+        Parameters
+        ----------
+        by_client : bool
+            Whether a client chose the moment.
+        """
+        self._device.arm_recorder("now")
+        self._keep(by_client=by_client)
+
+    def _keep(self, *, by_client: bool) -> None:
+        """Remember what the recording that has begun holds, and at which rate."""
+        if self._device.recording():
+            tables = range(1, self._device.record_tables + 1)
+            signals = {table: self._device.record_signal(table) for table in tables}
+            self.kept = {table: signal for table, signal in signals.items() if signal is not None}
+            self.kept_step = self._device.record_divider() / self._device.sample_rate_hz
+            self._by_client = by_client

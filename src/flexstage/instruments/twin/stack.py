@@ -1,0 +1,300 @@
+r"""Piezo stacks stepped one sample at a time: memory, charge drive and creep, as in their models.
+
+A `VirtualStack` takes a whole sequence of voltages. A loop with feedback has only the next one, so
+that the same operators are stepped here, several stacks side by side.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.models.decay import saturating
+from flexstage.hysteresis.virtual_stack import VirtualStack
+from flexstage.instruments.twin.charge import ChargeDrive
+
+__all__ = [
+    "StackArrays",
+    "StackState",
+    "free_displacements",
+    "relaxed_stacks",
+    "stack_arrays",
+    "step_stack",
+]
+
+Array = NDArray[np.float64]
+
+
+class StackArrays(NamedTuple):
+    """Parameters of stacks, one row each.
+
+    Parameters
+    ----------
+    plays : numpy.ndarray
+        Gain [m/V], then slope and rate of the fading part: curve offset [m], curve slope [m/V],
+        tangent [m/V], rate [1/V], shape (axes, 5).
+    thresholds : numpy.ndarray
+        Half the gap of each play [V], infinite where there is none, shape (axes, m).
+    weights : numpy.ndarray
+        Their weights [m/V], shape (axes, m); m is a multiple of 8.
+    knots : numpy.ndarray
+        Where the line after the plays changes its slope [m], infinite where there is none,
+        shape (axes, c).
+    slopes : numpy.ndarray
+        Slopes of the line [1], shape (axes, c + 1).
+    offsets : numpy.ndarray
+        Its constants [m], shape (axes, c + 1).
+    charge : numpy.ndarray
+        Chord's offset [m] and slope [m/V], part of the hysteresis that is left [1], decay and ramp
+        share of the corner in a sample [1]; shape (axes, 5).
+    creep : numpy.ndarray
+        Gain of each lag [1], its decay and ramp share in a sample, shape (3, axes, lags).
+    """
+
+    plays: Array
+    thresholds: Array
+    weights: Array
+    knots: Array
+    slopes: Array
+    offsets: Array
+    charge: Array
+    creep: Array
+
+
+class StackState(NamedTuple):
+    """What stacks remember; changed in place.
+
+    Parameters
+    ----------
+    plays : numpy.ndarray
+        Outputs of the plays [V], shape (axes, m).
+    piece : numpy.ndarray
+        Piece of the line that was used last, shape (axes,).
+    last : numpy.ndarray
+        Last voltage [V], fading part [m], deviation from the chord [m], its slow part [m], and
+        displacement before creep [m], shape (axes, 5).
+    lags : numpy.ndarray
+        Lags of the creep [m], shape (axes, lags).
+    """
+
+    plays: Array
+    piece: NDArray[np.int64]
+    last: Array
+    lags: Array
+
+
+def stack_arrays(
+    stacks: Sequence[VirtualStack],
+    sample_rate_hz: float,
+    *,
+    creep: LogCreep | None = None,
+    charge: ChargeDrive | None = None,
+) -> StackArrays:
+    """Return the parameters of stacks as they are stepped.
+
+    Parameters
+    ----------
+    stacks : sequence of VirtualStack
+        The stacks; their fading part has a straight curve and a constant tangent.
+    sample_rate_hz : float
+        Rate of samples [Hz].
+    creep : LogCreep, optional
+        Creep of all of them; none where not given.
+    charge : ChargeDrive, optional
+        That they are driven by charge; by voltage where not given.
+
+    Returns
+    -------
+    StackArrays
+        The parameters.
+
+    Raises
+    ------
+    ModelError
+        A fading part is not straight.
+    """
+    lines = [stack.bent.line() for stack in stacks]
+    # rows of one length: a play that never moves has no weight, a knot at infinity is never passed
+    most = max(stack.bent.thresholds.size for stack in stacks)
+    plays, knots = -(-most // 8) * 8, max(line.knots.size for line in lines)
+    h = 1.0 / sample_rate_hz
+    lag = np.zeros((3, 0)) if creep is None else _lags(creep, h)
+    return StackArrays(
+        plays=np.array([_scalars(stack) for stack in stacks]),
+        thresholds=_rows([s.bent.thresholds for s in stacks], plays, np.inf),
+        weights=_rows([s.bent.weights for s in stacks], plays, 0.0),
+        knots=_rows([line.knots for line in lines], knots, np.inf),
+        slopes=_rows([line.slopes for line in lines], knots + 1, 0.0),
+        offsets=_rows([line.offsets() for line in lines], knots + 1, 0.0),
+        charge=np.array(
+            [(0.0, 0.0, 1.0, 0.0, 0.0) if charge is None else charge.row(s, h) for s in stacks]
+        ),
+        creep=np.repeat(lag[:, None, :], len(stacks), axis=1),
+    )
+
+
+def relaxed_stacks(arrays: StackArrays) -> StackState:
+    """Return the state of stacks without history, at no voltage.
+
+    Parameters
+    ----------
+    arrays : StackArrays
+        The stacks.
+
+    Returns
+    -------
+    StackState
+        A state of their size.
+    """
+    axes = arrays.plays.shape[0]
+    state = StackState(
+        plays=np.zeros_like(arrays.thresholds),
+        piece=np.zeros(axes, dtype=np.int64),
+        last=np.zeros((axes, 5)),
+        lags=np.zeros_like(arrays.creep[0]),
+    )
+    # from the chord to the relaxed stack, which is where a slow charge drive would lead too
+    state.last[:, 2] = -arrays.charge[:, 0]
+    state.last[:, 3] = -arrays.charge[:, 0]
+    return state
+
+
+def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLike) -> Array:
+    """Return the free displacements of stacks under sequences of voltages.
+
+    Parameters
+    ----------
+    arrays : StackArrays
+        The stacks.
+    state : StackState
+        What they remember; changed.
+    voltage : array_like
+        Voltages [V], shape (axes, n).
+
+    Returns
+    -------
+    numpy.ndarray
+        Displacements with creep [m], shape (axes, n).
+
+    Examples
+    --------
+    >>> from flexstage.hysteresis import virtual_stack
+    >>> made = stack_arrays([virtual_stack((0.0, 120.0), 38e-6, 0.125)], 1e3)
+    >>> found = free_displacements(made, relaxed_stacks(made), [[120.0, 0.0, 120.0, 0.0]])
+    >>> round(float(np.ptp(found[0, 2:])) * 1e6, 1)
+    38.0
+    """
+    u = np.array(voltage, dtype=np.float64, order="C")
+    out = np.empty_like(u)
+    _all_steps(arrays, state, u, out)
+    return out
+
+
+@compiled
+def step_stack(arrays: StackArrays, state: StackState, a: int, u: float) -> float:
+    """Step one stack to a voltage, on a straight line.
+
+    Parameters
+    ----------
+    arrays : StackArrays
+        The stacks.
+    state : StackState
+        What they remember; changed.
+    a : int
+        Number of the stack.
+    u : float
+        The voltage [V].
+
+    Returns
+    -------
+    float
+        Its free displacement, with creep [m].
+    """
+    last = state.last[a]
+    x = _memory(arrays, state, a, u, last)
+    offset, slope, part, decay, ramp = arrays.charge[a]
+    if part != 1.0:
+        chord = offset + slope * u
+        e = x - chord
+        last[3] += (last[2] - last[3]) * decay + (e - last[2]) * ramp
+        last[2] = e
+        x = chord + part * e + (1.0 - part) * last[3]
+    rise = x - last[4]
+    total = 0.0
+    for i in range(state.lags.shape[1]):
+        lag = state.lags[a, i]
+        lag += (last[4] - lag) * arrays.creep[1, a, i] + rise * arrays.creep[2, a, i]
+        state.lags[a, i] = lag
+        total += arrays.creep[0, a, i] * lag
+    last[4] = x
+    return x + total
+
+
+@compiled
+def _memory(arrays: StackArrays, state: StackState, a: int, u: float, last: Array) -> float:
+    """Plays, the line after them, and the part that fades; last holds voltage and that part."""
+    p, r, w = state.plays[a], arrays.thresholds[a], arrays.weights[a]
+    for i in range(p.size):
+        p[i] = max(u - r[i], min(u + r[i], p[i]))
+    # eight sums side by side: a single one would wait for each addition
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+    for i in range(0, p.size, 8):
+        s0 += w[i] * p[i]
+        s1 += w[i + 1] * p[i + 1]
+        s2 += w[i + 2] * p[i + 2]
+        s3 += w[i + 3] * p[i + 3]
+        s4 += w[i + 4] * p[i + 4]
+        s5 += w[i + 5] * p[i + 5]
+        s6 += w[i + 6] * p[i + 6]
+        s7 += w[i + 7] * p[i + 7]
+    gain, curve, steep, tangent, rate = arrays.plays[a]
+    x = gain * u + (((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)))
+    j, knots = state.piece[a], arrays.knots[a]
+    while j < knots.size and x > knots[j]:
+        j += 1
+    while j > 0 and x <= knots[j - 1]:
+        j -= 1
+    state.piece[a] = j
+    if u != last[0]:
+        sign = 1.0 if u > last[0] else -1.0
+        # how far it is below its curve tends to where curve and tangent drift apart
+        behind = curve + steep * last[0] - last[1]
+        behind = saturating(behind, sign * (steep - tangent), rate, sign * (u - last[0]))
+        last[1] = curve + steep * u - behind
+        last[0] = u
+    return arrays.offsets[a, j] + arrays.slopes[a, j] * x + last[1]
+
+
+@compiled
+def _all_steps(arrays: StackArrays, state: StackState, u: Array, out: Array) -> None:
+    for a in range(u.shape[0]):
+        for k in range(u.shape[1]):
+            out[a, k] = step_stack(arrays, state, a, u[a, k])
+
+
+def _scalars(stack: VirtualStack) -> tuple[float, ...]:
+    f, g = stack.fading.anhysteretic, stack.fading.tangent
+    if f.size != 2 or g.size != 1:
+        raise ModelError(
+            "a stack is stepped with a straight curve and a constant tangent of its fading part, "
+            f"got {f.size} and {g.size} coefficients: give 2 and 1"
+        )
+    return stack.bent.gain, float(f[0]), float(f[1]), float(g[0]), stack.fading.rate
+
+
+def _rows(rows: Sequence[Array], size: int, fill: float) -> Array:
+    out = np.full((len(rows), size), fill)
+    for row, given in zip(out, rows, strict=True):
+        row[: given.size] = given
+    return out
+
+
+def _lags(creep: LogCreep, h: float) -> Array:
+    ratio = h / creep.time_constants
+    gain = np.full(ratio.size, creep.lag_gain)
+    return np.array([gain, decay_share(ratio), ramp_share(ratio)])

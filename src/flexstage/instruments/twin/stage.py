@@ -1,0 +1,178 @@
+"""What a simulated stage offers to the controller that is simulated around it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.twin.device import ChannelDescription
+from flexstage.stage import Stage
+
+__all__ = ["Block", "Blow", "VirtualStage"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """What a stage did over some samples of its loop.
+
+    All values of a sample belong to its time: a reading is what the sensor sees then, though a loop
+    gets it one sample later.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Times since the stage was relaxed [s], shape (n,).
+    reading : numpy.ndarray
+        What each sensor reads [m, or rad], in the order of `VirtualStage.channels`,
+        shape (channels, n).
+    position : numpy.ndarray
+        True motion of the platform along each axis, from where it is relaxed [m], shape (axes, n).
+    voltage : numpy.ndarray
+        Voltage at each stack [V]; zeros for screws, shape (axes, n).
+    command : numpy.ndarray
+        What the drive is told: the voltage asked of each amplifier [V], after its range and its
+        steps; the advance that each screw has [m], shape (axes, n).
+    """
+
+    time: Array
+    reading: Array
+    position: Array
+    voltage: Array
+    command: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Blow:
+    """One blow of a hammer on the platform, the drives taken out.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Times [s], shape (n,).
+    force : numpy.ndarray
+        Force of the hammer [N], shape (n,).
+    response : numpy.ndarray
+        Acceleration of the platform along the axis that was struck [m/s^2], shape (n,).
+    sample_rate_hz : float
+        Samples in a second [Hz].
+    """
+
+    time: Array
+    force: Array
+    response: Array
+    sample_rate_hz: float
+
+
+class VirtualStage(Protocol):
+    """A stage that is simulated sample by sample, its feedback inside."""
+
+    @property
+    def stage(self) -> Stage:
+        """The stage as drawn."""
+        ...
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of its axes."""
+        ...
+
+    @property
+    def kind(self) -> Literal["piezo", "screw"]:
+        """What drives it."""
+        ...
+
+    @property
+    def channels(self) -> tuple[ChannelDescription, ...]:
+        """Its sensors: those of the axes first."""
+        ...
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Rate of its loop [Hz]."""
+        ...
+
+    @property
+    def limits(self) -> Mapping[str, AxisLimits]:
+        """What may be commanded, by axis."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was drawn, set and left out, as sentences."""
+        ...
+
+    def servo_settings(self, axis: str) -> ServoSettings:
+        """Return the settings of an axis's position control.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        ServoSettings
+            The settings; `ModelError` where the axis has no such control.
+        """
+        ...
+
+    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
+        """Change them; the filters keep their state where their number stays.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+        settings : ServoSettings
+            The settings; `ModelError` where the axis has no such control.
+        """
+        ...
+
+    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+        """Let samples of the loop pass.
+
+        A run that is cut in two gives the same numbers. What is commanded at a sample is at the
+        amplifier one sample later; what is read at a sample is two samples later in the voltage.
+
+        Parameters
+        ----------
+        command : numpy.ndarray
+            Where control is on the position wanted [m], else the voltage [V] of a stack; always the
+            advance [m] of a screw; shape (axes, n).
+        servo : sequence of bool
+            Whether control is on, by axis. Where it is switched on the voltage does not jump.
+        feedforward : numpy.ndarray, optional
+            Voltage added under control [V], shape (axes, n); NaN where there is none. Where it
+            begins and ends the integral takes over its value, so that the voltage does not jump.
+
+        Returns
+        -------
+        Block
+            What happened.
+        """
+        ...
+
+    def strike(self, axis: str) -> Blow:
+        """Strike the platform along an axis with a hammer, the drives taken out for it.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        Blow
+            Force and response; the next blow differs from it.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Relax the stage: time and all memory back to 0, the same noise once more."""
+        ...

@@ -1,0 +1,194 @@
+"""Wave tables of a controller in the unit of the wire, and how they come to the device."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.twin import errors_gcs as code
+from flexstage.instruments.twin.device import Device
+from flexstage.instruments.twin.errors_gcs import GcsError
+
+__all__ = ["WaveStore"]
+
+Array = NDArray[np.float64]
+
+_MICRO = 1e-6
+
+
+class WaveStore:
+    """Tables whose numbers are um where they run as positions, and V where they run as voltages.
+
+    What they are is known when an axis starts: under control, and of a screw, positions. So the
+    device gets its tables only then. Parts that are appended are joined when they are asked for:
+    a long table comes in thousands of lines.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._parts: dict[int, list[Array]] = {}
+        self._sizes: dict[int, int] = {}
+        #: In what unit the device has a table, in SI; none where it has not got it yet.
+        self._given: dict[int, float] = {}
+
+    def size(self, table: int) -> int:
+        """Return the number of samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+
+        Returns
+        -------
+        int
+            The number, 0 for an empty table.
+        """
+        return self._sizes.get(table, 0)
+
+    def filled(self) -> list[int]:
+        """Return the tables that have samples.
+
+        Returns
+        -------
+        list of int
+            Their numbers, in ascending order.
+        """
+        return sorted(table for table, size in self._sizes.items() if size)
+
+    def room(self, table: int) -> int:
+        """Return how many samples a table can have beside the others.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+
+        Returns
+        -------
+        int
+            The number.
+        """
+        others = sum(size for number, size in self._sizes.items() if number != table)
+        return self._device.wave_capacity - others
+
+    def samples(self, table: int) -> Array:
+        """Return the samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples in the unit of the wire, shape (n,).
+        """
+        parts = self._parts.get(table, [])
+        if len(parts) > 1:
+            parts[:] = [np.concatenate(parts)]
+        return parts[0] if parts else np.empty(0)
+
+    def in_use(self, table: int) -> bool:
+        """Say whether an axis runs a table now.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+
+        Returns
+        -------
+        bool
+            Whether one does.
+        """
+        return any(
+            table in self._device.wave_choice(axis)
+            for axis in self._device.axes
+            if self._device.wave_running(axis)
+        )
+
+    def replace(self, table: int, samples: Array) -> None:
+        """Replace the samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+        samples : numpy.ndarray
+            Samples in the unit of the wire, shape (n,); none clears it.
+
+        Raises
+        ------
+        GcsError
+            The table runs.
+        """
+        self._change(table)
+        self._parts[table] = [samples] if samples.size else []
+        self._sizes[table] = samples.size
+
+    def append(self, table: int, samples: Array) -> None:
+        """Append samples to a table.
+
+        Parameters
+        ----------
+        table : int
+            The table.
+        samples : numpy.ndarray
+            Samples in the unit of the wire, shape (n,).
+
+        Raises
+        ------
+        GcsError
+            The table runs.
+        """
+        self._change(table)
+        self._parts.setdefault(table, []).append(samples)
+        self._sizes[table] = self.size(table) + samples.size
+
+    def give(self, axes: Sequence[str]) -> None:
+        """Give the device, in SI, the tables that some axes are about to run.
+
+        Parameters
+        ----------
+        axes : sequence of str
+            The axes.
+
+        Raises
+        ------
+        GcsError
+            No table is chosen, or an empty one; or two axes read it as different quantities.
+        """
+        wanted: dict[int, float] = {}
+        for axis in axes:
+            table, feedforward = self._device.wave_choice(axis)
+            if not table:
+                raise GcsError(code.NO_WAVE_CHOSEN)
+            screw = self._device.axes[axis].kind == "screw"
+            unit = _MICRO if screw or self._device.servo_on(axis) else 1.0
+            for number, its in ((table, unit), (feedforward, 1.0)):
+                if number and not self.size(number):
+                    raise GcsError(code.WAVE_NOT_DEFINED)
+                if number and wanted.setdefault(number, its) != its:
+                    raise GcsError(code.WAVE_OUT_OF_RANGE)
+        missing = {table: unit for table, unit in wanted.items() if self._given.get(table) != unit}
+        if any(self.in_use(table) for table in missing):
+            raise GcsError(code.WAVE_RUNNING)
+        # what is no longer in a table must not take the room of what is in another one
+        for table in range(1, self._device.wave_tables + 1):
+            if table not in self._given and self._device.wave(table).size:
+                self._device.set_wave(table, np.empty(0))
+        for table, unit in missing.items():
+            self._device.set_wave(table, self.samples(table) * unit)
+            self._given[table] = unit
+
+    def _change(self, table: int) -> None:
+        if self.in_use(table):
+            raise GcsError(code.WAVE_RUNNING)
+        self._given.pop(table, None)

@@ -1,0 +1,223 @@
+"""Tables of waveforms, and how a waveform runs: straight lines between samples, cycle by cycle."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.instruments.twin.device import Refusal, RefusedError
+
+__all__ = ["WaveRun", "WaveTables"]
+
+Array = NDArray[np.float64]
+
+
+class WaveTables:
+    """The memory of a wave generator.
+
+    Parameters
+    ----------
+    count : int
+        Number of tables.
+    capacity : int
+        Samples over all tables.
+    """
+
+    def __init__(self, count: int, capacity: int) -> None:
+        self.count, self.capacity = count, capacity
+        self._samples: dict[int, Array] = {}
+
+    def clear(self) -> None:
+        """Empty every table."""
+        self._samples.clear()
+
+    def known(self, table: int) -> int:
+        """Return the number of a table.
+
+        Parameters
+        ----------
+        table : int
+            Its number, from 1.
+
+        Returns
+        -------
+        int
+            The same.
+
+        Raises
+        ------
+        RefusedError
+            There is no such table.
+        """
+        if not 1 <= table <= self.count:
+            raise RefusedError(
+                Refusal.UNKNOWN, f"there is no wave table {table}: they are 1 to {self.count}"
+            )
+        return table
+
+    def samples(self, table: int) -> Array:
+        """Return the samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            Its number, from 1.
+
+        Returns
+        -------
+        numpy.ndarray
+            Samples, not to be written to, shape (n,); n is 0 for an empty table.
+        """
+        return self._samples.get(self.known(table), _EMPTY)
+
+    def replace(self, table: int, samples: Array) -> None:
+        """Replace the samples of a table.
+
+        Parameters
+        ----------
+        table : int
+            Its number, from 1.
+        samples : numpy.ndarray
+            Samples, shape (n,); none clear it.
+
+        Raises
+        ------
+        RefusedError
+            A sample is not finite, or there is no room.
+        """
+        self.known(table)
+        new = np.array(samples, dtype=np.float64).reshape(-1)
+        bad = np.flatnonzero(~np.isfinite(new))
+        if bad.size:
+            raise RefusedError(
+                Refusal.BAD_VALUE,
+                f"sample {bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be finite",
+            )
+        others = sum(held.size for number, held in self._samples.items() if number != table)
+        if others + new.size > self.capacity:
+            raise RefusedError(
+                Refusal.TABLE_FULL,
+                f"{new.size} samples do not fit into wave table {table}: {self.capacity - others} "
+                f"of {self.capacity} are free",
+            )
+        new.flags.writeable = False
+        self._samples[table] = new
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WaveRun:
+    """A waveform that runs.
+
+    A table of L samples at a divider d takes L d samples of the loop a cycle. Straight lines join
+    its samples, and the last one to the first of the next cycle; the last cycle ends with its last
+    sample, which is held.
+
+    Parameters
+    ----------
+    first : int
+        Number of the loop's sample with which it begins.
+    table : numpy.ndarray
+        Samples [m, or V], shape (L,).
+    divider : int
+        Samples of the loop for one of the table.
+    cycles : int
+        How often it runs; 0 for endlessly.
+    feedforward : numpy.ndarray, optional
+        Voltages beside it [V], shape (L,); they end with the waveform.
+
+    Examples
+    --------
+    >>> run = WaveRun(first=7, table=np.array([0.0, 1.0, 4.0]), divider=2, cycles=2)
+    >>> run.values(7, 13)
+    array([0. , 0.5, 1. , 2.5, 4. , 2. , 0. , 0.5, 1. , 2.5, 4. , 4. , 4. ])
+    >>> run.last
+    18
+    """
+
+    first: int
+    table: Array
+    divider: int
+    cycles: int
+    feedforward: Array | None = None
+
+    @property
+    def last(self) -> int | None:
+        """Number of the last sample of the loop that belongs to it; None if it runs endlessly."""
+        if not self.cycles:
+            return None
+        return self.first + self.cycles * self.table.size * self.divider - 1
+
+    def running(self, sample: int) -> bool:
+        """Say whether it still runs.
+
+        Parameters
+        ----------
+        sample : int
+            Number of the loop's latest sample.
+
+        Returns
+        -------
+        bool
+            Whether there are samples to come.
+        """
+        last = self.last
+        return last is None or sample < last
+
+    def values(self, first: int, count: int) -> Array:
+        """Return samples of the waveform at the rate of the loop.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first of them, not before the waveform's own.
+        count : int
+            How many.
+
+        Returns
+        -------
+        numpy.ndarray
+            Values [m, or V], shape (count,).
+        """
+        return self._along(self.table, first, count)
+
+    def voltages(self, first: int, count: int) -> Array:
+        """Return samples of the feedforward at the rate of the loop.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first of them, not before the waveform's own.
+        count : int
+            How many.
+
+        Returns
+        -------
+        numpy.ndarray
+            Voltages [V], NaN where there are none, shape (count,).
+        """
+        if self.feedforward is None:
+            return np.full(count, np.nan)
+        values = self._along(self.feedforward, first, count)
+        if self.last is not None:
+            values[max(self.last + 1 - first, 0) :] = np.nan
+        return values
+
+    def _along(self, table: Array, first: int, count: int) -> Array:
+        size, d = table.size, self.divider
+        k = np.arange(first - self.first, first - self.first + count)
+        i = k // d
+        if self.cycles:
+            held = i >= self.cycles * size - 1  # the last sample of the last cycle
+            here = np.where(held, size - 1, i % size)
+        else:
+            held = np.zeros(count, dtype=bool)
+            here = i % size
+        value = table[here]
+        if d == 1:
+            return value
+        part = np.where(held, 0.0, (k - i * d) / d)
+        return value + (table[np.where(held, here, (here + 1) % size)] - value) * part
+
+
+_EMPTY = np.zeros(0)
+_EMPTY.flags.writeable = False

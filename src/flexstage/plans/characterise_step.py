@@ -1,0 +1,146 @@
+"""The step that evaluates records as the tests that they are."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from flexstage.errors import PlanError
+from flexstage.estimate import Component
+from flexstage.experiment.campaign import (
+    Campaign,
+    Characterisation,
+    Columns,
+    Figure,
+    Test,
+    evaluate,
+)
+from flexstage.plans.excite import Blows, Chirp, Multisine
+from flexstage.plans.measure_step import RESPONSE, corner_visits
+from flexstage.plans.results import CharacterisedStep
+from flexstage.plans.verbs import Characterise, Measure
+from flexstage.plans.work import Work
+from flexstage.records import Record
+
+__all__ = ["characterised"]
+
+#: Roles that a kind of test reads.
+_ROLES: dict[str, tuple[str, ...]] = {
+    "motion": ("along", "across", "vertical", "roll", "pitch", "yaw"),
+    "positioning": ("along",),
+    "staircase": ("along",),
+    "hold": ("along",),
+    "workspace": ("x", "y"),
+    "response": (),
+}
+_COMMANDED = ("motion", "positioning", "staircase")
+
+
+def characterised(work: Work, name: str, action: Characterise) -> CharacterisedStep:
+    """Evaluate the records of earlier steps.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Characterise
+        What it does.
+
+    Returns
+    -------
+    CharacterisedStep
+        Figures of the tests.
+
+    Raises
+    ------
+    FlexstageError
+        A record cannot be evaluated; the message names the test.
+    """
+    tests = tuple(_test(work, step) for step in action.of)
+    virtual = work.instrument.identity.simulated
+    campaign = Campaign(
+        stage=work.plan.stage,
+        origin="virtual" if virtual else "measured",
+        instruments=tuple(sensor.instrument for sensor in work.plan.sensors),
+        tests=tests,
+        notes=(
+            *(("the instrument is a simulation: nothing was measured",) if virtual else ()),
+            *work.plan.notes,
+        ),
+    )
+
+    def load(test: Test) -> list[Record]:
+        measured = work.measured(test.name)
+        if test.kind == "workspace":
+            return [corner_visits(measured.evaluated, test.columns.x or "", test.columns.y or "")]
+        return [measured.evaluated]
+
+    found = evaluate(campaign, load)
+    return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(work, found)))
+
+
+def _ratios(work: Work, found: Characterisation) -> Iterator[Figure]:
+    """Give the ratio of each axis that a screw drives."""
+    for result in found.results:
+        stroke = result.details.get("stroke")
+        record = work.measured(result.test.name).record
+        if stroke is None or record.channel("command").unit != "m":
+            continue
+        sensor = found.campaign.setup(result.test.along)
+        gain = stroke.gain.times(math.copysign(1.0, stroke.gain.value), "1")
+        if sensor is not None:
+            # what a sensor is off by is a share of the stroke, and so of the ratio
+            share = math.hypot(sensor.calibration, 0.5 * sensor.alignment**2)
+            part = Component(name="sensitivity", uncertainty=share * gain.value, kind="B")
+            gain = gain.plus(part)
+        yield Figure(
+            quantity="transmission_ratio",
+            axis=result.test.axis,
+            estimate=replace(gain, note="slope of the platform's motion over that of the drive"),
+            test=result.test.name,
+        )
+
+
+def _test(work: Work, name: str) -> Test:
+    """Return the description of a test that a step has measured."""
+    action = work.plan.step(name).action
+    assert isinstance(action, Measure)
+    kind = action.test or ""
+    source = work.plan.step(action.of).action
+    axis = work.plan.axis_of(name)
+    roles = {r: s for r, s in action.roles.items() if r in _ROLES[kind]}
+    if kind != "response" and not roles:
+        raise PlanError(
+            f"step '{name}' is a test of kind {kind} and names no sensor: give "
+            f"{' and '.join(_ROLES[kind][:2]) if kind == 'workspace' else 'along'}"
+        )
+    given: dict[str, object] = dict(roles)
+    if kind in _COMMANDED:
+        given["command"] = "command"
+    if kind == "workspace":
+        given["corner"] = "corner"
+    excitation = "auto"
+    if kind == "response":
+        struck = isinstance(source, Blows)
+        outputs = action.output or ((axis,) if struck else ())
+        given["input"] = "force" if struck else "voltage"
+        given["output"] = tuple(RESPONSE.format(a) for a in outputs) if struck else outputs
+        excitation = "hammer" if struck else excitation
+        excitation = "periodic" if isinstance(source, Multisine | Chirp) else excitation
+    return Test(
+        name=name,
+        kind=kind,
+        axis=axis,
+        records=(work.measured(name).file.name,),
+        columns=Columns(**given),  # type: ignore[arg-type]
+        along=action.along or action.x,
+        transverse=action.across or action.vertical,
+        angle=action.yaw or action.pitch or action.roll,
+        excitation=excitation,
+        modes=action.modes,
+        band=action.band,
+        confidence=action.confidence,
+        smallest_steps=action.smallest_steps,
+        smallest_step=action.smallest_step,
+    )

@@ -1,0 +1,212 @@
+"""The step that makes a command from the inverse of a model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control import Trajectory, compensate
+from flexstage.errors import PlanError
+from flexstage.hysteresis import DriveModel
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.waveform import Waveform
+from flexstage.plans.command import Command
+from flexstage.plans.reference import reference_trajectory, settled_range
+from flexstage.plans.results import CompensatedStep
+from flexstage.plans.setting import axis_setting
+from flexstage.plans.verbs import Compensate, Reference
+from flexstage.plans.work import Work
+
+__all__ = ["Course", "compensated", "course_of", "joined"]
+
+Array = NDArray[np.float64]
+
+#: Share of the positions that may be commanded that is kept clear at each end.
+_CLEAR = 0.002
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """A reference for the axis of a model.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        One period.
+    model : DriveModel
+        The drive.
+    limits : AxisLimits
+        Of the axis, the voltage no wider than the model allows.
+    settle, cycles : int
+        Periods before those that are evaluated, and these.
+    """
+
+    trajectory: Trajectory
+    model: DriveModel
+    limits: AxisLimits
+    settle: int
+    cycles: int
+
+    @property
+    def axis(self) -> str:
+        """The axis."""
+        return self.trajectory.axes[0]
+
+    @property
+    def positions(self) -> Array:
+        """One period [m]."""
+        return np.asarray(self.trajectory.positions[self.axis], dtype=np.float64)
+
+
+def course_of(
+    work: Work,
+    model: str,
+    wanted: Reference,
+    drive: DriveModel | None = None,
+    *,
+    controlled: bool = False,
+) -> Course:
+    """Return the reference for the axis of a model.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    model : str
+        Step that identified the model.
+    wanted : Reference
+        What the plan asks for.
+    drive : DriveModel, optional
+        The model, where its zero has moved since.
+    controlled : bool
+        Whether it is followed under position control too, so that it keeps within the positions
+        that may be commanded.
+
+    Returns
+    -------
+    Course
+        The reference.
+    """
+    found = work.identified(model)
+    used = found.model if drive is None else drive
+    limits = work.instrument.axes[found.axis].limits
+    setting = axis_setting(work.stage, found.axis, limits=limits)
+    voltages, readings = settled_range(used, (setting.low, setting.high), wanted.rate)
+    if controlled and limits.position is not None:
+        readings = _within(readings, limits.position, found.axis)
+    trajectory = reference_trajectory(
+        wanted, found.axis, readings, work.plan.defaults.command_rate, work.base_rate_hz
+    )
+    own = AxisLimits(
+        position=limits.position, voltage=voltages, speed=limits.speed, slew=limits.slew,
+        safe_voltage=min(max(limits.safe_voltage, voltages[0]), voltages[1]),
+    )  # fmt: skip
+    return Course(
+        trajectory=trajectory,
+        model=used,
+        limits=own,
+        settle=int(wanted.settle),
+        cycles=int(wanted.cycles),
+    )
+
+
+def _within(
+    readings: tuple[float, float], position: tuple[float, float], axis: str
+) -> tuple[float, float]:
+    """Return the readings that may be commanded as positions."""
+    room = _CLEAR * (position[1] - position[0])
+    low, high = max(readings[0], position[0] + room), min(readings[1], position[1] - room)
+    if not low < high:
+        raise PlanError(
+            f"axis '{axis}' is controlled from {1e6 * position[0]:.4g} to {1e6 * position[1]:.4g} "
+            f"um, and its drive leads it from {1e6 * readings[0]:.4g} to {1e6 * readings[1]:.4g} "
+            "um: look at the zero of its sensor"
+        )
+    return low, high
+
+
+def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]) -> Command:
+    """Return voltages over all periods, after those that condition the drive.
+
+    Parameters
+    ----------
+    course : Course
+        The reference.
+    lead_in : Waveform
+        What conditions the drive.
+    voltage : Waveform
+        The voltages of all periods.
+    notes : tuple of str
+        What a reader should know.
+
+    Returns
+    -------
+    Command
+        The command.
+    """
+    axis, period = course.axis, course.positions
+    before = lead_in.values[axis]
+    values = np.concatenate((before, voltage.values[axis], voltage.values[axis][-1:]))
+    periods = course.settle + course.cycles
+    reference = np.concatenate(
+        (np.full(before.size, period[0]), np.tile(period, periods), period[:1])
+    )
+    return Command(
+        waveform=Waveform(
+            values={axis: values}, sample_rate_hz=voltage.sample_rate_hz, quantity="voltage"
+        ),
+        first=before.size + course.settle * period.size,
+        period=period.size,
+        reference={axis: reference},
+        notes=notes,
+    )
+
+
+def compensated(work: Work, name: str, action: Compensate) -> tuple[CompensatedStep, Command]:
+    """Make the command by which an axis follows a reference.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Compensate
+        What it does.
+
+    Returns
+    -------
+    result : CompensatedStep
+        Reference, command and prediction.
+    command : Command
+        The command, ready to run.
+
+    Raises
+    ------
+    FlexstageError
+        The model has no inverse there.
+    """
+    course = course_of(work, action.model, action.reference)
+    axis = course.axis
+    made = compensate(
+        {axis: course.model},
+        course.trajectory,
+        periods=course.settle + course.cycles,
+        limits={axis: course.limits},
+    )
+    command = joined(course, made.lead_in, made.voltage, made.notes)
+    values = command.waveform.values[axis]
+    rate = command.waveform.sample_rate_hz
+    # from rest, through all that comes before
+    predicted = course.model.simulate(values, 1.0 / rate)
+    kept = slice(made.lead_in.size, None)
+    result = CompensatedStep(
+        name=name,
+        axis=axis,
+        time=np.arange(values.size - made.lead_in.size) / rate,
+        reference=command.reference[axis][kept],
+        voltage=values[kept],
+        predicted=predicted[kept],
+        notes=made.notes,
+    )
+    return result, command

@@ -1,0 +1,315 @@
+"""The ways in which a reference is followed: open loop, inverse, feedback, both, learning."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control import (
+    ControlRun,
+    LearningSettings,
+    compensate,
+    conditioning_waveform,
+    control_run,
+    learn,
+    shifted_model,
+    tune,
+)
+from flexstage.errors import ModelError, PlanError
+from flexstage.instruments.acquire import run_waveform
+from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.waveform import Waveform
+from flexstage.plans.command import Command
+from flexstage.plans.compensate_step import Course, course_of, joined
+from flexstage.plans.recorded import park, prepare_loops, record_command
+from flexstage.plans.verbs import Verify
+from flexstage.plans.work import Work
+from flexstage.records import Record
+
+__all__ = ["LEARNING", "Following", "follow", "following"]
+
+Array = NDArray[np.float64]
+
+#: Under which name the errors of learning are kept among the settings of a record.
+LEARNING = "learning errors [m]"
+#: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
+_LOOP_DELAY, _READING_DELAY = 2.0, 1.0
+#: A reference slower than this does not need what is at the mains' frequency [Hz].
+_SLOW_HZ, _MAINS_HZ = 10.0, 50.0
+#: Readings that are averaged to find by how much the zero of the sensor has moved.
+_READINGS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Following:
+    """What all ways of a step share.
+
+    Parameters
+    ----------
+    course : Course
+        The reference, by the model with the zero that the sensor has now.
+    signals : tuple of Signal
+        What is recorded.
+    rate_hz : float
+        Rate of samples of the records [Hz].
+    shift : float
+        By how much the zero of the sensor has moved since the model was identified [m].
+    """
+
+    course: Course
+    signals: tuple[Signal, ...]
+    rate_hz: float
+    shift: float
+
+
+def following(work: Work, action: Verify) -> Following:
+    """Look where the zero of the sensor is now, and make the reference for it.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    action : Verify
+        What the step does.
+
+    Returns
+    -------
+    Following
+        What all ways share.
+
+    Raises
+    ------
+    FlexstageError
+        The drive cannot be conditioned.
+    """
+    controlled = any(way in ("feedback", "both") for way in action.ways)
+    course = course_of(work, action.model, action.reference, controlled=controlled)
+    axis = course.axis
+    signals = (
+        work.signal(action.along),
+        Signal(kind="voltage", source=axis, name="voltage", unit="V"),
+    )
+    rate = action.rate or work.plan.defaults.rate
+    made = compensate(
+        {axis: course.model},
+        course.trajectory,
+        periods=course.settle + course.cycles,
+        limits={axis: course.limits},
+    )
+    prepare_loops(work.instrument, [axis], "voltage")
+    park(work.instrument, [axis])
+    record = run_waveform(work.instrument, made.lead_in, signals, rate_hz=min(rate, 1000.0))
+    reading = float(np.mean(record.channel(action.along).values[-_READINGS:]))
+    shift = reading - made.predicted[axis]
+    moved = shifted_model(course.model, shift)
+    course = course_of(work, action.model, action.reference, moved, controlled=controlled)
+    return Following(course=course, signals=signals, rate_hz=rate, shift=shift)
+
+
+def follow(work: Work, name: str, action: Verify, way: str, own: Following, stream: Path) -> Path:
+    """Follow a reference in one way, and record it.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Verify
+        What it does.
+    way : str
+        The way.
+    own : Following
+        What all ways share.
+    stream : pathlib.Path
+        Where the samples go while they come.
+
+    Returns
+    -------
+    pathlib.Path
+        The file of the record.
+
+    Raises
+    ------
+    FlexstageError
+        The run cannot be made, or failed.
+    """
+    about = work.metadata(name, f"verify {way}", own.course.axis)
+    about = replace(
+        about,
+        settings={**about.settings, "way": way, "shift of the zero [m]": f"{own.shift:.3e}"},
+    )
+    if way in ("open loop", "inverse"):
+        command = _open_loop(own.course) if way == "open loop" else _inverse(own.course)
+        return record_command(work.instrument, command, own.signals, own.rate_hz, stream, about)
+    if way == "learning":
+        return _learned(work, action, own, stream, about)
+    return _controlled(work, way, own, stream, about)
+
+
+def _open_loop(course: Course) -> Command:
+    """The voltage in proportion to the reference."""
+    axis, period = course.axis, course.positions
+    low, high = course.limits.voltage or (0.0, 0.0)
+    # the share of the stroke is that of the voltage too
+    bottom, top = float(period.min()), float(period.max())
+    span = (top - bottom) / _reach(course) * (high - low)
+    unit = (period - bottom) / (top - bottom)
+    unit = unit if course.model.sign > 0.0 else 1.0 - unit
+    one = 0.5 * (low + high) + span * (unit - 0.5)
+    rate = course.trajectory.sample_rate_hz
+    lead_in = conditioning_waveform(
+        {axis: (low, high)}, sample_rate_hz=rate, end={axis: float(one[0])}
+    )
+    whole = np.tile(one, course.settle + course.cycles)
+    voltage = Waveform(values={axis: whole}, sample_rate_hz=rate, quantity="voltage")
+    return joined(course, lead_in, voltage, ())
+
+
+def _reach(course: Course) -> float:
+    """Range of readings over all of the voltage [m]."""
+    from flexstage.plans.reference import settled_range
+
+    voltage = course.limits.voltage or (0.0, 0.0)
+    _, (low, high) = settled_range(course.model, voltage, 1.0 / course.trajectory.period)
+    return high - low
+
+
+def _inverse(course: Course) -> Command:
+    run = _run(course, "feedforward", None, None)
+    assert run.lead_in is not None
+    return joined(course, run.lead_in, run.waveform, run.notes)
+
+
+def _run(
+    course: Course, way: str, servo: ServoSettings | None, reading_delay: float | None
+) -> ControlRun:
+    return control_run(
+        way,
+        course.trajectory,
+        periods=course.cycles,
+        models={course.axis: course.model},
+        servo=None if servo is None else {course.axis: servo},
+        limits={course.axis: course.limits},
+        reading_delay=reading_delay,
+        settling=course.settle,
+    )
+
+
+def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMetadata) -> Path:
+    """Follow the reference under position control, with or without voltages beside it."""
+    course, axis = own.course, own.course.axis
+    mover = work.instrument.axes[axis]
+    if Capability.CLOSED_LOOP not in mover.capabilities:
+        raise PlanError(f"axis '{axis}' of the instrument has no position control: leave '{way}'")
+    if way == "both" and Capability.FEEDFORWARD_TABLE not in mover.capabilities:
+        raise PlanError(
+            f"axis '{axis}' takes no voltages under control: leave 'both' out of the ways"
+        )
+    loop_rate = work.base_rate_hz
+    servo = _servo(course, loop_rate) if Capability.SERVO_TUNING in mover.capabilities else None
+    run = _run(
+        course,
+        "feedback" if way == "feedback" else "feedforward and feedback",
+        servo,
+        _READING_DELAY / loop_rate,
+    )
+    before = mover.servo() if servo is not None else None
+    try:
+        if run.lead_in is not None:
+            prepare_loops(work.instrument, [axis], "voltage")
+            park(work.instrument, [axis])
+            run_waveform(work.instrument, run.lead_in, own.signals, rate_hz=100.0)
+        if servo is not None:
+            mover.set_servo(servo)
+            about = replace(about, settings={**about.settings, "servo": repr(servo)})
+        command = Command(
+            waveform=run.waveform,
+            cycles=run.cycles,
+            first=course.settle * course.positions.size,
+            period=course.positions.size,
+            # what is wanted, and not the later target that the control is told
+            reference={axis: course.positions},
+            notes=run.notes,
+        )
+        return record_command(
+            work.instrument,
+            command,
+            own.signals,
+            own.rate_hz,
+            stream,
+            about,
+            feedforward=run.feedforward,
+        )
+    finally:
+        if before is not None:
+            mover.set_closed_loop(False)
+            mover.set_servo(before)
+
+
+def _servo(course: Course, loop_rate_hz: float) -> ServoSettings | None:
+    """Settings by the model; none where it does not know the mode that limits them."""
+    if course.model.modes is None:
+        return None
+    lag = 0.0 if course.model.lag is None else course.model.lag.delay
+    slow = 1.0 / course.trajectory.period < _SLOW_HZ
+    try:
+        tuned = tune(
+            course.model,
+            sample_rate_hz=loop_rate_hz,
+            delay=max(lag, _LOOP_DELAY / loop_rate_hz),
+            mains_hz=_MAINS_HZ if slow else None,
+        )
+    except ModelError:
+        return None
+    return tuned.settings
+
+
+def _learned(work: Work, action: Verify, own: Following, stream: Path, about: RunMetadata) -> Path:
+    """Learn the voltages of one period, then run the best ones."""
+    course, axis = own.course, own.course.axis
+    made = compensate({axis: course.model}, course.trajectory, limits={axis: course.limits})
+    skip = course.settle * course.positions.size / course.trajectory.sample_rate_hz
+    prepare_loops(work.instrument, [axis], "voltage")
+    park(work.instrument, [axis])
+    run_waveform(work.instrument, made.lead_in, own.signals, rate_hz=100.0)
+
+    def trial(voltage: Waveform) -> Record:
+        record = run_waveform(
+            work.instrument,
+            voltage,
+            own.signals,
+            rate_hz=own.rate_hz,
+            cycles=course.settle + course.cycles,
+        )
+        first = round(skip * record.sample_rate_hz)
+        return replace(
+            record,
+            channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
+            time=record.time[first:] - record.time[first],
+        )
+
+    settings = LearningSettings(trials=int(action.trials) - 1, periods=max(course.cycles, 2))
+    found = learn(
+        trial,
+        course.trajectory,
+        made.voltage,
+        {axis: course.model},
+        settings,
+        limits={axis: course.limits},
+        columns={axis: action.along},
+    )
+    errors = " ".join(f"{t.rms:.6e}" for t in found.axes[axis].trials)
+    about = replace(about, settings={**about.settings, LEARNING: errors})
+    command = Command(
+        waveform=found.waveform,
+        cycles=course.settle + course.cycles,
+        first=course.settle * course.positions.size,
+        period=course.positions.size,
+        reference={axis: course.positions},
+        notes=found.notes,
+    )
+    return record_command(work.instrument, command, own.signals, own.rate_hz, stream, about)

@@ -1,0 +1,131 @@
+"""The step that identifies the model of a drive."""
+
+from pathlib import Path
+
+import numpy as np
+
+from flexstage.errors import PlanError
+from flexstage.hysteresis import ModelFile, identify, model_text, read_model_text
+from flexstage.plans.files import write_text
+from flexstage.plans.results import CharacterisedStep, IdentifiedStep
+from flexstage.plans.verbs import Identify
+from flexstage.plans.work import Work
+from flexstage.provenance import provenance
+
+__all__ = ["identified_from", "identify_model"]
+
+#: What a record begins with is left out of the largest deviation: memory of what was before it.
+_SETTLED = 0.1
+
+
+def identify_model(work: Work, name: str, action: Identify) -> Path:
+    """Identify a model from the records of earlier steps, and write it.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Identify
+        What it does.
+
+    Returns
+    -------
+    pathlib.Path
+        The model file.
+
+    Raises
+    ------
+    FlexstageError
+        The records cannot serve.
+    """
+    steps = [work.measured(step) for step in action.of]
+    found = identify(
+        [step.evaluated for step in steps],
+        "command",
+        action.output,
+        model=action.models,
+        resonance=_resonance(work, name, action),
+    )
+    errors = {"rms": found.rms_percent, "max": found.max_percent}
+    if found.heldout_rms_percent is not None:
+        errors["held-out rms"] = found.heldout_rms_percent
+    if found.heldout_max_percent is not None:
+        errors["held-out max"] = found.heldout_max_percent
+    made = provenance(found.model, {"plan": work.title, "step": name})
+    file = ModelFile(
+        model=found.model,
+        errors=errors,
+        warnings=found.warnings,
+        provenance={
+            "version": made.version,
+            "created": made.created,
+            "stage": work.stage.name,
+            "serial_number": work.serial_number,
+            "axis": work.plan.axis_of(name),
+            "records": [step.file.name for step in steps],
+            "plan": work.title,
+            "step": name,
+            "simulated": work.instrument.identity.simulated,
+        },
+    )
+    target = work.folder / "models" / f"{name}.yaml"
+    write_text(target, model_text(file))
+    return target
+
+
+def _resonance(work: Work, name: str, action: Identify) -> tuple[float, float] | None:
+    """Return frequency [Hz] and damping ratio of the mode that was measured in place."""
+    if action.resonance is None:
+        return None
+    found = work.results[action.resonance]
+    if not isinstance(found, CharacterisedStep):
+        raise PlanError(f"step '{action.resonance}' has found no resonance")
+    axis = work.plan.axis_of(name)
+    frequency = found.found.figure("natural_frequency_hz", axis).estimate.value
+    return frequency, found.found.figure("damping_ratio", axis).estimate.value
+
+
+def identified_from(work: Work, name: str, action: Identify, file: Path) -> IdentifiedStep:
+    """Return the result of a step from its model file.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Identify
+        What it does.
+    file : pathlib.Path
+        The model file.
+
+    Returns
+    -------
+    IdentifiedStep
+        The model, and how it fits the last of its records.
+    """
+    read = read_model_text(file.read_text(encoding="utf-8"), f"'{file}'")
+    record = work.measured(action.of[-1]).evaluated
+    voltage = record.channel("command").values
+    measured = record.channel(action.output).values
+    dt = 1.0 / record.sample_rate_hz
+    # what was before the record is taken to be cycles over the whole range
+    modelled = read.model.simulate(voltage, dt, read.model.conditioned())
+    late = slice(int(_SETTLED * voltage.size), None)
+    modelled = modelled + float(np.mean(measured[late] - modelled[late]))
+    return IdentifiedStep(
+        name=name,
+        axis=work.plan.axis_of(name),
+        model=read.model,
+        kind=read.model.hysteresis.kind,
+        file=file,
+        errors_percent={k: v for k, v in read.errors.items() if v is not None},
+        time=record.time,
+        voltage=voltage,
+        measured=measured,
+        modelled=modelled,
+        deviation=float(np.max(np.abs(measured[late] - modelled[late]))),
+        warnings=read.warnings,
+    )

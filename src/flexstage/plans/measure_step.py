@@ -1,0 +1,162 @@
+"""The step that measures: a command is run, and a record is written."""
+
+from pathlib import Path
+
+import numpy as np
+
+from flexstage.errors import PlanError
+from flexstage.instruments.protocol import Signal
+from flexstage.plans.command import Command, Strike
+from flexstage.plans.recorded import record_command, record_strikes
+from flexstage.plans.results import MeasuredStep
+from flexstage.plans.verbs import Measure
+from flexstage.plans.work import Work
+from flexstage.records import Record, read_record
+from flexstage.stage import PiezoStack
+
+__all__ = ["measure", "measured_from"]
+
+#: What the acceleration at a blow is called.
+RESPONSE = "acceleration {}"
+
+
+def measure(work: Work, name: str, action: Measure) -> Path:
+    """Run the command of a step and record it.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Measure
+        What it does.
+
+    Returns
+    -------
+    pathlib.Path
+        The file of the record.
+
+    Raises
+    ------
+    FlexstageError
+        The run cannot be made, or failed.
+    """
+    command = work.commands[action.of]
+    axis = work.plan.axis_of(name)
+    about = work.metadata(name, action.test or "identification", axis)
+    rate = action.rate or work.plan.defaults.rate
+    stream = work.folder / "records" / f"{name}.stream"
+    if isinstance(command, Strike):
+        outputs = action.output or (command.axis,)
+        signals = [Signal(kind="force", source=command.axis, name="force", unit="N")]
+        signals += [
+            Signal(kind="response", source=a, name=RESPONSE.format(a), unit="m/s^2")
+            for a in outputs
+        ]
+        return record_strikes(work.instrument, command, signals, rate, stream, about)
+    sensors = dict.fromkeys((*action.roles.values(), *action.output, *action.also))
+    signals = [work.signal(sensor) for sensor in sensors]
+    signals += _drives(work, command)
+    if not signals:
+        raise PlanError(f"step '{name}' records nothing: name a sensor")
+    return record_command(work.instrument, command, signals, rate, stream, about)
+
+
+def _drives(work: Work, command: Command) -> list[Signal]:
+    """The voltages of the drives that move, as far as they have one."""
+    found = []
+    for axis in command.axes:
+        if isinstance(work.stage.drive(work.stage.axis(axis).drive), PiezoStack):
+            column = "voltage" if len(command.axes) == 1 else f"voltage {axis}"
+            found.append(Signal(kind="voltage", source=axis, name=column, unit="V"))
+    return found
+
+
+def measured_from(work: Work, name: str, action: Measure, file: Path, *, now: bool) -> MeasuredStep:
+    """Return the result of a step from its file.
+
+    Parameters
+    ----------
+    work : Work
+        The plan that is carried out.
+    name : str
+        Name of the step.
+    action : Measure
+        What it does.
+    file : pathlib.Path
+        The file of its record.
+    now : bool
+        Whether it was measured now.
+
+    Returns
+    -------
+    MeasuredStep
+        The result.
+    """
+    record = read_record(file)
+    command = work.commands[action.of]
+    first = period = 0
+    if isinstance(command, Command):
+        rate = record.sample_rate_hz / command.waveform.sample_rate_hz
+        # a record that was taken at places has no samples between them
+        whole = abs(record.size - command.waveform.size * rate) < 3.0 * max(rate, 1.0)
+        first = round(command.first * rate) if whole else 0
+        period = round(command.period * rate) if whole else 0
+    return MeasuredStep(
+        name=name,
+        axis=work.plan.axis_of(name),
+        test=action.test or "",
+        record=record,
+        first=first,
+        period=period,
+        file=file,
+        repeated=now,
+        notes=record.notes,
+    )
+
+
+def corner_visits(record: Record, x: str, y: str) -> Record:
+    """Average the readings over each rest at a corner.
+
+    Parameters
+    ----------
+    record : Record
+        Samples of the two sensors and of the number of the corner, -1 on the way.
+    x, y : str
+        The sensors.
+
+    Returns
+    -------
+    Record
+        A row for each visit: ``corner``, and the two sensors.
+
+    Raises
+    ------
+    PlanError
+        There is no rest.
+    """
+    from flexstage.records import Channel
+
+    number = record.channel("corner").values
+    edges = np.flatnonzero(np.diff(number) != 0.0) + 1
+    parts = [p for p in np.split(np.arange(number.size), edges) if p.size and number[p[0]] >= 0.0]
+    if len(parts) < 2:
+        raise PlanError("the record shows no rest at a corner")
+    return Record(
+        channels=(
+            Channel(name="corner", values=np.array([number[p[0]] for p in parts]), unit="1"),
+            *(
+                Channel(
+                    name=s,
+                    values=np.array([record.channel(s).values[p].mean() for p in parts]),
+                    unit="m",
+                )
+                for s in (x, y)
+            ),
+        ),
+        time=np.arange(float(len(parts))),
+        source=record.source,
+        notes=record.notes,
+        over="point",
+    )

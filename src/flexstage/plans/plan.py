@@ -1,0 +1,369 @@
+"""A plan of experiments: sensors, and steps that use what earlier ones gave."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+from flexstage.errors import PlanError
+from flexstage.experiment.campaign import Instrument
+from flexstage.experiment.uncertainty import SensorSetup
+from flexstage.plans.excite import Blows, Excite
+from flexstage.plans.verbs import (
+    Centre,
+    Characterise,
+    Compensate,
+    Identify,
+    Measure,
+    Verify,
+)
+from flexstage.units import DIMENSIONS
+
+__all__ = ["Action", "Defaults", "Plan", "SensorEntry", "Step", "problems"]
+
+Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Centre
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorEntry(Instrument):
+    """A sensor of the instrument: which channel it is, and what is known of its errors.
+
+    Parameters
+    ----------
+    name : str
+        What it reads.
+    calibration : float
+        Relative standard uncertainty of its sensitivity [1].
+    nonlinearity : float
+        Largest deviation from its line, over its range [1].
+    alignment : float
+        Standard uncertainty of the angle between its direction and that of the axis [rad].
+    abbe_offset, abbe_uncertainty : float
+        Distance of its line from the point that counts, and standard uncertainty of it [m].
+    temperature_uncertainty : float
+        Standard uncertainty of the temperature over a test [K].
+    expansion : float
+        Expansion of the loop between sensor and stage [1/K].
+    length_of_loop : float
+        Length of that loop [m].
+    drift : float
+        Standard uncertainty of the drift that is left [m/s].
+    resolution_step : float
+        Step of its reading [m].
+    time_base : float
+        Relative standard uncertainty of the clock that samples it [1].
+    channel : float
+        Number of the channel, from 1.
+    unit : str
+        ``m`` or ``rad``.
+
+    Raises
+    ------
+    PlanError
+        The number or the unit is none.
+    """
+
+    channel: float
+    unit: str = "m"
+
+    def __post_init__(self) -> None:
+        _ = self.instrument  # checks them
+        if not (self.channel >= 1 and self.channel == int(self.channel)):
+            raise PlanError(
+                f"the channel of sensor '{self.name}' must be a whole number from 1, got "
+                f"{self.channel:g}"
+            )
+        if self.unit not in ("m", "rad"):
+            raise PlanError(f"sensor '{self.name}' reads m or rad, got '{self.unit}'")
+
+    @property
+    def setup(self) -> SensorSetup:
+        """What is known of its errors, without its name."""
+        return self.instrument.setup
+
+    @property
+    def instrument(self) -> Instrument:
+        """What is known of its errors."""
+        return Instrument(**{f.name: getattr(self, f.name) for f in fields(Instrument)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Defaults:
+    """What holds for all steps that say nothing else.
+
+    Parameters
+    ----------
+    rate : float
+        Rate of samples of records [Hz].
+    command_rate : float
+        Rate of samples of commands [Hz]; straight lines between them.
+    lowest_frequency : float, optional
+        Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped
+        model where not given.
+    """
+
+    rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    command_rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    lowest_frequency: Annotated[float, DIMENSIONS["frequency"]] | None = None
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None and not 0.0 < value < 1e7:
+                raise PlanError(f"{f.name} must be positive, got {value:g} Hz")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One step.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    action : Excite, Measure, Characterise, Identify, Compensate, Verify or Centre
+        What it does.
+    """
+
+    name: str
+    action: Action
+
+    @property
+    def verb(self) -> str:
+        """What it does, in a word."""
+        return "excite" if isinstance(self.action, Excite) else self.action.verb
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return () if isinstance(self.action, Excite) else self.action.needs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Steps to be carried out on an instrument, in their order.
+
+    Parameters
+    ----------
+    stage : str
+        Stage file, or name of a built-in design.
+    title : str
+        What the plan is for.
+    serial_number : str
+        Serial number of the stage.
+    sensors : tuple of SensorEntry
+        The sensors.
+    defaults : Defaults
+        What holds for all steps.
+    steps : tuple of Step
+        The steps.
+    notes : tuple of str
+        Remarks that belong to every figure.
+
+    Raises
+    ------
+    PlanError
+        Names are given twice, or a step uses what is not there.
+    """
+
+    stage: str
+    title: str = ""
+    serial_number: str = ""
+    sensors: tuple[SensorEntry, ...] = ()
+    defaults: Defaults = Defaults()
+    steps: tuple[Step, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.steps:
+            raise PlanError("a plan needs one step at least, got none")
+        for _, message in problems(self.steps, self.sensors):
+            raise PlanError(message)
+
+    def step(self, name: str) -> Step:
+        """Return a step.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Step
+            The step.
+
+        Raises
+        ------
+        PlanError
+            There is none of that name.
+        """
+        for step in self.steps:
+            if step.name == name:
+                return step
+        known = ", ".join(step.name for step in self.steps)
+        raise PlanError(f"the plan has no step '{name}': its steps are {known}")
+
+    def sensor(self, name: str) -> SensorEntry:
+        """Return a sensor.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        SensorEntry
+            The sensor.
+
+        Raises
+        ------
+        PlanError
+            There is none of that name.
+        """
+        for sensor in self.sensors:
+            if sensor.name == name:
+                return sensor
+        known = ", ".join(sensor.name for sensor in self.sensors) or "none"
+        raise PlanError(f"the plan has no sensor '{name}': its sensors are {known}")
+
+    def axis_of(self, name: str) -> str:
+        """Return the axis that a step is about; both, such as ``xy``, where it is about two.
+
+        Parameters
+        ----------
+        name : str
+            Name of the step.
+
+        Returns
+        -------
+        str
+            The axis.
+        """
+        action = self.step(name).action
+        if isinstance(action, Excite):
+            return "".join(action.moved)
+        if isinstance(action, Centre):
+            return "".join(action.axes)
+        return self.axis_of(action.needs[0])
+
+    def chosen(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
+        """Return steps with all that they use, in their order.
+
+        Parameters
+        ----------
+        names : tuple of str or None
+            Names of the steps that are wanted; all where None.
+
+        Returns
+        -------
+        tuple of Step
+            The steps.
+
+        Raises
+        ------
+        PlanError
+            There is none of that name.
+        """
+        if names is None:
+            return self.steps
+        wanted: set[str] = set()
+        left = [self.step(name) for name in names]
+        while left:
+            step = left.pop()
+            if step.name not in wanted:
+                wanted.add(step.name)
+                left += [self.step(name) for name in step.needs]
+        return tuple(step for step in self.steps if step.name in wanted)
+
+
+def problems(
+    steps: tuple[Step, ...], sensors: tuple[SensorEntry, ...]
+) -> Iterator[tuple[int, str]]:
+    """Say what steps use that is not there.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        The steps.
+    sensors : tuple of SensorEntry
+        The sensors.
+
+    Yields
+    ------
+    tuple of int and str
+        Number of a step, from 0, and what is wrong with it.
+    """
+    before: dict[str, Step] = {}
+    known = [s.name for s in sensors]
+    for k, step in enumerate(steps):
+        if step.name in before:
+            yield k, f"two steps are called '{step.name}': give each its own name"
+        for name in step.needs:
+            if name not in before:
+                listed = ", ".join(before) or "none"
+                yield (
+                    k,
+                    f"step '{step.name}' uses '{name}', which is no earlier step (there are: "
+                    f"{listed})",
+                )
+                return
+            if said := _wrong(step, before[name]):
+                yield k, said
+        for sensor in _sensors_of(step, before):
+            if sensor not in known:
+                listed = ", ".join(known) or "none"
+                yield (
+                    k,
+                    f"step '{step.name}' reads the sensor '{sensor}', which is not described "
+                    f"(there are: {listed}): list it under 'sensors'",
+                )
+        before[step.name] = step
+
+
+#: Verbs of the steps that a step can use.
+_USES: dict[str, tuple[str, ...]] = {
+    "measure": ("excite", "compensate"),
+    "characterise": ("measure",),
+    "identify": ("measure", "characterise"),
+    "compensate": ("identify",),
+    "verify": ("identify",),
+}
+
+
+def _wrong(step: Step, used: Step) -> str:
+    """Say why a step cannot use another."""
+    if used.verb not in _USES[step.verb]:
+        allowed = " or ".join(_USES[step.verb])
+        return (
+            f"step '{step.name}' of {step.verb} uses '{used.name}', which is a step of "
+            f"{used.verb}: name one of {allowed}"
+        )
+    action, own = used.action, step.action
+    if isinstance(own, Identify) and (used.verb == "characterise") != (used.name == own.resonance):
+        return (
+            f"step '{step.name}' of identify takes records from steps of measure and its resonance "
+            f"from one of characterise, got '{used.name}' of {used.verb}"
+        )
+    if step.verb == "characterise" and isinstance(action, Measure) and action.test is None:
+        return (
+            f"step '{step.name}' evaluates '{used.name}', which does not say what kind of test it "
+            "is: give it 'test'"
+        )
+    return ""
+
+
+def _sensors_of(step: Step, before: dict[str, Step]) -> tuple[str, ...]:
+    action = step.action
+    if isinstance(action, Measure):
+        source = before.get(action.of)
+        struck = source is not None and isinstance(source.action, Blows)
+        # the accelerations of a blow are not the sensors of the plan
+        return (*action.roles.values(), *(() if struck else action.output), *action.also)
+    if isinstance(action, Identify):
+        return (action.output,)
+    if isinstance(action, Verify):
+        return (action.along,)
+    if isinstance(action, Centre):
+        return action.sensors
+    return ()

@@ -1,0 +1,109 @@
+"""References that an axis shall follow, about the middle of what its drive reaches."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control import Trajectory, sine, triangle
+from flexstage.errors import PlanError
+from flexstage.hysteresis import DriveModel
+from flexstage.plans.verbs import Reference
+
+__all__ = ["reference_trajectory", "settled_range"]
+
+Array = NDArray[np.float64]
+
+#: Samples in a cycle, at least.
+_SAMPLES_PER_CYCLE = 200
+#: Cycles after which the model repeats itself.
+_STEADY = 4
+
+
+def settled_range(
+    model: DriveModel, voltage_range: tuple[float, float], rate_hz: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the voltages that a model may be asked for, and the readings that they lead to.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The drive.
+    voltage_range : tuple of float
+        Ends of what the drive takes [V].
+    rate_hz : float
+        Cycles in a second [Hz].
+
+    Returns
+    -------
+    voltages : tuple of float
+        The range, no wider than that on which the model was identified [V].
+    readings : tuple of float
+        Lowest and highest reading when cycles over it repeat themselves [m].
+
+    Raises
+    ------
+    PlanError
+        The model was identified on another range.
+    """
+    low, high = voltage_range
+    if model.validity is not None:
+        own = model.validity.input_range
+        low, high = max(low, own[0]), min(high, own[1])
+    if not low < high:
+        raise PlanError(
+            f"the drive takes {voltage_range[0]:g} to {voltage_range[1]:g} V, and its model was "
+            "identified outside of it: identify it again"
+        )
+    n = _SAMPLES_PER_CYCLE
+    swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_STEADY * n) / n)
+    reading = model.simulate(low + (high - low) * swing, 1.0 / (n * rate_hz), model.conditioned())
+    late = reading[-n:]
+    return (low, high), (float(late.min()), float(late.max()))
+
+
+def reference_trajectory(
+    wanted: Reference,
+    axis: str,
+    readings: tuple[float, float],
+    sample_rate_hz: float,
+    base_rate_hz: float,
+) -> Trajectory:
+    """Return one period of a reference.
+
+    Parameters
+    ----------
+    wanted : Reference
+        What the plan asks for.
+    axis : str
+        The axis.
+    readings : tuple of float
+        Lowest and highest reading that the drive reaches [m].
+    sample_rate_hz : float
+        Least rate of its samples [Hz].
+    base_rate_hz : float
+        Highest rate of the instrument, of which all others are whole parts [Hz].
+
+    Returns
+    -------
+    Trajectory
+        The period, begun at its lower end.
+
+    Raises
+    ------
+    PlanError
+        No whole number of samples makes a period.
+    """
+    rate = base_rate_hz / max(
+        math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * wanted.rate)), 1
+    )
+    samples = rate / wanted.rate
+    if samples < 20.0 or abs(samples - round(samples)) > 1e-6 * samples:
+        raise PlanError(
+            f"a reference of {wanted.rate:g} Hz has no whole number of samples at {rate:g} Hz, 20 "
+            "at least: choose another rate"
+        )
+    middle = 0.5 * (readings[0] + readings[1])
+    half = 0.5 * wanted.share * (readings[1] - readings[0])
+    make = triangle if wanted.shape == "triangle" else sine
+    return make(axis, middle - half, middle + half, wanted.rate, sample_rate_hz=rate)

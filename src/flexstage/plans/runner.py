@@ -1,0 +1,308 @@
+"""Carries out a plan on an instrument, and takes it up again where it was interrupted."""
+
+import datetime
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import flexstage
+from flexstage.errors import FlexstageError, PlanError
+from flexstage.instruments.guard import guarded
+from flexstage.instruments.lock import stage_lock
+from flexstage.instruments.protocol import Instrument
+from flexstage.instruments.ramp import to_safe
+from flexstage.plans.carry_out import carry_out, result_of
+from flexstage.plans.cataloguing import enter_all
+from flexstage.plans.dry_run import dry_run, natural_frequency
+from flexstage.plans.fingerprint import command_hash, files_hash, fingerprint
+from flexstage.plans.leftovers import clear_leftovers
+from flexstage.plans.plan import Plan, Step
+from flexstage.plans.results import PlanResult
+from flexstage.plans.results_file import results_text, write_text
+from flexstage.plans.state import RunState, StepState, file_hash, read_state, write_state
+from flexstage.plans.work import Work
+from flexstage.progress import share, tell
+from flexstage.provenance import content_hash
+from flexstage.stage import Stage
+
+__all__ = ["plan_stage", "run_plan"]
+
+
+def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:
+    """Return the stage that a plan names.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    folder : str or os.PathLike
+        Where stage files are named from.
+
+    Returns
+    -------
+    Stage
+        The stage.
+
+    Raises
+    ------
+    FlexstageError
+        There is neither such a design nor such a file.
+
+    Examples
+    --------
+    >>> from flexstage.plans.file import find_plan, read_plan
+    >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
+    'vgtu-piezo'
+    """
+    from flexstage.designs import DESIGNS, build, design
+    from flexstage.stage.file import read_stage
+
+    if plan.stage.casefold() in DESIGNS:
+        return design(plan.stage)
+    path = Path(folder) / plan.stage
+    if not path.exists():
+        raise PlanError(
+            f"the plan's stage '{plan.stage[:200]}' is no built-in design and no file: the designs "
+            f"are {', '.join(DESIGNS)}"
+        )
+    return read_stage(path, designs=build)
+
+
+def run_plan(
+    plan: Plan,
+    instrument: Instrument,
+    folder: str | os.PathLike[str],
+    *,
+    stage: Stage | None = None,
+    title: str = "",
+    resume: bool = False,
+    only: tuple[str, ...] | None = None,
+    operator: str = "",
+    note: str = "",
+    catalogue: str | None = None,
+) -> PlanResult:
+    """Carry out a plan.
+
+    Every record is on disk while it is taken, and how far the plan has come after every step. The
+    stage is locked by its serial number, and stopped whatever ends the run.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    instrument : Instrument
+        What it is carried out on, real or simulated.
+    folder : str or os.PathLike
+        Where everything is written: ``run.json``, ``records/``, ``models/``, ``results.json``.
+    stage : Stage, optional
+        The stage; the one that the plan names where not given.
+    title : str
+        What the plan is called where it does not say so itself.
+    resume : bool
+        Whether to take up what the folder holds: steps are repeated that are missing, or that
+        depend on what has changed.
+    only : tuple of str, optional
+        Steps that are wanted; those that they use are added.
+    operator, note : str
+        Who works, and what they say about it.
+    catalogue : str, optional
+        Database that every record is entered into; none where not given.
+
+    Returns
+    -------
+    PlanResult
+        What every step gave.
+
+    Raises
+    ------
+    PlanError
+        The plan cannot be carried out as it is; nothing has been moved.
+    FlexstageError
+        A step failed: what it had recorded is kept.
+
+    Validity
+    --------
+    The lock holds off programs of the same user on the same computer. A simulated instrument is not
+    locked.
+    """
+    own = stage if stage is not None else plan_stage(plan)
+    where = Path(folder)
+    _require_possible(plan, own, only)
+    serial = plan.serial_number or instrument.identity.serial_number
+    work = Work(
+        plan=plan,
+        title=plan.title or title,
+        stage=own,
+        instrument=instrument,
+        folder=where,
+        serial_number=serial,
+        operator=operator,
+        note=note,
+        settings=dict(instrument.settings()),
+        frequency=natural_frequency(plan, own),
+    )
+    state = _begun(work, resume=resume)
+    began = time.monotonic()
+    told: tuple[str, ...] = ()
+    try:
+        with _locked(instrument, serial or own.name), guarded(instrument):
+            state = _run_steps(work, state, plan.chosen(only))
+            to_safe(instrument)
+    finally:
+        # what was recorded until then is entered too
+        told = enter_all(work, catalogue)
+    finished = _now()
+    write_state(where, replace(state, finished=finished))
+    result = PlanResult(
+        plan=plan,
+        stage=own,
+        instrument=instrument.identity,
+        settings=work.settings,
+        serial_number=serial,
+        operator=operator,
+        note=note,
+        started=state.started,
+        finished=finished,
+        duration=time.monotonic() - began,
+        folder=where,
+        steps=tuple(work.results[s.name] for s in plan.steps if s.name in work.results),
+        notes=(*_notes(work), *told),
+    )
+    write_text(where / "results.json", results_text(result))
+    return result
+
+
+def _require_possible(plan: Plan, stage: Stage, only: tuple[str, ...] | None) -> None:
+    """Refuse a plan of which a dry run shows that it cannot be carried out."""
+    for problem in dry_run(plan, stage, only=only).problems:
+        raise PlanError(f"{problem}; nothing has been moved")
+
+
+def _begun(work: Work, *, resume: bool) -> RunState:
+    """Return the state to go on from, and make the folder."""
+    folder = work.folder
+    before = read_state(folder)
+    if before is not None and not resume:
+        raise PlanError(
+            f"'{folder}' holds a run already: take it up again with --resume, or choose another "
+            "folder"
+        )
+    identity = work.instrument.identity
+    told = {f: getattr(identity, f) for f in ("vendor", "model", "serial_number", "firmware")}
+    told["simulated"] = identity.simulated
+    if before is not None and before.instrument.get("simulated") != identity.simulated:
+        kinds = ("a real instrument", "a simulated one")
+        raise PlanError(
+            f"'{folder}' holds a run on {kinds[bool(before.instrument.get('simulated'))]}, and "
+            f"this is {kinds[identity.simulated]}: choose another folder"
+        )
+    for part in ("records", "models"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    state = RunState(
+        plan=work.title,
+        stage=work.stage.name,
+        stage_hash=content_hash(work.stage),
+        serial_number=work.serial_number,
+        instrument=told,
+        operator=work.operator,
+        note=work.note,
+        version=flexstage.__version__,
+        started=_now() if before is None else before.started,
+        steps={} if before is None else before.steps,
+    )
+    write_state(folder, state)
+    return state
+
+
+@contextmanager
+def _locked(instrument: Instrument, name: str) -> Iterator[None]:
+    if instrument.identity.simulated:
+        yield
+        return
+    with stage_lock(name):
+        yield
+
+
+def _run_steps(work: Work, state: RunState, steps: tuple[Step, ...]) -> RunState:
+    outputs: dict[str, str] = {}
+    identity = work.instrument.identity
+    for k, step in enumerate(steps):
+        with share(k / len(steps), (k + 1) / len(steps)):
+            tell(step.name[:17])
+            mark = fingerprint(step, work.plan, work.stage, identity, outputs)
+            before = state.steps.get(step.name)
+            now = before is None or not _whole(work.folder, before, mark)
+            if now:
+                state = _carried_out(work, state, step, mark)
+            files = [work.folder / name for name in state.steps[step.name].files]
+            with _told(work, state, step):
+                work.results[step.name] = result_of(work, step, files, now=now)
+            outputs[step.name] = _output(work, step, state.steps[step.name])
+    return state
+
+
+def _whole(folder: Path, step: StepState, mark: str) -> bool:
+    """Say whether a step need not be repeated."""
+    if step.status != "complete" or step.fingerprint != mark:
+        return False
+    for name, digits in step.files.items():
+        path = folder / name
+        if not path.is_file() or file_hash(path) != digits:
+            return False
+    return True
+
+
+def _carried_out(work: Work, state: RunState, step: Step, mark: str) -> RunState:
+    """Do a step; whatever happens, the state on disk says how far it came."""
+    before = state.steps.get(step.name)
+    partial = clear_leftovers(work.folder, step.name, () if before is None else before.partial)
+    running = StepState(status="running", fingerprint=mark, partial=partial, started=_now())
+    state = state.with_step(step.name, running)
+    write_state(work.folder, state)
+    with _told(work, state, step):
+        files = carry_out(work, step)
+    digits = {path.relative_to(work.folder).as_posix(): file_hash(path) for path in files}
+    done = replace(running, status="complete", files=digits, finished=_now())
+    state = state.with_step(step.name, done)
+    write_state(work.folder, state)
+    return state
+
+
+@contextmanager
+def _told(work: Work, state: RunState, step: Step) -> Iterator[None]:
+    """Write down why a step ended early, and name it in the message."""
+    try:
+        yield
+    except BaseException as error:
+        message = str(error) or type(error).__name__
+        before = state.steps[step.name]
+        # a record that is whole is kept, even if its evaluation fails
+        if not before.files:
+            status = "failed" if isinstance(error, Exception) else "interrupted"
+            ended = replace(before, status=status, finished=_now(), message=message)
+            write_state(work.folder, state.with_step(step.name, ended))
+        if isinstance(error, FlexstageError) and f"'{step.name}'" not in message:
+            error.args = (f"step '{step.name}': {message}", *error.args[1:])
+        raise
+
+
+def _output(work: Work, step: Step, done: StepState) -> str:
+    """Return the hash of what later steps use of a step."""
+    command = work.commands.get(step.name)
+    if command is not None:
+        return command_hash(command)
+    return files_hash(done.files) if done.files else done.fingerprint
+
+
+def _notes(work: Work) -> tuple[str, ...]:
+    notes = list(work.plan.notes)
+    if work.instrument.identity.simulated:
+        notes.insert(0, "the instrument is a simulation: nothing was measured")
+    return tuple(notes)
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

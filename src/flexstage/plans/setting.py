@@ -1,0 +1,201 @@
+"""What an axis of a stage allows a command to be."""
+
+from dataclasses import dataclass
+
+from flexstage.characteristic import Characteristics
+from flexstage.errors import PlanError
+from flexstage.instruments.limits import AxisLimits, stage_limits
+from flexstage.instruments.waveform import Quantity
+from flexstage.stage import PiezoStack, Screw, Stage
+
+__all__ = ["AxisSetting", "axis_setting", "estimated_stroke", "lowest_frequency"]
+
+#: Of a stroke that is only estimated, the middle part that a command under control keeps to.
+_CLEAR = 0.03
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisSetting:
+    """What an axis allows.
+
+    Parameters
+    ----------
+    axis : str
+        The axis.
+    quantity : {"voltage", "position"}
+        What is commanded.
+    low, high : float
+        Ends of the range [V or m].
+    largest_rate : float, optional
+        Largest slew or speed [V/s or m/s].
+    smallest_step : float, optional
+        Smallest step of a screw [m].
+    capacitance : float, optional
+        Capacitance of a stack [F].
+    natural_frequency_hz : float, optional
+        Lowest natural frequency with the drives in place [Hz].
+    estimated : bool
+        Whether the range is only estimated, since no instrument has told it.
+    """
+
+    axis: str
+    quantity: Quantity
+    low: float
+    high: float
+    largest_rate: float | None = None
+    smallest_step: float | None = None
+    capacitance: float | None = None
+    natural_frequency_hz: float | None = None
+    estimated: bool = False
+
+    def place(self, share: float) -> float:
+        """Return the place of a share of the range.
+
+        Parameters
+        ----------
+        share : float
+            The share, 0 at the low end [1].
+
+        Returns
+        -------
+        float
+            The place [V or m].
+        """
+        # both ends are met exactly
+        return self.high if share == 1.0 else self.low + share * (self.high - self.low)
+
+
+def axis_setting(
+    stage: Stage,
+    axis: str,
+    *,
+    closed_loop: bool = False,
+    limits: AxisLimits | None = None,
+    natural_frequency_hz: float | None = None,
+) -> AxisSetting:
+    """Return what an axis allows.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    axis : str
+        The axis.
+    closed_loop : bool
+        Whether positions are commanded to a piezo axis under control; a screw takes positions only.
+    limits : AxisLimits, optional
+        What an instrument allows; the stage's own where not given.
+    natural_frequency_hz : float, optional
+        Lowest natural frequency with the drives in place [Hz].
+
+    Returns
+    -------
+    AxisSetting
+        What it allows.
+
+    Raises
+    ------
+    PlanError
+        The stage has no such axis, or its drive no range.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> setting = axis_setting(design("vgtu-mechanical"), "x")
+    >>> setting.quantity, f"{1e6 * setting.high:.0f} um"
+    ('position', '350 um')
+    """
+    names = [a.name for a in stage.axes]
+    if axis not in names:
+        raise PlanError(
+            f"the stage {stage.name} has no axis '{axis}': its axes are {', '.join(names)}"
+        )
+    drive = stage.drive(stage.axis(axis).drive)
+    own = limits if limits is not None else stage_limits(stage, axis)
+    screw = isinstance(drive, Screw)
+    if screw or closed_loop:
+        bounds, rate, estimated = own.position, own.speed, False
+        if bounds is None:
+            stroke = estimated_stroke(stage, axis)
+            bounds, estimated = (_CLEAR * stroke, (1.0 - _CLEAR) * stroke), True
+        quantity: Quantity = "position"
+    else:
+        bounds, rate, quantity, estimated = own.voltage, own.slew, "voltage", False
+    if bounds is None:
+        raise PlanError(
+            f"axis '{axis}' of {stage.name} is driven by a {drive.kind} whose range is not known: "
+            "give it in the stage file"
+        )
+    return AxisSetting(
+        axis=axis,
+        quantity=quantity,
+        low=bounds[0],
+        high=bounds[1],
+        largest_rate=rate,
+        smallest_step=drive.smallest_step if isinstance(drive, Screw) else None,
+        capacitance=drive.capacitance if isinstance(drive, PiezoStack) else None,
+        natural_frequency_hz=natural_frequency_hz,
+        estimated=estimated,
+    )
+
+
+def estimated_stroke(stage: Stage, axis: str) -> float:
+    """Return the stroke of an axis at the platform: the published one, else the lumped model's.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    axis : str
+        The axis.
+
+    Returns
+    -------
+    float
+        The stroke [m].
+
+    Raises
+    ------
+    PlanError
+        Its drive has no stroke.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> print(f"{1e6 * estimated_stroke(design('vgtu-piezo'), 'x'):.2f} um")
+    63.12 um
+    """
+    rows = Characteristics(stage.published).select(
+        "output_displacement", axis, "published-measured"
+    )
+    if rows:
+        return rows[0].value
+    from flexstage.lumped import lumped_system
+    from flexstage.system import static_displacements
+
+    port = stage.axis(axis)
+    stroke = stage.drive(port.drive).stroke
+    if stroke is None:
+        raise PlanError(f"the drive of axis '{axis}' of {stage.name} has no stroke: give it one")
+    solution = static_displacements(lumped_system(stage), {port.drive: stroke})
+    return abs(float(solution.readings[port.probe]))
+
+
+def lowest_frequency(stage: Stage) -> float | None:
+    """Return the lowest natural frequency with the drives in place, of the lumped model.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+
+    Returns
+    -------
+    float or None
+        The frequency [Hz]; None of a stage that is free to move.
+    """
+    from flexstage.lumped import lumped_system
+    from flexstage.system import modes
+
+    lowest = float(modes(lumped_system(stage), drives="in place", count=1).frequency_hz[0])
+    return lowest if lowest > 0.0 else None

@@ -1,0 +1,335 @@
+"""What a step of a plan does with commands, records and models."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
+
+from flexstage.errors import PlanError
+from flexstage.experiment.campaign import KINDS
+from flexstage.units import DIMENSIONS
+
+__all__ = ["Centre", "Characterise", "Compensate", "Identify", "Measure", "Reference", "Verify"]
+
+Frequency = Annotated[float, DIMENSIONS["frequency"]]
+Length = Annotated[float, DIMENSIONS["length"]]
+Angle = Annotated[float, DIMENSIONS["angle"]]
+
+#: Sensors by what they read in a test.
+ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
+_TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
+#: Ways in which a reference can be followed.
+WAYS: tuple[str, ...] = ("open loop", "inverse", "feedback", "both", "learning")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measure:
+    """Runs a command, and records what sensors read.
+
+    Parameters
+    ----------
+    of : str
+        The earlier step whose command is run.
+    test : str, optional
+        Kind of test that the record is, as `characterise` takes it; none where it is only used to
+        identify.
+    along, across, vertical, roll, pitch, yaw, x, y : str, optional
+        The sensors that read them.
+    output : tuple of str
+        Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read.
+    also : tuple of str
+        Further sensors to record.
+    rate : float, optional
+        Rate of samples [Hz]; that of the plan where not given.
+    confidence : float
+        Of a staircase: confidence at which steps are told apart [1].
+    smallest_steps : bool
+        Of a staircase: whether its steps are the smallest that the drive makes.
+    smallest_step : float, optional
+        Of a motion commanded in metres: the smallest step of the drive [m].
+    modes : float, optional
+        Of a response: how many modes are fitted.
+    band : tuple of float, optional
+        Of a response: the band that is fitted [Hz].
+    """
+
+    verb: ClassVar[str] = "measure"
+
+    of: str
+    test: str | None = None
+    along: str | None = None
+    across: str | None = None
+    vertical: str | None = None
+    roll: str | None = None
+    pitch: str | None = None
+    yaw: str | None = None
+    x: str | None = None
+    y: str | None = None
+    output: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
+    rate: Frequency | None = None
+    confidence: float = 0.95
+    smallest_steps: bool = False
+    smallest_step: Length | None = None
+    modes: float | None = None
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+
+    def __post_init__(self) -> None:
+        if self.test is not None and self.test not in _TESTS:
+            known = "cannot be made here" if self.test in KINDS else "is not known"
+            raise PlanError(
+                f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
+            )
+        if self.rate is not None and not self.rate > 0.0:
+            raise PlanError(f"the rate of samples must be positive, got {self.rate:g} Hz")
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """Sensors by what they read."""
+        return {r: s for r in ROLES if (s := getattr(self, r)) is not None}
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return (self.of,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Characterise:
+    """Evaluates records as the tests that they are.
+
+    Parameters
+    ----------
+    of : tuple of str
+        Steps that measured, each with a kind of test.
+    """
+
+    verb: ClassVar[str] = "characterise"
+
+    of: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.of:
+            raise PlanError("characterise needs one step at least that measures, got none")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return self.of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identify:
+    """Finds the model of a drive in records.
+
+    Parameters
+    ----------
+    of : tuple of str
+        Steps that measured the same axis.
+    output : str
+        The sensor that follows the drive.
+    models : tuple of str
+        Models of hysteresis that are tried; the simplest that is as good as the best is taken.
+    resonance : str, optional
+        The step of characterise that found natural frequency and damping of the axis with its drive
+        in place; looked for in the records where not given.
+    """
+
+    verb: ClassVar[str] = "identify"
+
+    of: tuple[str, ...]
+    output: str
+    models: tuple[str, ...] = ("preisach",)
+    resonance: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.of or not self.models:
+            raise PlanError("identify needs a step that measures and a model at least")
+        from flexstage.hysteresis.identification import FAMILIES
+
+        for name in self.models:
+            if name != "auto" and name not in FAMILIES:
+                raise PlanError(
+                    f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
+                )
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return self.of if self.resonance is None else (*self.of, self.resonance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """Positions that shall be followed, over and over.
+
+    Parameters
+    ----------
+    rate : float
+        Cycles in a second [Hz].
+    cycles : float
+        How many are evaluated.
+    settle : float
+        How many run before them.
+    shape : str
+        ``cosine``, or ``triangle`` with rounded corners.
+    share : float
+        Range, as a share of what the model was identified on [1].
+    """
+
+    rate: Frequency = 1.0
+    cycles: float = 3.0
+    settle: float = 3.0
+    shape: str = "cosine"
+    share: float = 0.99
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate < 1e6:
+            raise PlanError(f"the rate of a reference must be positive, got {self.rate:g} Hz")
+        for name, least in (("cycles", 1), ("settle", 0)):
+            value = getattr(self, name)
+            if not (value >= least and value == int(value) and value < 1e6):
+                raise PlanError(
+                    f"{name} of a reference must be a whole number from {least}, got {value:g}"
+                )
+        if self.shape not in ("cosine", "triangle"):
+            raise PlanError(f"the shape of a reference is cosine or triangle, got '{self.shape}'")
+        if not 0.0 < self.share <= 1.0:
+            raise PlanError(
+                f"the share of a reference must be above 0, up to 1, got {self.share:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compensate:
+    """Makes the command by which an axis follows a reference, from the inverse of its model.
+
+    Parameters
+    ----------
+    model : str
+        The step that identified it.
+    reference : Reference
+        What shall be followed.
+
+    Notes
+    -----
+    Validity: the zero of the sensor is that of the record from which the model was identified. What
+    the stage has crept and drifted since is an offset; `Verify` measures it, and takes it off.
+    """
+
+    verb: ClassVar[str] = "compensate"
+
+    model: str
+    reference: Reference = field(default_factory=Reference)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return (self.model,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verify:
+    """Follows a reference in several ways, and compares what is left of the loop.
+
+    Parameters
+    ----------
+    model : str
+        The step that identified the model.
+    along : str
+        The sensor that reads the position.
+    reference : Reference
+        What shall be followed.
+    ways : tuple of str
+        ``open loop`` (the voltage in proportion to the reference), ``inverse``, ``feedback``,
+        ``both``, ``learning``.
+    trials : float
+        Trials of learning.
+    rate : float, optional
+        Rate of samples [Hz]; that of the plan where not given.
+    """
+
+    verb: ClassVar[str] = "verify"
+
+    model: str
+    along: str
+    reference: Reference = field(default_factory=Reference)
+    ways: tuple[str, ...] = ("open loop", "inverse")
+    trials: float = 5.0
+    rate: Frequency | None = None
+
+    def __post_init__(self) -> None:
+        for way in self.ways:
+            if way not in WAYS:
+                raise PlanError(
+                    f"the way '{way}' to follow a reference is not known: choose from "
+                    f"{', '.join(WAYS)}"
+                )
+        if not self.ways or len(set(self.ways)) < len(self.ways):
+            raise PlanError(f"verify needs ways, each once, got {', '.join(self.ways) or 'none'}")
+        if not (1 <= self.trials <= 100 and self.trials == int(self.trials)):
+            raise PlanError(f"trials must be a whole number from 1 to 100, got {self.trials:g}")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return (self.model,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Centre:
+    """Centres an encoder scale on a turning table; table and heads are simulated.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        The two axes that carry the scale.
+    sensors : tuple of str
+        The sensors that read where they carry it.
+    radius : float
+        Radius at which the scale is read [m].
+    eccentricity : tuple of float
+        Centre of the scale on the table when both axes are in their middle [m].
+    heads : tuple of float
+        Where the heads stand [rad].
+    mounting_angle : float
+        Angle of the stage on the table [rad].
+    noise : float
+        Standard deviation of a head's reading [rad].
+    target : float
+        Eccentricity that shall be reached [m].
+    moves : float
+        The most moves towards the centre.
+    closed_loop : bool
+        Whether the axes move under position control where they can.
+    seed : float
+        Seed of the scale's errors and of the noise.
+    """
+
+    verb: ClassVar[str] = "centre"
+
+    axes: tuple[str, str] = ("x", "y")
+    sensors: tuple[str, str] = ("x", "y")
+    radius: Length = 50e-3
+    eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
+    heads: tuple[Angle, ...] = (0.0, 1.6, 3.1, 4.8)
+    mounting_angle: Angle = 0.4
+    noise: Angle = 4.8e-6
+    target: Length = 0.1e-6
+    moves: float = 3.0
+    closed_loop: bool = True
+    seed: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "target", "noise"):
+            if not 0.0 < getattr(self, name) < 1e3:
+                raise PlanError(f"{name} of centre must be positive, got {getattr(self, name):g}")
+        if not (self.moves >= 1 and self.moves == int(self.moves)):
+            raise PlanError(f"moves of centre must be a whole number from 1, got {self.moves:g}")
+        if not (self.seed >= 0 and self.seed == int(self.seed)):
+            raise PlanError(f"the seed of centre is a whole number from 0, got {self.seed:g}")
+        if not self.heads:
+            raise PlanError("centre needs one head at least, got none")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Earlier steps that it uses."""
+        return ()

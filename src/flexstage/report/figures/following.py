@@ -1,0 +1,154 @@
+"""A stage that follows a reference in several ways, and a model beside its record."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.plans.results import FollowedRun, IdentifiedStep, VerifiedStep
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_drive_fit", "draw_following"]
+
+Array = NDArray[np.float64]
+
+_UM, _NM = 1e6, 1e9
+#: Colour of each way, the same in every figure.
+_COLOURS = {
+    "open loop": CYCLE[1],
+    "inverse": CYCLE[0],
+    "feedback": CYCLE[2],
+    "both": CYCLE[3],
+    "learning": CYCLE[4],
+}
+#: Points of a curve, so that the page stays small.
+_POINTS = 3000
+
+
+def draw_following(step: VerifiedStep) -> "Figure":
+    """Draw how a reference was followed in each way.
+
+    Parameters
+    ----------
+    step : VerifiedStep
+        The runs.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Output over reference; output less reference over time, without the open loop where there is
+        another way; and the error of each trial where something was learned.
+    """
+    learned = [run for run in step.runs if len(run.errors) > 1]
+    figure = new_figure(10.6, 3.4)
+    grid = figure.subplots(
+        1, 3 if learned else 2, squeeze=False,
+        width_ratios=(1.0, 1.3, 0.7) if learned else (1.0, 1.5),
+    )[0]  # fmt: skip
+    _over_reference(grid[0], step)
+    _errors(grid[1], step)
+    if learned:
+        _trials(grid[2], learned[0])
+    return figure
+
+
+def _over_reference(axes: "Axes", step: VerifiedStep) -> None:
+    dress(axes)
+    for run in step.runs:
+        at = _thin(run.time.size)
+        axes.plot(
+            _UM * run.reference[at], _UM * run.output[at], color=_COLOURS[run.way], linewidth=0.9,
+            label=f"{run.way}, loop {_length(run.tracking.loop_width)}",
+        )  # fmt: skip
+    axes.set_xlabel("reference [µm]", color=INK)
+    axes.set_ylabel("output [µm]", color=INK)
+    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
+    entitle(axes, f"{step.axis}: {_UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
+
+
+def _errors(axes: "Axes", step: VerifiedStep) -> None:
+    dress(axes)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    shown = [run for run in step.runs if run.way != "open loop"] or list(step.runs)
+    top = 0.0
+    for run in shown:
+        at = _thin(run.time.size)
+        error = _NM * (run.output - run.reference)[at]
+        top = max(top, float(np.abs(error).max()))
+        axes.plot(
+            run.time[at] - run.time[0], error, color=_COLOURS[run.way], linewidth=0.7,
+            label=f"{run.way}: {_length(run.tracking.rms)} rms, "
+            f"{_length(run.tracking.largest)} at most",
+        )  # fmt: skip
+    axes.set_ylim(-1.1 * top, (1.25 + 0.15 * len(shown)) * top)
+    axes.set_xlim(0.0, max(float(np.ptp(run.time)) for run in shown))
+    axes.set_xlabel("time [s]", color=INK)
+    axes.set_ylabel("reading less reference [nm]", color=INK)
+    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
+    entitle(axes, "error, which the width of a loop hides in part")
+
+
+def _trials(axes: "Axes", run: FollowedRun) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    dress(axes)
+    errors = _NM * np.asarray(run.errors)
+    axes.plot(np.arange(errors.size), errors, "o-", color=_COLOURS["learning"], markersize=4)
+    axes.set_yscale("log")
+    axes.set_xlabel("trial", color=INK)
+    axes.set_ylabel("error [nm rms]", color=INK)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    entitle(axes, "learning")
+
+
+def draw_drive_fit(step: IdentifiedStep) -> "Figure":
+    """Draw a record and the model that was identified from it.
+
+    Parameters
+    ----------
+    step : IdentifiedStep
+        The model and its record.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Reading and model over the voltage; reading less model over time.
+    """
+    figure = new_figure(10.6, 3.2)
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
+    at = _thin(step.time.size)
+    dress(left)
+    left.plot(
+        step.voltage[at], _UM * step.measured[at], color=CYCLE[1], linewidth=1.8, label="reading"
+    )
+    left.plot(
+        step.voltage[at], _UM * step.modelled[at], color=CYCLE[0], linewidth=0.8, label=step.kind,
+        linestyle=(0, (4, 2)),
+    )  # fmt: skip
+    left.set_xlabel("voltage [V]", color=INK)
+    left.set_ylabel(f"{step.axis} [µm]", color=INK)
+    left.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK)
+    entitle(left, f"{step.name}: {step.kind} on axis {step.axis}")
+    dress(right)
+    right.axhline(0.0, color=MUTED, linewidth=0.6)
+    right.plot(
+        step.time[at], _NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
+    )
+    right.set_xlabel("time [s]", color=INK)
+    right.set_ylabel("reading less model [nm]", color=INK)
+    entitle(right, f"what the model leaves, {_length(step.deviation)} at most")
+    return figure
+
+
+def _thin(size: int) -> NDArray[np.intp]:
+    return np.arange(0, size, max(1, size // _POINTS))
+
+
+def _length(value: float) -> str:
+    if abs(value) < 0.995e-6:
+        return f"{_NM * value:.3g} nm"
+    return f"{_UM * value:.3g} µm"

@@ -1,0 +1,216 @@
+"""Trajectories: whole periods without a jump, round corners whose size is known in closed form."""
+
+import numpy as np
+import pytest
+
+from flexstage.control import (
+    band_limited,
+    lissajous,
+    raster,
+    sine,
+    spiral,
+    staircase,
+    trajectory_of,
+    triangle,
+)
+from flexstage.errors import LimitError, ModelError, RecordError
+from flexstage.instruments.limits import AxisLimits
+from flexstage.records import Channel, Record
+
+LOW, HIGH = 3.1e-6, 58.7e-6
+
+
+def every_kind():
+    return [
+        triangle("x", LOW, HIGH, 1.7, sample_rate_hz=9.1e3, turn_time=0.03),
+        sine("y", LOW, HIGH, 13.0, sample_rate_hz=7e3),
+        raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3),
+        raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3,
+               slow_motion="steps", turn_time=0.011),
+        lissajous(("x", "y"), (31e-6, 29e-6), (21e-6, 17e-6), 0.7, ratio=(5, 7),
+                  sample_rate_hz=3e3),
+        spiral(("x", "y"), (31e-6, 29e-6), 23e-6, 1.9e-6, sample_rate_hz=5e3, turn_rate_hz=7.0),
+        spiral(("x", "y"), (31e-6, 29e-6), 23e-6, 1.9e-6, sample_rate_hz=5e3, turn_rate_hz=9.0,
+               velocity="linear", speed=320e-6),
+        staircase("x", [LOW, 7e-6, 9.5e-6, HIGH], move_time=0.03, hold_time=0.11,
+                  sample_rate_hz=2e3),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("made", every_kind(), ids=lambda t: t.kind)
+def test_the_end_joins_the_start_without_a_jump_of_position_or_speed(made) -> None:
+    for axis in made.axes:
+        x = np.tile(made.positions[axis], 2)
+        steps = np.abs(np.diff(x))
+        # the step over the seam is one like all others
+        assert steps[made.size - 1] <= steps[: made.size - 1].max() * (1.0 + 1e-9)
+        bends = np.abs(np.diff(x, 2))
+        assert bends[made.size - 2 : made.size].max() <= bends[: made.size - 2].max() * (1 + 1e-3)
+
+
+@pytest.mark.parametrize("made", every_kind(), ids=lambda t: t.kind)
+def test_accelerations_are_bounded_and_do_not_grow_with_the_rate_of_samples(made) -> None:
+    for axis in made.axes:
+        every, second = made.positions[axis], made.positions[axis][::2]
+        if made.size % 2:
+            continue
+        fine = np.max(np.abs(np.roll(every, -1) - 2 * every + np.roll(every, 1)))
+        coarse = np.max(np.abs(np.roll(second, -1) - 2 * second + np.roll(second, 1)))
+        # a corner would make them equal; a motion with bounded acceleration makes them 4
+        assert coarse > 3.0 * fine
+
+
+def test_the_turns_of_a_triangle_have_the_closed_form_of_least_jerk() -> None:
+    rate, turn, fs = 1.0, 0.062, 50e3
+    made = triangle("x", LOW, HIGH, rate, sample_rate_hz=fs, turn_time=turn)
+    speed = (HIGH - LOW) / (0.5 / rate - 0.375 * turn)
+    assert made.largest_speed("x") == pytest.approx(speed, rel=1e-9)
+    # second differences of a cubic's peak, h = T/3100: off by h^2/12 of its own second derivative
+    assert made.largest_acceleration("x") == pytest.approx(3.0 * speed / turn, rel=1e-5)
+    jerk = np.diff(made.acceleration("x")) * fs
+    assert np.max(np.abs(jerk)) == pytest.approx(12.0 * speed / turn**2, rel=2e-3)
+    assert made.overshoot == pytest.approx(5.0 / 16.0 * speed * turn, rel=1e-12)
+    x = made.positions["x"]
+    assert (x.min(), x.max()) == (pytest.approx(LOW, abs=1e-18), pytest.approx(HIGH, rel=1e-12))
+    ends = x[made.linear]
+    assert ends.min() - LOW == pytest.approx(made.overshoot, rel=1e-3)
+    assert made.linear_share == pytest.approx(1.0 - 2.0 * turn * rate, abs=4.0 / made.size)
+
+
+def test_the_turn_has_less_jerk_than_other_turns_between_the_same_speeds() -> None:
+    s = np.linspace(0.0, 1.0, 4001)
+    # speeds from -1 to 1 without acceleration at the ends: cubic, fifth degree, raised cosine
+    jerk = {
+        "cubic": np.gradient(np.gradient(-1.0 + 6 * s**2 - 4 * s**3, s), s),
+        "fifth": np.gradient(np.gradient(-1.0 + 2 * (10 * s**3 - 15 * s**4 + 6 * s**5), s), s),
+        "cosine": np.gradient(np.gradient(-np.cos(np.pi * s), s), s),
+    }
+    size = {name: float(np.mean(j[2:-2] ** 2)) for name, j in jerk.items()}
+    assert size["cubic"] == min(size.values())
+    made = triangle("x", 0.0, 1.0, 1.0, sample_rate_hz=16e3, turn_time=0.25)
+    speed = made.speed("x") / made.largest_speed("x")
+    turn = np.roll(speed, 2000)[:4001]
+    np.testing.assert_allclose(turn, -1.0 + 6 * s**2 - 4 * s**3, atol=2e-6)
+
+
+def test_the_linear_part_has_constant_speed() -> None:
+    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3)
+    inside = made.linear & np.roll(made.linear, 1) & np.roll(made.linear, -1)
+    for axis in made.axes:
+        speed = np.abs(made.speed(axis)[inside])
+        assert np.ptp(speed) < 1e-9 * speed.max()
+
+
+def test_a_raster_by_steps_stands_still_on_each_line() -> None:
+    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 11.0, 5, sample_rate_hz=8e3,
+                  slow_motion="steps")  # fmt: skip
+    levels = np.unique(np.round(made.positions["y"][made.linear] * 1e12))
+    np.testing.assert_allclose(levels * 1e-12, np.linspace(8e-6, 21e-6, 5), atol=1e-12)
+    still = made.linear & np.roll(made.linear, 1)
+    assert np.max(np.abs(np.diff(made.positions["y"]))[still[1:]]) < 1e-20
+
+
+def test_a_raster_by_steps_takes_the_whole_turn_for_a_step() -> None:
+    made = raster(("x", "y"), (LOW, HIGH), (8e-6, 21e-6), 10.0, 5, sample_rate_hz=20e3,
+                  slow_motion="steps", turn_time=0.012)  # fmt: skip
+    # least jerk: 1.875 times the mean speed, seen over 240 samples
+    assert made.largest_speed("y") == pytest.approx(1.875 * 3.25e-6 / 0.012, rel=1e-4)
+
+
+def test_a_spiral_at_constant_linear_velocity_has_it() -> None:
+    speed = 320e-6
+    made = spiral(("x", "y"), (31e-6, 29e-6), 23e-6, 1.9e-6, sample_rate_hz=5e3, turn_rate_hz=9.0,
+                  velocity="linear", speed=speed)  # fmt: skip
+    size = np.hypot(made.speed("x"), made.speed("y"))[made.linear]
+    # near the middle the bound of the angular velocity still slows it, by (1/3)^2 / 2 at most
+    assert size.max() < speed * 1.001
+    assert size.min() > speed * 0.94
+    r = np.hypot(made.positions["x"] - 31e-6, made.positions["y"] - 29e-6)
+    assert r.max() == pytest.approx(23e-6, rel=1e-6)
+
+
+def test_a_spiral_at_constant_angular_velocity_has_its_pitch() -> None:
+    made = spiral(("x", "y"), (1e-6, 2e-6), 20e-6, 2.5e-6, sample_rate_hz=20e3, turn_rate_hz=5.0)
+    x, y = made.positions["x"] - 1e-6, made.positions["y"] - 2e-6
+    half = made.size // 2
+    angle = np.unwrap(np.arctan2(y, x)[200 : half - 200])
+    r = np.hypot(x, y)[200 : half - 200]
+    pitch = np.diff(r) / np.diff(angle) * 2.0 * np.pi
+    np.testing.assert_allclose(pitch[50:-50], 2.5e-6, rtol=1e-5)
+
+
+def test_a_lissajous_figure_has_its_two_tones_alone() -> None:
+    made = lissajous(("x", "y"), (3e-5, 3.1e-5), (2e-5, 1.3e-5), 0.5, ratio=(7, 8),
+                     sample_rate_hz=2e3)  # fmt: skip
+    for axis, tone, size in (("x", 7, 2e-5), ("y", 8, 1.3e-5)):
+        spectrum = np.abs(np.fft.rfft(made.positions[axis])) / made.size * 2.0
+        assert spectrum[tone] == pytest.approx(size, rel=1e-9)
+        spectrum[[0, tone]] = 0.0
+        assert spectrum.max() < 1e-18
+
+
+def test_limits_are_refused_in_words() -> None:
+    made = sine("x", LOW, HIGH, 10.0, sample_rate_hz=5e3)
+    made.check({"x": AxisLimits(position=(0.0, 60e-6), speed=2e-3)})
+    with pytest.raises(LimitError, match=r"from 3\.100 to 58\.700 um, allowed are 5\.000"):
+        made.check({"x": AxisLimits(position=(5e-6, 60e-6))})
+    with pytest.raises(LimitError, match="lower its rate"):
+        made.check({"x": AxisLimits(speed=1e-3)})
+
+
+def test_a_band_takes_what_is_above_it_and_no_more() -> None:
+    made = triangle("x", LOW, HIGH, 4.0, sample_rate_hz=8e3, turn_time=0.004)
+    soft = band_limited(made, 90.0)
+    spectrum = np.abs(np.fft.rfft(soft.positions["x"]))
+    f = np.fft.rfftfreq(made.size, 1.0 / 8e3)
+    assert spectrum[f > 90.0].max() < 1e-12 * spectrum.max()
+    kept = np.abs(np.fft.rfft(made.positions["x"]))
+    np.testing.assert_allclose(
+        spectrum[f <= 45.0], kept[f <= 45.0], rtol=0, atol=1e-13 * kept.max()
+    )
+    moved = np.abs(soft.positions["x"] - made.positions["x"])
+    assert moved[soft.linear].max() <= 1e-4 * np.ptp(made.positions["x"])
+
+
+def test_a_path_from_a_record_is_resampled_and_closed() -> None:
+    t = np.arange(300) / 1e3
+    x = 2e-5 + 1e-5 * np.sin(7.0 * t) + 4e-6 * np.sin(31.0 * t)
+    record = Record(channels=(Channel(name="path", values=x, unit="m"),), time=t)
+    with pytest.raises(ModelError, match="give a time in which to close it"):
+        trajectory_of(record, {"x": "path"})
+    made = trajectory_of(record, {"x": "path"}, close=0.1, sample_rate_hz=4e3)
+    assert made.period == pytest.approx(0.4)
+    at = np.arange(0, 290) * 4
+    np.testing.assert_allclose(made.positions["x"][at], x[:290], atol=1e-15)
+    between = 2e-5 + 1e-5 * np.sin(7.0 * made.time) + 4e-6 * np.sin(31.0 * made.time)
+    # a cubic spline is off by (31 h)^4 / 384 of 4 um, away from the closing
+    np.testing.assert_allclose(made.positions["x"][40:1100], between[40:1100], atol=1e-13)
+    assert made.linear.sum() == 1200
+    volts = Record(channels=(Channel(name="path", values=x, unit="V"),), time=t)
+    with pytest.raises(RecordError, match="is in V"):
+        trajectory_of(volts, {"x": "path"}, close=0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: triangle("x", HIGH, LOW, 1.0, sample_rate_hz=1e3), "must rise"),
+        (lambda: triangle("x", LOW, HIGH, 300.0, sample_rate_hz=1e3), "at least 8"),
+        (lambda: triangle("x", LOW, HIGH, 1.0, sample_rate_hz=1e3, turn_time=0.7), "at most half"),
+        (lambda: sine("x", LOW, HIGH, -1.0, sample_rate_hz=1e3), "must be positive"),
+        (lambda: lissajous(("x", "y"), (0, 0), (1e-6, 1e-6), 1.0, ratio=(2, 4),
+                           sample_rate_hz=1e3), "without a common divisor"),
+        (lambda: raster(("x", "y"), (LOW, HIGH), (LOW, HIGH), 5.0, 1, sample_rate_hz=1e3),
+         "two lines"),
+        (lambda: spiral(("x", "y"), (0, 0), 1e-6, 2e-6, sample_rate_hz=1e3, turn_rate_hz=1.0),
+         "must not exceed"),
+        (lambda: spiral(("x", "y"), (0, 0), 9e-6, 1e-6, sample_rate_hz=1e3, turn_rate_hz=1.0,
+                        velocity="linear"), "needs its speed"),
+        (lambda: staircase("x", [1e-6], move_time=0.1, hold_time=0.1, sample_rate_hz=1e3),
+         "two levels"),
+        (lambda: band_limited(sine("x", LOW, HIGH, 10.0, sample_rate_hz=1e3), 5.0), "10 Hz"),
+    ],
+)  # fmt: skip
+def test_impossible_trajectories_are_refused_in_words(make, words) -> None:
+    with pytest.raises(ModelError, match=words):
+        make()

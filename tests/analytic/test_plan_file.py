@@ -1,0 +1,223 @@
+"""What a plan file may say, and what is said of one that is wrong."""
+
+import pytest
+
+from flexstage.errors import PlanError
+from flexstage.plans import dry_run, find_plan, plan_from_text, plan_stage, read_plan, ready_plans
+from flexstage.plans.excite import Cycles, Multisine
+from flexstage.plans.verbs import Identify, Measure, Verify
+
+HEAD = """\
+plan: 1
+stage: vgtu-piezo
+sensors:
+  x: {channel: 1, calibration: 0.0005, alignment: 1 mrad}
+  tilt: {channel: 5, unit: rad}
+steps:
+"""
+LOOPS = "  - {name: loops, excite: {kind: cycles, axis: x, rate: 500 mHz, cycles: 4}}\n"
+MOTION = "  - {name: motion, measure: {of: loops, test: motion, along: x, yaw: tilt}}\n"
+
+
+def test_units_are_read_and_what_is_left_out_is_as_usual():
+    plan = plan_from_text(
+        HEAD
+        + LOOPS
+        + MOTION
+        + "  - {name: sines, excite: {kind: multisine, axis: x, band: [0.4 kHz, 900 Hz], "
+        "amplitude: 250 mV, period: 500 ms}}\n"
+    )
+    loops = plan.step("loops").action
+    assert isinstance(loops, Cycles)
+    assert (loops.rate, loops.cycles, loops.condition, loops.shape) == (0.5, 4.0, 1.0, "triangle")
+    sines = plan.step("sines").action
+    assert isinstance(sines, Multisine)
+    assert (sines.band, sines.amplitude, sines.period) == ((400.0, 900.0), 0.25, 0.5)
+    assert plan.sensor("x").alignment == pytest.approx(1e-3, rel=1e-15)
+    assert plan.sensor("tilt").unit == "rad"
+    assert plan.axis_of("motion") == "x"
+
+
+def test_a_sensor_is_an_instrument_of_a_campaign_without_its_channel():
+    own = plan_from_text(HEAD + LOOPS + MOTION).sensor("x")
+    assert own.instrument.name == "x"
+    assert own.instrument.setup == own.setup
+    assert own.setup.calibration == 0.0005
+    assert not hasattr(own.instrument, "channel")
+
+
+def test_steps_that_are_wanted_bring_those_that_they_use():
+    plan = read_plan(find_plan("vgtu-piezo"))
+    names = [step.name for step in plan.chosen(("bouc-wen-y",))]
+    assert names == ["usual-y", "loops-y", "bouc-wen-y"]
+    assert plan.chosen(None) == plan.steps
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("stage: vgtu-piezo\n", 1, "begins with 'plan: 1'"),
+        ("plan: 2\nstage: vgtu-piezo\nsteps: []\n", 1, "version 2 is not known"),
+        ("plan: 1\nsteps: []\n", 1, "'stage' is missing"),
+        ("plan: 1\nstage: s\nsteps: []\n", 3, "list of steps"),
+        ("plan: 1\nstage: s\nstep: []\n", 3, "did you mean 'steps'?"),
+        (HEAD + "  - {excite: {kind: hold, axis: x}}\n", 7, "'name' is missing"),
+        (HEAD + "  - {name: a}\n", 7, "needs one verb"),
+        (HEAD + "  - {name: a, excite: {kind: hold, axis: x}, measure: {of: b}}\n", 7, "one verb"),
+        (HEAD + "  - {name: a.b, excite: {kind: hold, axis: x}}\n", 7, "no space, dot"),
+        (HEAD + "  - {name: a, excites: {kind: hold}}\n", 7, "did you mean 'excite'?"),
+        (HEAD + "  - {name: a, excite: {axis: x}}\n", 7, "'kind' is missing"),
+        (HEAD + "  - {name: a, excite: {kind: cycle, axis: x}}\n", 7, "did you mean 'cycles'?"),
+        (HEAD + "  - {name: a, excite: {kind: cycles, axis: x}}\n", 7, "'rate' is missing"),
+        (HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3}}\n", 7, "Hz"),
+        (HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3 um}}\n", 7, "um"),
+        (
+            HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: -3 Hz}}\n",
+            7,
+            "rate of cycles",
+        ),
+        (
+            HEAD + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3 Hz, cycles: 2.5}}\n",
+            7,
+            "whole number from 1, got 2.5",
+        ),
+        (
+            HEAD
+            + "  - {name: a, excite: {kind: cycles, axis: x, rate: 3 Hz, low: 0.7, high: 0.2}}\n",
+            7,
+            "from a low to a high share",
+        ),
+        (
+            HEAD + "  - {name: a, excite: {kind: multisine, axis: x, amplitude: 1 V, "
+            "band: [900 Hz, 400 Hz]}}\n",
+            7,
+            "must rise",
+        ),
+        (HEAD + MOTION, 7, "uses 'loops', which is no earlier step"),
+        (HEAD + LOOPS + LOOPS, 8, "two steps are called 'loops'"),
+        (
+            HEAD + LOOPS + "  - {name: m, measure: {of: loops, test: motion, along: z}}\n",
+            8,
+            "the sensor 'z', which is not described (there are: x, tilt)",
+        ),
+        (
+            HEAD + LOOPS + "  - {name: m, measure: {of: loops, test: spheres, along: x}}\n",
+            8,
+            "'spheres' cannot be made here",
+        ),
+        (
+            HEAD + LOOPS + "  - {name: c, characterise: {of: [loops]}}\n",
+            8,
+            "which is a step of excite: name one of measure",
+        ),
+        (
+            HEAD + LOOPS + "  - {name: m, measure: {of: loops, along: x}}\n"
+            "  - {name: c, characterise: {of: [m]}}\n",
+            9,
+            "does not say what kind of test it is",
+        ),
+        (
+            HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
+            "models: [preisac]}}\n",
+            9,
+            "the model 'preisac' is not known",
+        ),
+        (
+            HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x}}\n"
+            "  - {name: v, verify: {model: i, along: x, ways: [inverse, thinking]}}\n",
+            10,
+            "the way 'thinking'",
+        ),
+        (
+            HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
+            "resonance: motion}}\n",
+            9,
+            "resonance from one of characterise",
+        ),
+        (
+            HEAD.replace("channel: 5", "channel: 0") + LOOPS,
+            5,
+            "channel of sensor 'tilt' must be a whole number from 1, got 0",
+        ),
+        (HEAD.replace("unit: rad", "unit: deg") + LOOPS, 5, "reads m or rad, got 'deg'"),
+        (HEAD.replace("alignment", "alignments") + LOOPS, 4, "did you mean 'alignment'?"),
+        ("plan: 1\nstage: &a s\n", 2, "not used in plans"),
+        ("plan: 1\n  stage: s\n", 2, "this is not YAML"),
+    ],
+)
+def test_a_wrong_plan_is_refused_in_one_sentence_with_its_line(text: str, line: int, words: str):
+    with pytest.raises(PlanError) as caught:
+        plan_from_text(text, source="mine.yaml")
+    said = str(caught.value)
+    assert said.startswith(f"mine.yaml, line {line}")
+    assert words in said
+    assert "\n" not in said
+
+
+def test_a_file_that_is_not_there_is_named_with_what_is():
+    with pytest.raises(PlanError, match="did you mean 'vgtu-piezo'"):
+        find_plan("vgtu-pieso")
+    with pytest.raises(PlanError, match="no file is called ''"):
+        find_plan("")
+    with pytest.raises(PlanError, match="give the path of a plan"):
+        read_plan("/nowhere/plan.yaml")
+
+
+def test_a_stage_that_is_not_there_is_named(tmp_path):
+    plan = plan_from_text(HEAD.replace("vgtu-piezo", "mine.yaml") + LOOPS)
+    with pytest.raises(PlanError, match=r"'mine.yaml' is no built-in design and no file"):
+        plan_stage(plan, tmp_path)
+
+
+def test_ready_plans_can_be_carried_out_and_say_how_long_they_take():
+    made = {name: read_plan(path) for name, path in ready_plans().items()}
+    assert set(made) >= {"vgtu-piezo", "vgtu-mechanical", "centring"}
+    found = {name: dry_run(plan, plan_stage(plan)) for name, plan in made.items()}
+    assert all(not run.problems for run in found.values())
+    # three minutes of the stage's time: somebody stands beside it
+    assert 60.0 < found["vgtu-piezo"].duration < 180.0
+    assert 60.0 < found["vgtu-mechanical"].duration < 180.0
+
+
+def test_the_piezo_plan_holds_what_the_study_did():
+    plan = read_plan(find_plan("vgtu-piezo"))
+    tests = {s.action.test for s in plan.steps if isinstance(s.action, Measure)}
+    assert tests >= {"motion", "staircase", "hold", "response", "workspace"}
+    models = {m for s in plan.steps if isinstance(s.action, Identify) for m in s.action.models}
+    assert models >= {"bouc-wen", "preisach"}
+    ways = {w for s in plan.steps if isinstance(s.action, Verify) for w in s.action.ways}
+    assert ways == {"open loop", "inverse", "feedback", "both", "learning"}
+
+
+def test_a_dry_run_says_which_limit_a_command_leaves():
+    fast = LOOPS.replace("500 mHz", "90 Hz").replace("cycles: 4", "cycles: 4, shape: cosine")
+    plan = plan_from_text(HEAD.replace("steps:", "defaults: {command_rate: 10 kHz}\nsteps:") + fast)
+    (only,) = dry_run(plan, plan_stage(plan)).steps
+    assert only.problem == ""
+    # the slope of a cosine is pi f times its range, 33.9 kV/s of the 40 kV/s that are allowed
+    assert only.motions[0].largest_rate == pytest.approx(3.14159 * 90.0 * 120.0, rel=1e-2)
+    assert only.motions[0].rate_limit == 40e3
+    faster = plan_from_text(
+        HEAD.replace("steps:", "defaults: {command_rate: 10 kHz}\nsteps:")
+        + fast.replace("90 Hz", "125 Hz")
+    )
+    found = dry_run(faster, plan_stage(faster))
+    assert "40000 V/s is its limit" in found.problems[0]
+
+
+def test_a_dry_run_needs_positions_of_a_piezo_axis_only_about():
+    text = HEAD + "  - {name: t, excite: {kind: positioning, axis: x, targets: 5, rounds: 2}}\n"
+    plan = plan_from_text(text)
+    (only,) = dry_run(plan, plan_stage(plan)).steps
+    (motion,) = only.motions
+    assert motion.estimated
+    assert motion.unit == "m"
+    # of the published 63.12 um
+    assert 0.0 < motion.low < motion.high < 63.12e-6
+
+
+def test_a_stage_without_such_an_axis_is_told_in_the_dry_run():
+    plan = plan_from_text(HEAD + LOOPS.replace("axis: x", "axis: z") + MOTION)
+    found = dry_run(plan, plan_stage(plan))
+    assert "has no axis 'z': its axes are x, y" in found.problems[0]
+    assert "'loops' cannot be made" in found.problems[1]

@@ -1,0 +1,287 @@
+"""What control reaches on the simulated stage, where the true position is known.
+
+The stage is identified through its own signals, by a designed record; nothing of what it is made of
+is used. Errors are those of the true position from the reference. Run as a program for a table:
+``python tests/control_evidence.py 20``.
+"""
+
+import sys
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.control import (
+    ControlRun,
+    Learning,
+    LearningSettings,
+    RunTracking,
+    Trajectory,
+    Tuning,
+    Way,
+    compensate,
+    conditioning_waveform,
+    control_run,
+    evaluate_run,
+    learn,
+    sine,
+    triangle,
+    tune,
+)
+from flexstage.designs import design
+from flexstage.hysteresis import DriveModel, excitation, identify
+from flexstage.instruments.twin.build import virtual_stage
+from flexstage.instruments.twin.stage import Block, VirtualStage
+from flexstage.instruments.waveform import Waveform
+from flexstage.records import Channel, Record
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 10e3
+#: Age of a reading when the control compares it.
+READING_DELAY = 1.0 / RATE_HZ
+#: Where a user would look for the first mode of the stage, from its drawing [Hz].
+DRAWN_MODE_HZ = 820.0
+STROKE = 59.5e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """One simulated stage, identified along one axis."""
+
+    stage: VirtualStage
+    axis: str
+    model: DriveModel
+    tuning: Tuning
+    middle: float
+    reach: tuple[float, float]
+    told: list[Array] = field(default_factory=list)
+
+    def ends(self) -> tuple[float, float]:
+        """59.5 um about the middle of what a control may reach, or all of that where it is less."""
+        low, high = self.stage.limits[self.axis].position or self.reach
+        half = min(0.5 * STROKE, 0.4999 * (high - low))
+        return 0.5 * (low + high) - half, 0.5 * (low + high) + half
+
+    @property
+    def number(self) -> int:
+        return self.stage.axes.index(self.axis)
+
+    def open_loop(self, voltage: Array) -> Block:
+        command = np.zeros((len(self.stage.axes), voltage.size))
+        command[self.number] = voltage
+        return self._kept(self.stage.run(command, [False] * len(self.stage.axes)))
+
+    def _kept(self, block: Block) -> Block:
+        """Remember what the drive was told: a thousand voltages a second are enough for creep."""
+        self.told.append(block.command[self.number, :: int(RATE_HZ) // 1000])
+        return block
+
+    def history(self) -> Waveform:
+        """Return all voltages since the stage had rested."""
+        told = np.concatenate(self.told)
+        return Waveform(values={self.axis: told}, sample_rate_hz=1e3, quantity="voltage")
+
+    def closed_loop(self, target: Array, feedforward: Array | None = None) -> Block:
+        command = np.zeros((len(self.stage.axes), target.size))
+        command[self.number] = target
+        servo = [a == self.axis for a in self.stage.axes]
+        added = None
+        if feedforward is not None:
+            added = np.full(command.shape, np.nan)
+            added[self.number] = feedforward
+        return self._kept(self.stage.run(command, servo, added))
+
+    def carry_out(self, run: ControlRun) -> Array:
+        """Return the true position over all periods of a run."""
+        if run.lead_in is not None:
+            before = self.open_loop(run.lead_in.values[self.axis])
+        else:
+            before = self.open_loop(np.zeros(2))
+        values = np.tile(run.waveform.values[self.axis], run.cycles)
+        if run.way is Way.FEEDFORWARD:
+            return self.open_loop(values).position[self.number]
+        self.stage.set_servo_settings(self.axis, run.servo[self.axis])
+        # a slow way to where the trajectory begins
+        here = float(before.reading[self.number, -1])
+        s = np.clip(np.arange(4000) / 3000.0, 0.0, 1.0)
+        self.closed_loop(here + (values[0] - here) * s * s * (3.0 - 2.0 * s))
+        added = None
+        if run.feedforward is not None:
+            added = np.tile(run.feedforward.values[self.axis], run.cycles)
+        return self.closed_loop(values, added).position[self.number]
+
+    def errors(self, run: ControlRun) -> RunTracking:
+        """Compare the true position with the reference."""
+        return evaluate_run(run.trajectory, self.axis, self.carry_out(run), skip=run.settling)
+
+
+def bench(seed: int, axis: str = "x", **options: object) -> Bench:
+    """Identify one axis of a stage, and tune its control."""
+    stage = virtual_stage(design("vgtu-piezo"), seed=seed, sample_rate_hz=RATE_HZ, **options)  # type: ignore[arg-type]
+    number = stage.axes.index(axis)
+    limits = stage.limits[axis]
+    assert limits.voltage is not None
+    made = excitation(
+        limits.voltage,
+        sample_rate_hz=RATE_HZ,
+        rates_hz=(1.0, 50.0),
+        natural_frequency_hz=DRAWN_MODE_HZ,
+        slope_limit=limits.slew,
+        hold=5.0,
+    )
+    command = np.zeros((len(stage.axes), made.voltage.size))
+    command[number] = made.voltage
+    block = stage.run(command, [False] * len(stage.axes))
+    record = Record(
+        channels=(
+            Channel(name="voltage", values=made.voltage, unit="V"),
+            Channel(name=axis, values=block.reading[number], unit="m"),
+        ),
+        time=made.time,
+    )
+    model = identify(record, "voltage", axis, model=("preisach",)).model
+    own = Bench(
+        stage=stage,
+        axis=axis,
+        model=model,
+        tuning=tune(model, sample_rate_hz=RATE_HZ),
+        middle=0.0,
+        reach=(0.0, 0.0),
+        told=[made.voltage[:: int(RATE_HZ) // 1000]],
+    )
+    # the stroke is that of cycles at 1 Hz: what a hold or a fast cycle adds to it is not to be had
+    cycles = conditioning_waveform({axis: limits.voltage}, sample_rate_hz=RATE_HZ)
+    turned = own.open_loop(cycles.values[axis]).reading[own.number]
+    last = turned[int(2.25 * RATE_HZ) : int(3.25 * RATE_HZ)]
+    ends = float(last.min()), float(last.max())
+    return replace(own, reach=ends, middle=0.5 * (ends[0] + ends[1]))
+
+
+def slow_reference(own: Bench) -> Trajectory:
+    """A cosine at 1 Hz over 99 % of the stroke."""
+    half = 0.495 * (own.reach[1] - own.reach[0])
+    return sine(own.axis, own.middle - half, own.middle + half, 1.0, sample_rate_hz=RATE_HZ)
+
+
+def feedforward_figures(own: Bench) -> dict[str, float]:
+    """Loop width and tracking at 1 Hz, open loop and by the inverse."""
+    wanted = slow_reference(own)
+    axis, models = own.axis, {own.axis: own.model}
+    limits = {axis: own.stage.limits[axis]}
+    low, high = limits[axis].voltage or (0.0, 0.0)
+    unit = (wanted.positions[axis] - own.middle) / (own.reach[1] - own.reach[0])
+    straight = np.tile(0.5 * (low + high) + unit * (high - low), 5)
+    cycles = conditioning_waveform({axis: (low, high)}, sample_rate_hz=RATE_HZ)
+    own.open_loop(cycles.values[axis])
+    opened = evaluate_run(
+        wanted, axis, own.open_loop(straight).position[own.number], skip=2, free_offset=True
+    )
+    own.open_loop(np.zeros(2 * int(RATE_HZ)))
+    made = own.errors(
+        control_run("feedforward", wanted, periods=3, models=models, limits=limits,
+                    history=own.history())
+    )  # fmt: skip
+    blind = control_run("feedforward", wanted, periods=3, models=models, limits=limits)
+    assert blind.lead_in is not None
+    lead_in = blind.lead_in.values[axis]
+    own.open_loop(lead_in)
+    zero = float(own.open_loop(np.full(200, lead_in[-1])).reading[own.number].mean())
+    zeroed = own.errors(
+        control_run("feedforward", wanted, periods=3, models=models, limits=limits,
+                    zero={axis: zero})
+    )  # fmt: skip
+    size = 100.0 / float(np.ptp(wanted.positions[axis]))
+    return {
+        "open loop, loop width [um]": 1e6 * opened.whole.loop_width,
+        "feedforward, loop width [um]": 1e6 * made.whole.loop_width,
+        "feedforward, reduction [%]": made.reduction_percent(opened),
+        "feedforward, tracking [% rms]": size * made.whole.rms,
+        "feedforward from a zero that was read, tracking [% rms]": size * zeroed.whole.rms,
+    }
+
+
+def feedback_figures(own: Bench) -> dict[str, float]:
+    """Errors with feedforward and feedback, on a slow triangle and a fast sine."""
+    low, high = own.ends()
+    slow = triangle(own.axis, low, high, 1.0, sample_rate_hz=RATE_HZ, turn_time=0.05)
+    fast = sine(own.axis, low, high, 50.0, sample_rate_hz=RATE_HZ)
+    found = {}
+    for name, wanted, periods in (("1 Hz triangle", slow, 3), ("50 Hz sine", fast, 50)):
+        for way in Way:
+            run = control_run(
+                way, wanted, periods=periods, models={own.axis: own.model},
+                servo={own.axis: own.tuning.settings}, reading_delay=READING_DELAY,
+                limits={own.axis: own.stage.limits[own.axis]},
+            )  # fmt: skip
+            found[f"{name}, {way.value} [nm rms]"] = 1e9 * own.errors(run).whole.rms
+            own.open_loop(np.zeros(2000))
+    # a reference that is slow against the mains: the stage need not follow what they add
+    quiet = tune(own.model, sample_rate_hz=RATE_HZ, mains_hz=50.0)
+    run = control_run(
+        Way.BOTH, slow, periods=3, models={own.axis: own.model},
+        servo={own.axis: quiet.settings}, reading_delay=READING_DELAY,
+    )  # fmt: skip
+    found["1 Hz triangle, both and a notch at 50 Hz [nm rms]"] = 1e9 * own.errors(run).whole.rms
+    return found
+
+
+def learning_run(own: Bench, trials: int) -> tuple[Learning, list[float]]:
+    """Learn the voltages of a 50 Hz sine in open loop; return the true errors too [m]."""
+    low, high = own.ends()
+    wanted = sine(own.axis, low, high, 50.0, sample_rate_hz=RATE_HZ)
+    limits = {own.axis: own.stage.limits[own.axis]}
+    made = compensate({own.axis: own.model}, wanted, limits=limits)
+    own.open_loop(made.lead_in.values[own.axis])
+    how = LearningSettings(trials=trials)
+    true: list[float] = []
+
+    def run(period: Waveform) -> Record:
+        # a second in which what was before dies out, then the periods that are averaged
+        n, size = 50, period.size
+        block = own.open_loop(np.tile(period.values[own.axis], n + how.periods))
+        late = slice(n * size, None)
+        true.append(evaluate_run(wanted, own.axis, block.position[own.number, late]).whole.rms)
+        reading = Channel(name=own.axis, values=block.reading[own.number, late], unit="m")
+        return Record(channels=(reading,), time=np.arange(reading.values.size) / RATE_HZ)
+
+    found = learn(run, wanted, made.voltage, {own.axis: own.model}, how, limits=limits)
+    return found, true
+
+
+def open_loop_width(seed: int, rate_hz: float, amplifier: Literal["voltage", "charge"]) -> float:
+    """Return the width of the loop of the true position over its stroke, without any control."""
+    stage = virtual_stage(design("vgtu-piezo"), seed=seed, amplifier=amplifier)
+    low, high = stage.limits["x"].voltage or (0.0, 0.0)
+    wanted = sine("x", low, high, rate_hz, sample_rate_hz=RATE_HZ)
+    command = np.zeros((len(stage.axes), 3 * wanted.size))
+    command[0] = np.tile(wanted.positions["x"], 3)
+    got = stage.run(command, [False] * len(stage.axes)).position[0]
+    return evaluate_run(wanted, "x", got, skip=2).whole.loop_width / float(np.ptp(got))
+
+
+def figures(seed: int, *, trials: int = 5, axis: str = "x") -> dict[str, float]:
+    """Return every figure of one stage."""
+    own = bench(seed, axis)
+    found = {**feedforward_figures(own), **feedback_figures(own)}
+    _, true = learning_run(own, trials)
+    found["learning, start [nm rms]"] = 1e9 * true[0]
+    found["learning, 5th trial [nm rms]"] = 1e9 * true[min(5, len(true) - 1)]
+    found["learning, largest from the 3rd on [nm rms]"] = 1e9 * max(true[3:])
+    return found
+
+
+def main() -> None:
+    """Write a table of figures over seeds."""
+    every = [figures(seed, trials=50, axis=sys.argv[2]) for seed in range(int(sys.argv[1]))]
+    for name in every[0]:
+        values = np.array([f[name] for f in every])
+        sys.stdout.write(
+            f"{name:55s} median {np.median(values):9.3f}   {values.min():9.3f} to "
+            f"{values.max():9.3f}\n"
+        )
+
+
+if __name__ == "__main__":
+    main()

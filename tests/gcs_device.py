@@ -1,0 +1,388 @@
+"""A device that is exact by formula, to test servers of commands with: no physics, no noise."""
+
+import dataclasses
+
+import numpy as np
+
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.protocol import Capability, Identity
+from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.instruments.twin.clock import FastTime
+from flexstage.instruments.twin.device import (
+    AxisDescription,
+    ChannelDescription,
+    Refusal,
+    RefusedError,
+)
+from flexstage.instruments.twin.interpreter import Interpreter
+from flexstage.instruments.twin.session import Session
+
+RATE = 10e3
+#: Displacement of the drives [m/V].
+GAIN = (0.5e-6, 0.25e-6)
+PIEZO = frozenset(
+    {
+        Capability.CLOSED_LOOP,
+        Capability.OPEN_LOOP,
+        Capability.SERVO_TUNING,
+        Capability.FEEDFORWARD_TABLE,
+    }
+)
+SCREW = frozenset({Capability.CLOSED_LOOP})
+
+
+DELIVERED = ServoSettings(
+    integral=1.9e9, notches=(Notch(frequency_hz=800.0, zero_damping=0.01, pole_damping=0.25),)
+)
+
+
+@dataclasses.dataclass
+class Axis:
+    """What is commanded: a straight line from one value to another; or a wave."""
+
+    speed: float
+    servo: bool = False
+    start: float = 0.0
+    end: float = 0.0
+    since: float = 0.0
+    target: float = 0.0
+    settings: ServoSettings = DELIVERED
+    choice: tuple = (0, 0)
+    cycles: int = 1
+    wave: np.ndarray | None = None
+
+
+def refuse(reason):
+    raise RefusedError(reason, "no")
+
+
+class FormulaDevice:
+    """Two axes, `piezo` (moved by a voltage, exact under control) or screws."""
+
+    wave_tables, wave_capacity, record_tables, record_capacity = 4, 5000, 3, 2000
+    sample_rate_hz = RATE
+
+    def __init__(self, kind="piezo"):
+        limits = (
+            AxisLimits(position=(-2e-6, 60e-6), voltage=(-5.0, 120.0), slew=4e4, speed=2e-3),
+            AxisLimits(position=(1e-6, 31e-6), voltage=(0.0, 100.0), slew=4e4, speed=1e-3),
+        )
+        if kind == "screw":
+            limits = tuple(AxisLimits(position=(0.0, 1e-3), speed=1e-4) for _ in limits)
+        self.axes = {
+            str(i): AxisDescription(
+                name=str(i),
+                stage_axis=axis,
+                kind=kind,
+                limits=limit,
+                capabilities=PIEZO if kind == "piezo" else SCREW,
+            )
+            for i, axis, limit in zip((1, 2), "xy", limits, strict=True)
+        }
+        self.kind = kind
+        self.channels = tuple(
+            ChannelDescription(number=i, name=name, unit=unit)
+            for i, name, unit in ((1, "x", "m"), (2, "y", "m"), (3, "x.yaw", "rad"))
+        )
+        self.identity = Identity(
+            vendor="flexstage", model="formula", serial_number="7", firmware="1.2", simulated=True
+        )
+        self.samples = 0
+        self.calls = []
+        self.fresh()
+
+    def fresh(self):
+        speeds = (2e-3, 1e-3) if self.kind == "piezo" else (1e-4, 1e-4)
+        self.state = {
+            name: Axis(speed=v, servo=self.kind == "screw")
+            for name, v in zip(self.axes, speeds, strict=True)
+        }
+        self.part = 0.0
+        self.waves = {}
+        self.wave_divider = self.divider = 1
+        self.signals = {}
+        self.armed = None
+        self.kept, self.data, self.first, self.filled, self.full = {}, {}, 0, 0, 0
+        self.out = False
+        self.blow = False
+
+    @property
+    def now(self):
+        return self.samples / RATE
+
+    def advance(self, seconds):
+        self.part += seconds * RATE
+        count = round(self.part // 1.0)
+        self.part -= count
+        if self.filled < self.full:
+            numbers = np.arange(self.samples + 1, self.samples + count + 1)
+            wanted = numbers[(numbers - self.first) % self.divider == 0][: self.full - self.filled]
+            for table, signal in self.kept.items():
+                self.data[table].extend(self.values(signal, wanted / RATE).tolist())
+            self.filled += wanted.size
+        self.samples += count
+        for axis in self.state.values():
+            if axis.wave is not None and axis.cycles and self.now >= self.wave_end(axis):
+                axis.start = axis.end = float(axis.wave[-1])
+                if axis.servo:
+                    axis.target = axis.end
+                axis.wave = None
+
+    def wave_end(self, axis):
+        return axis.since + axis.cycles * axis.wave.size * self.wave_divider / RATE
+
+    def line(self, axis, t):
+        """The commanded value at times."""
+        if axis.wave is not None:
+            steps = np.floor((t - axis.since) * RATE / self.wave_divider + 1e-6).astype(int)
+            return axis.wave[np.clip(steps, 0, None) % axis.wave.size]
+        rate = axis.speed if axis.servo else 4e4
+        gone = np.clip((t - axis.since) * rate, 0.0, abs(axis.end - axis.start))
+        return axis.start + np.sign(axis.end - axis.start) * gone
+
+    def position_at(self, name, t):
+        axis = self.state[name]
+        return self.line(axis, t) * (1.0 if axis.servo else GAIN[int(name) - 1])
+
+    def values(self, signal, t):
+        axis = self.state.get(signal.source)
+        if signal.kind == "channel":
+            return np.full(t.shape, self.channel(int(signal.source)))
+        if signal.kind == "position":
+            return self.position_at(signal.source, t)
+        if signal.kind == "target":
+            return np.full(t.shape, axis.target)
+        if signal.kind == "voltage":
+            return self.position_at(signal.source, t) / GAIN[int(signal.source) - 1]
+        return np.sin(np.arange(t.size) + 1.0) * self.blow
+
+    def begin(self, name, end):
+        axis = self.state[name]
+        axis.start, axis.end, axis.since = self.line_now(axis), end, self.now
+
+    def line_now(self, axis):
+        return float(self.line(axis, np.array([self.now]))[0])
+
+    def reboot(self):
+        self.calls.append("reboot")
+        self.fresh()
+
+    def servo_on(self, axis):
+        return self.state[axis].servo
+
+    def set_servo(self, axis, on):
+        self.calls.append(("servo", axis, on))
+        if self.kind == "screw":
+            refuse(Refusal.NOT_ABLE)
+        state = self.state[axis]
+        if state.wave is not None:
+            refuse(Refusal.WAVE_RUNNING)
+        position = self.position(axis)
+        state.servo = on
+        value = position if on else position / GAIN[int(axis) - 1]
+        state.start = state.end = value
+        if on:
+            state.target = position
+
+    def target(self, axis):
+        return self.state[axis].target
+
+    def set_targets(self, targets):
+        for name, value in targets.items():
+            low, high = self.axes[name].limits.position
+            if self.state[name].wave is not None:
+                refuse(Refusal.WAVE_RUNNING)
+            if not self.state[name].servo:
+                refuse(Refusal.SERVO_OFF)
+            if not low <= value <= high:
+                refuse(Refusal.OUT_OF_LIMITS)
+        self.calls.append(("targets", dict(targets)))
+        self.trigger("move")
+        for name, value in targets.items():
+            self.begin(name, value)
+            self.state[name].target = value
+
+    def command(self, axis):
+        return self.state[axis].end if not self.state[axis].servo else self.voltage(axis)
+
+    def set_commands(self, commands):
+        for name, value in commands.items():
+            if self.kind == "screw":
+                refuse(Refusal.NOT_ABLE)
+            low, high = self.axes[name].limits.voltage
+            if self.state[name].wave is not None:
+                refuse(Refusal.WAVE_RUNNING)
+            if self.state[name].servo:
+                refuse(Refusal.SERVO_ON)
+            if not low <= value <= high:
+                refuse(Refusal.OUT_OF_LIMITS)
+        self.calls.append(("commands", dict(commands)))
+        self.trigger("move")
+        for name, value in commands.items():
+            self.begin(name, value)
+
+    def speed(self, axis):
+        return self.state[axis].speed
+
+    def set_speed(self, axis, speed):
+        if not 0.0 < speed <= self.axes[axis].limits.speed * (1.0 + 1e-6):
+            refuse(Refusal.SPEED_OUT_OF_LIMITS)
+        self.begin(axis, self.state[axis].end)
+        self.state[axis].speed = speed
+
+    def position(self, axis):
+        return float(self.position_at(axis, np.array([self.now]))[0])
+
+    def voltage(self, axis):
+        return self.position(axis) / GAIN[int(axis) - 1]
+
+    def on_target(self, axis):
+        return not self.moving(axis)
+
+    def moving(self, axis):
+        state = self.state[axis]
+        return state.wave is not None or self.line_now(state) != state.end
+
+    def channel(self, number):
+        return 1e-6 * number if number == 3 else self.position(str(number))
+
+    def stop(self, axes=None):
+        self.calls.append(("stop", axes))
+        for name in axes if axes is not None else self.axes:
+            state = self.state[name]
+            value = self.line_now(state)
+            state.wave = None
+            state.start = state.end = value
+            if state.servo:
+                state.target = value
+
+    def servo(self, axis):
+        return self.state[axis].settings
+
+    def set_servo_settings(self, axis, settings):
+        if self.kind == "screw":
+            refuse(Refusal.NOT_ABLE)
+        self.state[axis].settings = settings
+
+    def wave(self, table):
+        return self.waves.get(table, np.empty(0))
+
+    def set_wave(self, table, samples):
+        if sum(w.size for k, w in self.waves.items() if k != table) + samples.size > 5000:
+            refuse(Refusal.TABLE_FULL)
+        self.waves[table] = np.array(samples)
+
+    def wave_rate_divider(self):
+        return self.wave_divider
+
+    def set_wave_rate_divider(self, divider):
+        if not 1 <= divider <= 10000:
+            refuse(Refusal.BAD_VALUE)
+        if any(axis.wave is not None for axis in self.state.values()):
+            refuse(Refusal.WAVE_RUNNING)
+        self.wave_divider = divider
+
+    def wave_choice(self, axis):
+        return self.state[axis].choice
+
+    def choose_wave(self, axis, table, feedforward=0):
+        self.state[axis].choice = (table, feedforward)
+
+    def wave_cycles(self, axis):
+        return self.state[axis].cycles
+
+    def set_wave_cycles(self, axis, cycles):
+        if self.state[axis].wave is not None:
+            refuse(Refusal.WAVE_RUNNING)
+        self.state[axis].cycles = cycles
+
+    def start_waves(self, axes):
+        for name in axes:
+            state, limits = self.state[name], self.axes[name].limits
+            table = self.wave(state.choice[0])
+            if not table.size:
+                refuse(Refusal.NO_WAVE)
+            low, high = limits.position if state.servo else limits.voltage
+            if not (np.all(table >= low) and np.all(table <= high)):
+                refuse(Refusal.OUT_OF_LIMITS)
+        self.calls.append(("waves", tuple(axes)))
+        self.trigger("wave")
+        for name in axes:
+            state = self.state[name]
+            state.wave, state.since = self.wave(state.choice[0]), self.now
+
+    def stop_waves(self, axes):
+        self.stop([name for name in axes if self.state[name].wave is not None])
+
+    def wave_running(self, axis):
+        return self.state[axis].wave is not None
+
+    def record_signal(self, table):
+        return self.signals.get(table)
+
+    def set_record_signal(self, table, signal):
+        self.signals.pop(table, None)
+        if signal is not None:
+            self.signals[table] = signal
+
+    def record_divider(self):
+        return self.divider
+
+    def set_record_divider(self, divider):
+        self.divider = divider
+
+    def arm_recorder(self, trigger):
+        self.full = self.filled
+        self.armed = trigger
+        if trigger == "now":
+            self.trigger("now")
+
+    def trigger(self, what):
+        if self.armed == what:
+            self.armed = None
+            self.kept = dict(self.signals)
+            self.data = {table: [] for table in self.kept}
+            self.first, self.filled = self.samples + 1, 0
+            self.full = self.record_capacity if self.kept else 0
+
+    def recorded(self):
+        return self.filled
+
+    def recording(self):
+        return self.filled < self.full
+
+    def record(self, table, first, count):
+        return np.array(self.data[table][first : first + count])
+
+    def drives_removed(self):
+        return self.out
+
+    def remove_drives(self, removed):
+        if any(axis.servo for axis in self.state.values()):
+            refuse(Refusal.SERVO_ON)
+        self.out = removed
+
+    def strike(self, axis):
+        self.calls.append(("strike", axis))
+        self.blow = True
+        self.trigger("wave")
+
+
+def controller(kind="piezo"):
+    """A controller on the device by formula, whose time passes with commands."""
+    device = FormulaDevice(kind)
+    return Interpreter(device, FastTime(device))
+
+
+def talk(session, text):
+    """Say lines; return what is answered and, line by line, which errors there were."""
+    answers, errors = b"", []
+    for line in text.strip().split("\n"):
+        answers += session.feed(line.strip().encode("latin-1") + b"\n")
+        errors.append(int(session.feed(b"ERR?\n")))
+    return answers.decode("latin-1"), [e for e in errors if e] or 0
+
+
+def opened(kind="piezo"):
+    """A session of a controller of its own."""
+    return Session(controller(kind))

@@ -1,0 +1,314 @@
+"""The client on the simulated controller: what it reads and writes is what the device has."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing
+from functools import cache
+from typing import cast
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.errors import ControllerError, LimitError
+from flexstage.instruments.gcs import InProcess, PiController, TcpLink, Wire
+from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.instruments.twin.build import virtual_stage
+from flexstage.instruments.twin.clock import FastTime
+from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.interpreter import Interpreter
+from flexstage.instruments.twin.loopback import open_session
+from flexstage.instruments.twin.server import GcsServer
+from flexstage.instruments.twin.stage import VirtualStage
+from flexstage.instruments.waveform import Waveform
+
+STAGE = design("vgtu-piezo")
+LONG = Wire(line_limit=16384)
+
+
+@cache
+def _made(seed: int, number: int):
+    return virtual_stage(STAGE, model="lumped", seed=seed)
+
+
+def interpreter(seed: int, number: int = 0) -> Interpreter:
+    """Return a controller; the stage is made once for each number, and relaxed again."""
+    stage = _made(seed, number)
+    stage.reset()
+    device = VirtualController(cast("VirtualStage", stage))
+    return Interpreter(device, FastTime(device))
+
+
+@pytest.fixture
+def twin() -> Iterator[tuple[PiController, VirtualController]]:
+    made = interpreter(5)
+    controller = PiController.open(InProcess(open_session(made)), STAGE, wire=LONG, timeout=60.0)
+    assert isinstance(made.device, VirtualController)
+    yield controller, made.device
+    controller.close()
+
+
+def sine(low: float, high: float, size: int = 400) -> np.ndarray:
+    return low + (high - low) * (0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size))
+
+
+def test_it_can_do_everything_that_the_device_can(twin):
+    controller, device = twin
+    assert isinstance(cast("object", controller), Instrument)
+    assert controller.capabilities == frozenset(Capability)
+    for name, axis in controller.axes.items():
+        described = device.axes[axis.facts.identifier]
+        assert described.stage_axis == name
+        assert axis.capabilities == described.capabilities
+        assert axis.limits.voltage == described.limits.voltage
+        assert axis.limits.slew == described.limits.slew
+        # ten digits are printed
+        assert axis.limits.position == pytest.approx(described.limits.position, rel=1e-9)
+    assert controller.identity.simulated
+    assert controller.identity.model == device.identity.model
+    assert [controller.channels.numbers[c.name] for c in device.channels] == [
+        c.number for c in device.channels
+    ]
+    assert [controller.channels.units[c.name] for c in device.channels] == [
+        c.unit for c in device.channels
+    ]
+    assert controller.recorder.base_rate_hz == pytest.approx(device.sample_rate_hz, rel=1e-9)
+    assert controller.recorder.capacity == device.record_capacity
+    assert controller.recorder.signals == device.record_tables
+    assert controller.waves.capacity == device.wave_capacity
+
+
+def test_connecting_moves_and_switches_nothing(twin):
+    _, device = twin
+    for axis in device.axes:
+        assert not device.servo_on(axis)
+        assert not device.moving(axis)
+        assert device.command(axis) == 0.0
+    assert not device.drives_removed()
+
+
+def test_readings_are_those_of_the_device(twin):
+    controller, device = twin
+    controller.axes["y"].set_voltage(41.5)
+    # simulated time has passed with the question: what was read is what the device still has
+    assert controller.axes["y"].position() == pytest.approx(device.position("2"), rel=1e-9)
+    assert controller.axes["y"].voltage() == pytest.approx(device.voltage("2"), rel=1e-9)
+    for name in ("x.across", "y.roll"):
+        number = controller.channels.numbers[name]
+        assert controller.channel(number) == pytest.approx(device.channel(number), rel=1e-9)
+
+
+def test_a_record_is_what_the_device_recorded(twin):
+    controller, device = twin
+    signals = (
+        Signal(kind="voltage", source="x", name="u", unit="V"),
+        Signal(kind="position", source="x", name="p"),
+        controller.channels.signal("x.yaw"),
+    )
+    rate = controller.recorder.configure(signals, 2500.0, 1700)
+    assert rate == 2500.0
+    controller.waves.load(
+        Waveform(values={"x": sine(0.0, 90.0)}, sample_rate_hz=2000.0, quantity="voltage")
+    )
+    controller.recorder.arm()
+    controller.waves.start(3)
+    while controller.waves.running() or controller.recorder.available() < 1700:
+        controller.pause(0.05)
+    record = controller.recorder.read(0, 1700)
+    for table, signal in enumerate(signals, 1):
+        values = record.channel(signal.name).values
+        np.testing.assert_allclose(values, device.record(table, 0, 1700), rtol=1e-9, atol=1e-18)
+    assert record.sample_rate_hz == pytest.approx(2500.0, rel=1e-9)
+    # it holds the waveform: a cosine from 0 to 90 V with a period of 0.2 s, late by 1 ms at most
+    wanted = 45.0 - 45.0 * np.cos(2.0 * np.pi * record.time / 0.2)
+    inside = record.time < 0.59
+    error = record.channel("u").values - wanted
+    assert np.max(np.abs(error[inside])) < 45.0 * 2.0 * np.pi / 0.2 * 1e-3
+
+
+def test_tables_are_as_they_were_written_to_a_picometre(twin):
+    controller, device = twin
+    low, high = controller.axes["x"].limits.position
+    rng = np.random.default_rng(3)
+    values = np.clip(np.cumsum(rng.normal(0.0, 2e-8, 3000)) + 30e-6, low, high)
+    controller.axes["x"].set_closed_loop(True)
+    controller.axes["x"].move_to(values[0])
+    controller.waves.load(Waveform(values={"x": values}, sample_rate_hz=10e3, quantity="position"))
+    controller.waves.start()
+    np.testing.assert_allclose(device.wave(1), values, rtol=0.0, atol=0.51e-12)
+    assert device.wave_rate_divider() == 1
+
+
+def test_a_feedforward_is_chosen_and_taken_away(twin):
+    controller, device = twin
+    shape = Waveform(values={"x": sine(20e-6, 30e-6)}, sample_rate_hz=2e3, quantity="position")
+    volts = Waveform(values={"x": sine(5.0, 9.0)}, sample_rate_hz=2e3, quantity="voltage")
+    controller.axes["x"].set_closed_loop(True)
+    controller.axes["x"].move_to(20e-6)
+    controller.waves.load(shape, feedforward=volts)
+    assert device.wave_choice("1") == (1, 3)
+    controller.waves.start()
+    np.testing.assert_allclose(device.wave(3), volts.values["x"], rtol=0.0, atol=0.51e-6)
+    while controller.waves.running():
+        controller.pause(0.05)
+    controller.waves.load(shape)
+    assert device.wave_choice("1") == (1, 0)
+
+
+def test_settings_of_control_are_those_of_the_device(twin):
+    controller, device = twin
+    settings = ServoSettings(
+        proportional=1.7e5,
+        integral=0.9e9,
+        notches=(
+            Notch(frequency_hz=870.0, zero_damping=0.03, pole_damping=0.45),
+            Notch(frequency_hz=1530.0, zero_damping=0.0, pole_damping=0.2),
+        ),
+        lowpass_hz=2100.0,
+    )
+    controller.axes["y"].set_servo(settings)
+    for found in (device.servo("2"), controller.axes["y"].servo()):
+        assert found.proportional == pytest.approx(settings.proportional, rel=1e-8)
+        assert found.integral == pytest.approx(settings.integral, rel=1e-8)
+        assert found.lowpass_hz == pytest.approx(settings.lowpass_hz, rel=1e-8)
+        for a, b in zip(found.notches, settings.notches, strict=True):
+            assert a.frequency_hz == pytest.approx(b.frequency_hz, rel=1e-8)
+            assert a.zero_damping == pytest.approx(b.zero_damping, rel=1e-8)
+            assert a.pole_damping == pytest.approx(b.pole_damping, rel=1e-8)
+
+
+def test_a_move_comes_to_its_target_within_the_window_and_noise(twin):
+    controller, device = twin
+    axis = controller.axes["x"]
+    axis.set_closed_loop(True)
+    axis.move_to(33e-6)
+    assert device.target("1") == pytest.approx(33e-6, abs=1e-12)
+    # 20 nm of window, 5 nm rms of noise and 10 nm of mains
+    assert axis.position() == pytest.approx(33e-6, abs=60e-9)
+    axis.set_closed_loop(False)
+    assert not device.servo_on("1")
+
+
+def test_a_pause_is_simulated_time(twin):
+    controller, device = twin
+    for seconds in (0.02, 0.5, 2.25):
+        before = device.now
+        controller.pause(seconds)
+        # a command and the question whether it went well take 1 ms each, for each piece of 1 s
+        assert device.now - before == pytest.approx(seconds, abs=8e-3)
+
+
+def test_a_blow_is_recorded_with_the_drives_out_which_are_back_for_the_next_motion(twin):
+    controller, device = twin
+    signals = (
+        Signal(kind="force", source="y", name="force", unit="N"),
+        Signal(kind="response", source="y", name="response", unit="m/s^2"),
+    )
+    controller.recorder.configure(signals, 10e3, 4000)
+    controller.recorder.arm()
+    controller.strike("y")
+    assert device.drives_removed()
+    while controller.recorder.available() < 4000:
+        controller.pause(0.05)
+    record = controller.recorder.read(0, 4000)
+    force = record.channel("force").values
+    assert force.max() > 1.0
+    assert 0 < np.argmax(force) < 2000
+    controller.axes["y"].set_voltage(2.0)
+    assert not device.drives_removed()
+
+
+def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
+    controller, device = twin
+    controller.waves.load(
+        Waveform(values={"x": sine(0.0, 30.0)}, sample_rate_hz=2e3, quantity="voltage")
+    )
+    controller.waves.start(0)
+    assert controller.waves.running()
+    stopping = threading.Thread(target=controller.stop)
+    stopping.start()
+    stopping.join(10.0)
+    assert not controller.waves.running()
+    assert not device.wave_running("1")
+    # nobody is blamed for the stop
+    controller.recorder.configure([Signal(kind="position", source="x", name="p")], 1e3, 10)
+
+
+def test_a_second_client_may_look_and_stop_and_not_move():
+    made = interpreter(5)
+    links = [InProcess(open_session(made)) for _ in range(2)]
+    first, second = (PiController.open(link, STAGE, wire=LONG) for link in links)
+    with closing(first), closing(second):
+        first.axes["x"].set_voltage(20.0)
+        assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
+        with pytest.raises(ControllerError, match="control of somebody else") as info:
+            second.axes["x"].set_voltage(0.0)
+        assert info.value.code == 51
+        first.axes["x"].set_closed_loop(True)
+        first.axes["x"].move_to(50e-6, wait=False)
+        second.stop()
+        with pytest.raises(ControllerError, match="it was stopped, or somebody else"):
+            first.axes["x"].wait()
+
+
+def test_a_restart_is_noticed():
+    made = interpreter(5)
+    with closing(PiController.open(InProcess(open_session(made)), STAGE, wire=LONG)) as controller:
+        controller.axes["x"].set_closed_loop(True)
+        controller.client.tell("RBT")
+        with pytest.raises(ControllerError, match="restarted"):
+            controller.axes["x"].move_to(30e-6)
+
+
+def test_limits_are_checked_before_anything_is_sent(twin):
+    controller, device = twin
+    high = controller.axes["x"].limits.position[1]
+    controller.axes["x"].set_closed_loop(True)
+    before = device.target("1")
+    with pytest.raises(LimitError):
+        controller.axes["x"].move_to(high + 1e-9)
+    assert device.target("1") == before
+    controller.axes["x"].move_to(high)  # the end of the range itself is allowed
+
+
+def job(controller: PiController) -> list[np.ndarray]:
+    """Do a little of everything."""
+    found = []
+    for name, voltage in (("x", 35.0), ("y", 12.0)):
+        controller.axes[name].set_voltage(voltage)
+    signals = [Signal(kind="position", source=n, name=n) for n in ("x", "y")]
+    controller.recorder.configure(signals, 5e3, 900)
+    controller.recorder.start()
+    controller.pause(0.3)
+    found.append(np.array([c.values for c in controller.recorder.read(0, 900).channels]))
+    controller.axes["x"].set_closed_loop(True)
+    controller.axes["x"].move_to(25e-6)
+    controller.waves.load(
+        Waveform(values={"x": sine(25e-6, 32e-6)}, sample_rate_hz=2e3, quantity="position")
+    )
+    controller.recorder.arm()
+    controller.waves.start(1)
+    while controller.recorder.available() < 900:
+        controller.pause(0.02)
+    found.append(np.array([c.values for c in controller.recorder.read(0, 900).channels]))
+    return found
+
+
+def test_over_the_network_and_in_memory_the_same_job_gives_the_same_bits():
+    # time passes with commands only, so the lines are told to be of one length
+    with closing(
+        PiController.open(InProcess(open_session(interpreter(5))), STAGE, wire=LONG)
+    ) as memory:
+        here = job(memory)
+    server = GcsServer(interpreter(5, 1))
+    server.start()
+    try:
+        with closing(
+            PiController.open(TcpLink(*server.address), STAGE, wire=LONG, timeout=30.0)
+        ) as network:
+            there = job(network)
+    finally:
+        server.close()
+    for a, b in zip(here, there, strict=True):
+        np.testing.assert_array_equal(a, b)

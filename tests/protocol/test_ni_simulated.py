@@ -1,0 +1,424 @@
+"""An NI card with a simulated driver: one clock for inputs and outputs, limits at the drive."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from flexstage.designs import design
+from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.instruments.acquire import record_now, run_waveform
+from flexstage.instruments.guard import guarded
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.ni import (
+    DriveOutput,
+    NiAcquisition,
+    NiSetup,
+    SensorInput,
+    open_address,
+)
+from flexstage.instruments.ni.simulated import SimulatedBackend
+from flexstage.instruments.protocol import Axis, Capability, Instrument, Recorder, Signal
+from flexstage.instruments.protocol import WaveGenerator as Generator
+from flexstage.instruments.waveform import Waveform
+
+Array = NDArray[np.float64]
+
+#: Volts at each input for a volt at each output; both drives reach the third sensor.
+WIRING = {
+    "Dev1/ai3": {"Dev1/ao0": 0.83},
+    "Dev1/ai1": {"Dev1/ao1": -0.61},
+    "Dev1/ai7": {"Dev1/ao0": 0.05, "Dev1/ao1": 0.11},
+}
+INPUTS = (
+    SensorInput(channel="Dev1/ai3", name="x", gain=7.1e-6, offset=-3e-6),
+    SensorInput(channel="Dev1/ai1", name="y", gain=-9.3e-6),
+    SensorInput(channel="Dev1/ai7", name="roll", unit="rad", gain=2e-5, voltage_range=(-1.0, 1.0)),
+)
+OUTPUTS = (
+    DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0, offset=0.4),
+    DriveOutput(channel="Dev1/ao1", axis="y", sensor="y", gain=12.0, voltage_range=(0.0, 9.0)),
+)
+LIMITS = {
+    "x": AxisLimits(voltage=(-20.0, 120.0), slew=4000.0, safe_voltage=6.0),
+    "y": AxisLimits(slew=9000.0),
+}
+U = Signal(kind="voltage", source="x", name="u", unit="V")
+X = Signal(kind="position", source="x", name="x")
+ROLL = Signal(kind="channel", source="3", name="roll", unit="rad")
+
+
+def card(rate: float = 10e3, *, noise: float = 0.0, lead_to_safe: bool = True) -> NiAcquisition:
+    setup = NiSetup(
+        device="Dev1",
+        inputs=INPUTS,
+        outputs=OUTPUTS,
+        output_rate_hz=rate,
+        lead_to_safe=lead_to_safe,
+    )
+    return NiAcquisition(setup, SimulatedBackend(WIRING, noise=noise, seed=5), limits=LIMITS)
+
+
+def reading(sensor: SensorInput, voltages: dict[str, Array]) -> Array:
+    """What a sensor gives for voltages at the drives, written out once more."""
+    card_volts = {"Dev1/ao0": (voltages["x"] - 0.4) / 15.0, "Dev1/ao1": voltages["y"] / 12.0}
+    v = sum(g * card_volts[c] for c, g in WIRING[sensor.channel].items())
+    return sensor.gain * np.clip(v, *sensor.voltage_range) + sensor.offset
+
+
+def cosine(n: int = 400, rate: float = 1000.0, amplitude: float = 35.0) -> Waveform:
+    u = 41.0 - amplitude * np.cos(2.0 * np.pi * np.arange(n) / n)
+    return Waveform(values={"x": u, "y": 0.6 * u}, sample_rate_hz=rate, quantity="voltage")
+
+
+def test_it_is_an_instrument() -> None:
+    instrument = card()
+    assert isinstance(instrument, Instrument)
+    assert isinstance(instrument.axes["y"], Axis)
+    assert isinstance(instrument.recorder, Recorder)
+    assert isinstance(instrument.waves, Generator)
+    assert instrument.identity.simulated
+    assert instrument.axes["x"].capabilities == {Capability.OPEN_LOOP}
+
+
+def test_limits_are_those_at_the_drive() -> None:
+    instrument = card()
+    # The amplifier of x could give -149.6 to 150.4 V, that of y gives 0 to 108 V.
+    assert instrument.axes["x"].limits.voltage == (-20.0, 120.0)
+    assert instrument.axes["y"].limits.voltage == (0.0, 108.0)
+    for axis, wrong in (("x", 120.1), ("x", -20.1), ("y", 108.1), ("y", -0.1)):
+        with pytest.raises(LimitError, match="cannot be sent"):
+            instrument.axes[axis].set_voltage(wrong)
+        with pytest.raises(LimitError, match="would get"):
+            instrument.waves.load(
+                Waveform(
+                    values={axis: np.array([5.0, wrong])}, sample_rate_hz=9.0, quantity="voltage"
+                )
+            )
+    with pytest.raises(ModelError, match="no position control"):
+        instrument.axes["x"].move_to(1e-6)
+    with pytest.raises(ModelError, match="no position control"):
+        instrument.axes["x"].set_closed_loop(True)
+    with pytest.raises(ModelError, match="no position control: give voltages"):
+        instrument.waves.load(
+            Waveform(values={"x": np.zeros(3)}, sample_rate_hz=9.0, quantity="position")
+        )
+
+
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_a_waveform_and_what_it_does_are_in_step(cycles: int) -> None:
+    instrument = card()
+    wave = cosine()
+    record = run_waveform(instrument, wave, [U, X, ROLL], rate_hz=10e3, cycles=cycles, after=100)
+    n = 4000 * cycles + 100
+    assert record.size == n
+    k = np.minimum(np.arange(n) / 10.0, 400 * cycles - 1) % 400
+    given_ = {a: np.interp(k, np.arange(401), np.append(v, v[0])) for a, v in wave.values.items()}
+    assert record.channel("u").values == pytest.approx(given_["x"], abs=1e-9)
+    # The first sample sees what was before, and each other the output before it.
+    before = {a: np.append(v[0], v[:-1]) for a, v in given_.items()}
+    assert record.channel("x").values == pytest.approx(reading(INPUTS[0], before), abs=1e-15)
+    assert record.channel("roll").values == pytest.approx(reading(INPUTS[2], before), abs=1e-15)
+    assert record.channel("roll").unit == "rad"
+    assert "simulated: nothing in it was measured" in record.notes
+    assert record.attributes["driver"] == "simulated: asked for"
+    assert instrument.axes["x"].voltage() == pytest.approx(given_["x"][-1], rel=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    wave_rate=st.floats(150.0, 4000.0),
+    record_rate=st.floats(150.0, 20e3),
+    n=st.integers(2, 40),
+    cycles=st.integers(1, 3),
+    seed=st.integers(0, 99),
+)
+def test_any_rates_go_together(
+    wave_rate: float, record_rate: float, n: int, cycles: int, seed: int
+) -> None:
+    """The outputs follow the straight lines of the waveform at every sample of the record."""
+    rng = np.random.default_rng(seed)
+    u = 20.0 + 0.4 * rng.uniform(-1.0, 1.0, n)  # at most 0.8 V from sample to sample
+    wave = Waveform(values={"x": u}, sample_rate_hz=wave_rate, quantity="voltage")
+    instrument = card(rate=2500.0)
+    record = run_waveform(instrument, wave, [U], rate_hz=record_rate, cycles=cycles, after=7)
+    # A clock of 100 MHz has every rate to a thousandth; the record's own time is the kept one's.
+    assert record.sample_rate_hz == pytest.approx(record_rate, rel=1e-3)
+    k = record.time * wave_rate
+    inside = k <= n * cycles - 1
+    expected = np.interp(k[inside] % n, np.arange(n + 1), np.append(u, u[0]))
+    assert record.channel("u").values[inside] == pytest.approx(expected, abs=1e-6)
+    # The last sample of the waveform comes with the first edge of the clock at or after it.
+    last = k > n * cycles - 1 + wave_rate / 2500.0
+    assert np.all(record.channel("u").values[last] == u[-1])
+
+
+def test_a_slow_record_does_not_make_the_outputs_coarse() -> None:
+    """At 500 Hz of record the outputs still change 10 000 times a second."""
+    backend = SimulatedBackend(WIRING)
+    setup = NiSetup(device="Dev1", inputs=INPUTS, outputs=OUTPUTS)
+    instrument = NiAcquisition(setup, backend, limits=LIMITS)
+    written: list[tuple[int, float]] = []
+    opened = backend.open_output
+
+    def watched(*args: object, **options: object) -> object:
+        task = opened(*args, **options)  # type: ignore[arg-type]
+        written.append((args[1].shape[1], float(np.abs(np.diff(args[1][0])).max())))  # type: ignore[attr-defined]
+        return task
+
+    backend.open_output = watched  # type: ignore[method-assign, assignment]
+    record = run_waveform(instrument, cosine(), [U, X], rate_hz=500.0)
+    assert record.sample_rate_hz == pytest.approx(500.0)
+    assert record.size == 200
+    samples, step = written[-1]
+    assert samples == 3991
+    assert step < 1.01 * 35.0 / 15.0 * 2.0 * np.pi / 4000
+
+
+def test_a_step_beyond_the_slew_becomes_a_ramp() -> None:
+    instrument = card()
+    backend = instrument._backend
+    assert isinstance(backend, SimulatedBackend)
+    begin = backend.now
+    instrument.axes["x"].set_voltage(100.0)
+    assert instrument.axes["x"].voltage() == 100.0
+    assert backend.now - begin == pytest.approx(100.0 / 4000.0, rel=0.15)
+    begin = backend.now
+    instrument.axes["x"].set_voltage(99.7)  # 0.4 V may change with one sample
+    assert backend.now - begin < 1e-3
+
+
+def test_voltages_that_are_set_while_a_record_runs_are_in_it() -> None:
+    instrument = card()
+    instrument.recorder.configure([U, X], 5e3, 2000)
+    instrument.recorder.start()
+    instrument.pause(0.05)
+    instrument.axes["x"].set_voltage(80.0)
+    instrument.pause(0.1)
+    instrument.axes["x"].set_voltage(79.8)
+    position = instrument.axes["x"].position()  # of the record, whose inputs are taken
+    instrument.pause(1.0)
+    assert instrument.recorder.available() == 2000
+    record = instrument.recorder.read(0, 2000)
+    u, x = record.channel("u").values, record.channel("x").values
+    assert u[0] == 0.4  # the amplifier's own, while the card gives nothing
+    assert u[-1] == 79.8
+    assert np.diff(u).max() <= 4000.0 / 5e3 * (1.0 + 1e-9)
+    expected = reading(INPUTS[0], {"x": u, "y": 0.0 * u})
+    # The number of the sample at which it began is known to some samples: 0.8 V each.
+    assert np.abs(x - expected).max() < 4 * 0.8 / 15.0 * 0.83 * 7.1e-6
+    assert position == pytest.approx(x[-1], abs=1e-15)
+    # What was recorded stays, whatever is done later.
+    instrument.axes["x"].set_voltage(3.0)
+    assert np.array_equal(instrument.recorder.read(0, 2000).channel("u").values, u)
+
+
+def test_samples_before_the_waveform_run_into_it() -> None:
+    instrument = card()
+    record = run_waveform(instrument, cosine(), [U, X], rate_hz=10e3, before=300, after=400)
+    u, x = record.channel("u").values, record.channel("x").values
+    assert np.ptp(u[:300]) == 0.0
+    shift = [
+        np.abs(x[20:-20] - np.roll(reading(INPUTS[0], {"x": u, "y": 0.6 * u}), k)[20:-20]).max()
+        for k in range(-3, 4)
+    ]
+    assert min(shift) < 1e-12  # in step but for some samples
+
+
+def test_a_stop_holds_and_safety_follows() -> None:
+    instrument = card()
+    fired = threading.Event()
+
+    backend = instrument._backend
+    assert isinstance(backend, SimulatedBackend)
+    usual = backend.pause
+
+    def pause(seconds: float) -> None:
+        usual(seconds)
+        if backend.now > 0.75 and not fired.is_set():
+            fired.set()
+            thread = threading.Thread(target=instrument.stop)
+            thread.start()
+            thread.join(10.0)
+
+    backend.pause = pause  # type: ignore[method-assign]
+    record = run_waveform(instrument, cosine(1000), [U, X], rate_hz=1000.0)
+    u = record.channel("u").values
+    held = instrument.axes["x"].voltage()
+    assert fired.is_set()
+    assert 10.0 < held < 76.0
+    assert u[-1] == held
+    assert np.count_nonzero(u == held) > 100
+    # The sensor says the same: the drive stood still.
+    assert record.channel("x").values[-1] == pytest.approx(
+        reading(INPUTS[0], {"x": np.array(held), "y": np.array(0.0)}), abs=1e-12
+    )
+    with pytest.raises(ValueError, match="enough"), guarded(instrument):
+        raise ValueError("enough")
+    assert instrument.axes["x"].voltage() == 6.0
+    assert instrument.axes["y"].voltage() == 0.0
+
+
+def test_close_leads_to_safety_unless_told_not_to() -> None:
+    for lead, expected in ((True, 6.0), (False, 55.0)):
+        instrument = card(lead_to_safe=lead)
+        instrument.axes["x"].set_voltage(55.0)
+        instrument.close()
+        instrument.close()
+        assert instrument.axes["x"].voltage() == expected
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    instrument = card()
+    with pytest.raises(ControllerError, match="no waveform was loaded"):
+        instrument.waves.start()
+    instrument.waves.load(cosine())
+    with pytest.raises(LimitError, match=r"stands at 0\.4 V and the waveform begins at 6 V"):
+        instrument.waves.start()
+    with pytest.raises(LimitError, match="1 time or more"):
+        instrument.waves.start(0)
+    with pytest.raises(ModelError, match="'target' of 'x'"):
+        instrument.recorder.configure([Signal(kind="target", source="x", name="r")], 1e3, 10)
+    with pytest.raises(ModelError, match="'channel' of '4'"):
+        instrument.recorder.configure([Signal(kind="channel", source="4", name="r")], 1e3, 10)
+    with pytest.raises(ModelError, match="up to 50000 Hz"):
+        instrument.recorder.configure([X], 60e3, 10)
+    with pytest.raises(ControllerError, match="configure the recorder first"):
+        instrument.recorder.start()
+    with pytest.raises(ModelError, match="sensors 1 to 3"):
+        instrument.channel(0)
+    with pytest.raises(ModelError, match="strike by hand"):
+        instrument.strike("x")
+    assert instrument.axes["x"].voltage() == 0.4
+
+
+def test_while_a_waveform_runs_no_voltage_is_taken() -> None:
+    instrument = card()
+    flat = Waveform(values={"x": np.full(500, 0.4)}, sample_rate_hz=100.0, quantity="voltage")
+    instrument.waves.load(flat)
+    instrument.waves.start()
+    with pytest.raises(ControllerError, match="takes no voltage until it ends"):
+        instrument.axes["y"].set_voltage(3.0)
+    with pytest.raises(ControllerError, match="a waveform runs"):
+        instrument.waves.start()
+    with pytest.raises(ControllerError, match="still ran after 1 s"):
+        instrument.axes["x"].wait(1.0)
+    assert not instrument.axes["x"].moving()
+
+
+def test_a_record_that_is_not_read_says_so() -> None:
+    instrument = card()
+    instrument.recorder.configure([X], 10e3, 300_000)
+    instrument.recorder.start()
+    instrument.pause(11.0)
+    with pytest.raises(ControllerError, match="read more often"):
+        instrument.recorder.available()
+
+
+def test_a_full_record_gives_the_inputs_free() -> None:
+    instrument = card()
+    record_now(instrument, [X], 10e3, 500)
+    instrument.pause(60.0)  # longer than any buffer
+    assert instrument.axes["x"].position() == pytest.approx(-3e-6, abs=1e-18)
+
+
+def test_noise_is_there_and_repeats() -> None:
+    first, second = (record_now(card(noise=1.3e-3), [X], 10e3, 4000) for _ in range(2))
+    x = first.channel("x").values
+    assert x.std() == pytest.approx(1.3e-3 * 7.1e-6, rel=0.05)  # four deviations of 1/sqrt(2 n)
+    assert np.array_equal(x, second.channel("x").values)
+
+
+def test_a_card_of_sensors_only() -> None:
+    setup = NiSetup(device="Dev1", inputs=INPUTS)
+    instrument = NiAcquisition(setup, SimulatedBackend({}, at_rest={"Dev1/ai3": 0.7}))
+    assert instrument.capabilities == {Capability.DATA_RECORDER, Capability.CHANNELS}
+    assert instrument.channel(1) == pytest.approx(0.7 * 7.1e-6 - 3e-6)
+    with pytest.raises(ModelError, match="no drive is wired"):
+        _ = instrument.waves
+    record = record_now(instrument, [ROLL], 777.0, 50)
+    assert record.size == 50
+    instrument.close()
+
+
+@pytest.mark.parametrize(
+    ("made", "match"),
+    [
+        (lambda: SensorInput(channel="a", name="x", gain=0.0), "not zero"),
+        (lambda: SensorInput(channel="a", name="x", gain=1.0, voltage_range=(1, 1)), "must rise"),
+        (lambda: DriveOutput(channel="a", axis="x", sensor="x", gain=-15.0), "positive"),
+        (lambda: DriveOutput(channel="a", axis="x", sensor="x", standing=11.0), "cannot stand"),
+        (lambda: NiSetup(device="D", inputs=()), "one sensor or more"),
+        (lambda: NiSetup(device="D", inputs=(INPUTS[0], INPUTS[0])), "two sensors have the name"),
+        (lambda: NiSetup(device="D", inputs=INPUTS[1:], outputs=OUTPUTS), "no sensor 'x': it has"),
+        (lambda: NiSetup(device="D", inputs=INPUTS, output_rate_hz=-1.0), "rate of the outputs"),
+        (
+            lambda: NiSetup(
+                device="D",
+                inputs=INPUTS,
+                outputs=(OUTPUTS[0], DriveOutput(channel="Dev1/ao0", axis="z", sensor="x")),
+            ),
+            "two channels are 'Dev1/ao0'",
+        ),
+    ],
+)
+def test_what_is_wired_wrongly(made: object, match: str) -> None:
+    with pytest.raises(ModelError, match=match):
+        made()  # type: ignore[operator]
+
+
+def test_an_address_names_the_wires_of_a_stage() -> None:
+    stage = design("vgtu-piezo")
+    address = "ni://Dev3?y=ao3,ai6&amplifier=15&sensitivity=8um/V&rate=20kHz&simulated=1&seed=4"
+    instrument = open_address(address, stage)
+    drives = {d.axis: (d.channel, d.gain) for d in instrument.setup.outputs}
+    assert drives == {"x": ("Dev3/ao0", 15.0), "y": ("Dev3/ao3", 15.0)}
+    assert [s.channel for s in instrument.setup.inputs] == ["Dev3/ai0", "Dev3/ai6"]
+    assert instrument.setup.inputs[0].gain == pytest.approx(8e-6)
+    assert instrument.waves.base_rate_hz == 20e3
+    # The stage's stack takes 0 to 120 V, and 40 V/ms.
+    assert instrument.axes["y"].limits.voltage == (0.0, 120.0)
+    assert instrument.axes["y"].limits.slew == 40e3
+    assert "as asked for" in instrument.settings()["driver"]
+    instrument.axes["y"].set_voltage(120.0)
+    # A simulated sensor goes to 80 % of its range.
+    assert instrument.axes["y"].position() == pytest.approx(8.0 * 8e-6, rel=1e-3)
+    other = open_address("ni://Dev3?simulated=yes", stage, axes={"x": "ao1,ai1", "y": "ao0,ai2"})
+    assert other.setup.outputs[0].channel == "Dev3/ao1"
+    # Without the amplifier's gain only the card's own 10 V are there.
+    assert other.axes["x"].limits.voltage == (0.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("address", "match"),
+    [
+        ("ni://?simulated=1", "has an address such as"),
+        ("ni://Dev1/x?simulated=1", "has an address such as"),
+        ("ni://Dev1?simulated=1", "names no axis"),
+        ("ni://Dev1?simulated=maybe", "'simulated' is 0 or 1"),
+        ("ni://Dev1?x=ao0&simulated=1", "an output and an input for 'x'"),
+        ("ni://Dev1?x=ai0,ao0&simulated=1", "an output and an input for 'x'"),
+        ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "says something twice"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&seed=-1", "'seed' is a whole number"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um", "a number that is none"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=big", "a number that is none"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=-2", "must be positive"),
+    ],
+)
+def test_addresses_that_are_none(address: str, match: str) -> None:
+    with pytest.raises(ModelError, match=match):
+        open_address(address)
+
+
+def test_a_screw_takes_no_voltage() -> None:
+    with pytest.raises(ModelError, match="has no voltage range"):
+        open_address("ni://Dev1?simulated=1", design("vgtu-mechanical"))
+    with pytest.raises(ModelError, match="what it may say is x, y, amplifier"):
+        open_address("ni://Dev1?simulated=1&gain=15", design("vgtu-piezo"))
+    setup = NiSetup(device="Dev1", inputs=INPUTS, outputs=OUTPUTS)
+    with pytest.raises(ModelError, match="'rate' is said beside a setup"):
+        open_address("ni://Dev1?simulated=1&rate=1kHz", setup=setup)
+    assert open_address("ni://Dev1?simulated=1", setup=setup).setup is setup

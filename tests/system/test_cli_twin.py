@@ -1,0 +1,147 @@
+"""`flexstage twin`: the process of a user, its signals, and what it says about bad input."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from flexstage.cli import main
+
+TIMEOUT = 120.0
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+class Twin:
+    """A twin in a process of its own, started and ended as by a user."""
+
+    def __init__(self, *words):
+        command = [sys.executable, "-m", "flexstage", "twin", *words]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.watchdog = threading.Timer(TIMEOUT, self.process.kill)
+        self.watchdog.start()
+        self.line = self.process.stdout.readline()
+
+    def end(self, number=signal.SIGTERM):
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=TIMEOUT)
+        self.watchdog.cancel()
+        self.watchdog.join()
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def start():
+    twins = []
+
+    def begin(*words):
+        twins.append(Twin(*words))
+        return twins[-1]
+
+    yield begin
+    for twin in twins:
+        if twin.process.poll() is None:
+            twin.process.kill()
+        twin.process.communicate(timeout=TIMEOUT)
+        twin.watchdog.cancel()
+        twin.watchdog.join()
+
+
+def ask(link, data, end=b"\n"):
+    link.sendall(data)
+    said = b""
+    while not said.endswith(end) or said.endswith(b" \n"):
+        piece = link.recv(65536)
+        assert piece
+        said += piece
+    return said.decode("latin-1")
+
+
+def refused(capsys, *words):
+    with pytest.raises(SystemExit) as ended:
+        main(["twin", *words])
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    return ended.value.code, said.err
+
+
+@POSIX
+def test_a_conversation_with_a_process(start):
+    twin = start("vgtu-piezo", "--port", "0", "--fast", "--seed", "4", "--serial-number", "A-17",
+                 "--json")  # fmt: skip
+    said = json.loads(twin.line)
+    assert said["stage"] == "vgtu-piezo"
+    assert said["address"] == f"gcs://127.0.0.1:{said['port']}"
+    assert said["fast"] is True
+    with socket.create_connection(("127.0.0.1", said["port"]), timeout=TIMEOUT) as link:
+        assert ask(link, b"*IDN?\n").startswith("flexstage, simulated vgtu-piezo, A-17, ")
+        assert ask(link, b"CST?\n") == "1=x \n2=y\n"
+        assert ask(link, b"SVO 1 1\nMOV 1 20\nONT? 1\nONT? 1\nONT? 1\n", b"1=1\n")
+        while ask(link, b"ONT? 1\n") != "1=1\n":
+            pass
+        # within the window of arrival and the noise of the sensor
+        assert float(ask(link, b"POS? 1\n").split("=")[1]) == pytest.approx(20.0, abs=0.06)
+        assert ask(link, b"ERR?\n") == "0\n"
+    assert twin.end(signal.SIGTERM) == (0, "", "")
+
+
+@POSIX
+def test_an_interrupt_ends_it_well_in_real_time(start):
+    twin = start("vgtu-mechanical", "--port", "0")
+    where = twin.line.split(" at gcs://")[1].split(" ")[0]
+    assert twin.line.startswith("twin of vgtu-mechanical at gcs://127.0.0.1:")
+    assert "simulated" in twin.line
+    assert twin.line.endswith("Ctrl-C ends it\n")
+    host, port = where.rsplit(":", 1)
+    with socket.create_connection((host, int(port)), timeout=TIMEOUT) as link:
+        assert "SVA" not in ask(link, b"HLP?\n")
+        first = float(ask(link, b"SPA? 1 0x7F000001\n").split("=")[1])
+        while float(ask(link, b"SPA? 1 0x7F000001\n").split("=")[1]) <= first + 0.05:
+            pass
+        # a client that is still connected does not hold it up
+        status, out, err = twin.end(signal.SIGINT)
+    assert (status, out) == (0, "")
+    assert err == "" or "too slow" in err
+
+
+@POSIX
+def test_an_address_that_others_reach_is_warned_of(start):
+    twin = start("vgtu-mechanical", "--port", "0", "--host", "0.0.0.0", "--fast", "--json")
+    said = json.loads(twin.line)
+    assert said["host"] == "0.0.0.0"
+    _, _, err = twin.end()
+    assert err == f"flexstage: anyone who reaches 0.0.0.0:{said['port']} can move this stage\n"
+
+
+def test_a_port_that_is_taken(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        status, err = refused(capsys, "vgtu-mechanical", "--port", str(port))
+    assert status == 1
+    assert f"cannot listen at 127.0.0.1:{port}" in err
+    assert "--port" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["vgtu-pieso"], "did you mean 'vgtu-piezo'?"),
+        (["vgtu-piezo", "--model", "solid"], "lumped or superelement, got 'solid'"),
+        (["vgtu-piezo", "--amplifier", "x"], "voltage or charge, got 'x'"),
+        (["vgtu-piezo", "--port", "70000"], "--port must be 0 to 65535, got 70000"),
+        (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
+        (["vgtu-piezo", "--rate", "1 Hz"], "100 Hz to 100 kHz, got '1 Hz'"),
+        (["vgtu-piezo", "--seed", "-1"], "--seed"),
+        (["vgtu-piezo", "--serial-number", "ä"], "plain printable"),
+    ],
+)
+def test_bad_input_is_one_sentence(capsys, words, expected):
+    status, err = refused(capsys, *words)
+    assert status == 2
+    assert expected in err

@@ -1,0 +1,95 @@
+"""Small simulated stages whose behaviour is known, for tests of the twin."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.designs import design
+from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
+from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.twin.charge import ChargeDrive
+from flexstage.instruments.twin.piezo_parts import PiezoAxis
+from flexstage.instruments.twin.piezo_stage import PiezoStage
+from flexstage.instruments.twin.sensors import SensorBench
+from flexstage.lumped import lumped_system
+from flexstage.system import MechanicalSystem, ModalDamping
+
+Array = NDArray[np.float64]
+
+#: Slopes of stacks without hysteresis, by axis [m/V].
+SLOPES = {"x": 3.1e-7, "y": 2.6e-7}
+STAGE = design("vgtu-piezo")
+
+
+def damped_system() -> MechanicalSystem:
+    """Return the model of the study's piezo stage, damped."""
+    return lumped_system(STAGE).with_damping(ModalDamping(ratio=0.013))
+
+
+def straight_stack(slope: float) -> VirtualStack:
+    """Return a stack without hysteresis: all its parts are proportional to the voltage."""
+    bent = ModifiedPrandtlIshlinskii(
+        gain=0.9 * slope,
+        thresholds=np.array([7.0, 31.0]),
+        weights=np.zeros(2),
+        dead_zones=np.array([9e-6]),
+        dead_zone_weights=np.zeros(1),
+    )
+    fading = Duhem(
+        rate=0.05,
+        anhysteretic=np.array([0.0, 0.1 * slope]),
+        tangent=np.array([0.1 * slope]),
+        input_range=(0.0, 120.0),
+    )
+    return VirtualStack(bent=bent, fading=fading)
+
+
+def small_stage(
+    *,
+    straight: bool,
+    plays: int = 37,
+    settings: ServoSettings | None = None,
+    sample_rate_hz: float = 10e3,
+    creep: LogCreep | None = None,
+    largest_rate: float = float("inf"),
+    quiet: bool = True,
+    sensors: SensorBench | None = None,
+    seed: int = 0,
+    charge: ChargeDrive | None = None,
+) -> PiezoStage:
+    """Return the study's piezo stage with stacks of the test's own, and nothing set or drawn."""
+    parts = []
+    for name, free, width in (("x", 38e-6, 0.131), ("y", 33e-6, 0.117)):
+        stack = straight_stack(SLOPES[name])
+        if not straight:
+            stack = virtual_stack((0.0, 120.0), free, width, plays=plays)
+        parts.append(
+            PiezoAxis(
+                name=name,
+                drive=name,
+                probe=name,
+                stack=stack,
+                limits=AxisLimits(voltage=(0.0, 120.0), slew=40e3),
+                largest_rate=largest_rate,
+            )
+        )
+    if settings is not None:
+        parts = [replace(part, settings=settings) for part in parts]
+    return PiezoStage(
+        stage=STAGE,
+        system=damped_system(),
+        axes=parts,
+        sample_rate_hz=sample_rate_hz,
+        creep=creep,
+        bandwidth_hz=2000.0,
+        quiet=quiet,
+        scatter=False,
+        sensors=sensors,
+        seed=seed,
+        charge=charge,
+    )
