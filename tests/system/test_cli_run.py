@@ -272,3 +272,8 @@ def test_the_whole_piezo_plan_reaches_what_it_is_for(capsys, tmp_path):
         # 5 nm of the sensor and 10 nm of the mains are in what it reads
         assert runs[f"control-{axis}", "both"][0]["tracking_rms"] < 25e-9
         assert runs[f"control-{axis}", "learning"][0]["tracking_rms"] < 60e-9
+    page = (out / "report.html").read_text()
+    # every loop beside what was published of it, and the model beside its own
+    for text in ("published, axis y: inverse of Bouc-Wen", "0.4300", "7.910", "1.050"):
+        assert text in page, text
+    assert page.count('class="plot"') > 30

@@ -94,7 +94,28 @@ def mean_error(
 
 
 class AxisLearner:
-    """What one axis has learned so far."""
+    """What one axis has learned so far.
+
+    Parameters
+    ----------
+    reference : Trajectory
+        What is wanted.
+    start : Waveform
+        One period to begin with.
+    model : Mapping
+        By axis: the drive, or the response of the reading to what is learned.
+    axis : str
+        The axis.
+    how : LearningSettings
+        How it is learned.
+    limits : AxisLimits, optional
+        What the axis allows.
+
+    Raises
+    ------
+    ModelError
+        Start, reference and model do not fit together.
+    """
 
     def __init__(
         self,
@@ -147,7 +168,17 @@ class AxisLearner:
         self.notes: list[str] = []
 
     def take(self, number: int, error: Array, noise: Complex) -> None:
-        """Look at a trial: keep it, or take it back."""
+        """Look at a trial: keep it, or take it back.
+
+        Parameters
+        ----------
+        number : int
+            Its number.
+        error : numpy.ndarray
+            Mean error of its periods [m], shape (n,).
+        noise : numpy.ndarray
+            Noise of each harmonic of it, as of `mean_error` [m].
+        """
         if not self.how.constant:
             error = error - float(np.mean(error))
         band = np.fft.rfft(error)
@@ -194,7 +225,18 @@ class AxisLearner:
         self.gain[at] = 0.5 * (self.gain[at] + seen[likely])
 
     def next(self) -> Array:
-        """Return what is tried next, from the best so far."""
+        """Return what is tried next, from the best so far.
+
+        Returns
+        -------
+        numpy.ndarray
+            One period [V, or m], shape (n,).
+
+        Raises
+        ------
+        LimitError
+            It would be faster than the axis allows.
+        """
         if self.reason or self.good_error is None:
             self.values, self.x = self.good_values, self.good_x
             return self.values
@@ -208,14 +250,26 @@ class AxisLearner:
         return self.values
 
     def chosen(self) -> tuple[Array, Trial]:
-        """Return the latest of the good trials, or the start where nothing was better."""
+        """Return the latest of the good trials, or the start where nothing was better.
+
+        Returns
+        -------
+        tuple
+            One period [V, or m], shape (n,), and its trial.
+        """
         assert self.good is not None
         if self.good.rms < self.first[1].rms:
             return self.good_values, self.good
         return self.first
 
     def result(self) -> LearnedAxis:
-        """Return all trials."""
+        """Return all trials.
+
+        Returns
+        -------
+        LearnedAxis
+            The trials, and why they ended.
+        """
         assert self.best is not None
         assert self.good is not None
         return LearnedAxis(

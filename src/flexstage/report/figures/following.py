@@ -93,12 +93,15 @@ def _errors(axes: "Axes", step: VerifiedStep) -> None:
 
 
 def _trials(axes: "Axes", run: FollowedRun) -> None:
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
     dress(axes)
     errors = _NM * np.asarray(run.errors)
     axes.plot(np.arange(errors.size), errors, "o-", color=_COLOURS["learning"], markersize=4)
     axes.set_yscale("log")
+    for axis in ("set_major_formatter", "set_minor_formatter"):
+        getattr(axes.yaxis, axis)(ScalarFormatter())
+    axes.tick_params(axis="y", which="minor", labelsize=7)
     axes.set_xlabel("trial", color=INK)
     axes.set_ylabel("error [nm rms]", color=INK)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
