@@ -312,3 +312,17 @@ def test_over_the_network_and_in_memory_the_same_job_gives_the_same_bits():
         server.close()
     for a, b in zip(here, there, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_a_control_that_swings_is_switched_off_when_its_time_is_over(twin):
+    piezo, _ = twin
+    axis = piezo.axes["x"]
+    axis.set_closed_loop(True)
+    axis.set_servo(ServoSettings(integral=2e10))
+    with pytest.raises(ControllerError, match="its control switched off"):
+        axis.move_to(30e-6)
+    assert not axis.closed_loop
+    piezo.pause(0.3)
+    held = axis.voltage()
+    piezo.pause(0.1)
+    assert axis.voltage() == pytest.approx(held, abs=1e-3)

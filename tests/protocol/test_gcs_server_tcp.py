@@ -1,5 +1,6 @@
 """The simulated controller on a TCP port, with clients that do everything wrong."""
 
+import logging
 import random
 import socket
 import struct
@@ -236,7 +237,10 @@ def test_closing_ends_all_links_and_can_be_repeated(interpreter):
     assert interpreter.in_control is None
 
 
-def test_what_breaks_down_sends_one_client_away(connect, server, interpreter, caplog):
+def test_what_breaks_down_sends_one_client_away(connect, server, interpreter, caplog, monkeypatch):
+    # a library that sets up its own logging may have switched all others off
+    log = logging.getLogger("flexstage.instruments.twin.server")
+    monkeypatch.setattr(log, "disabled", False)
     first, second = connect(), connect()
     assert answer(second, b"CSV?\n") == b"2.0\n"
     real = interpreter.device.position

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -148,9 +149,11 @@ def test_bad_input_gets_a_sentence_and_status_2(capsys, plan, tmp_path, monkeypa
 
 
 def test_an_instrument_that_is_not_there_is_status_1(capsys, plan, tmp_path):
-    status, out, err = run(
-        capsys, plan, "--instrument", "gcs://127.0.0.1:1", "--out", tmp_path / "run"
-    )
+    # a port that is taken, and where nobody listens
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        address = f"gcs://127.0.0.1:{taken.getsockname()[1]}"
+        status, out, err = run(capsys, plan, "--instrument", address, "--out", tmp_path / "run")
     assert (status, out) == (1, "")
     assert "127.0.0.1" in err
     assert not (tmp_path / "run").exists()
@@ -251,8 +254,8 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
 @pytest.mark.slow
 def test_the_whole_piezo_plan_reaches_what_it_is_for(capsys, tmp_path):
     out = tmp_path / "run"
-    status, said, err = run(capsys, "vgtu-piezo", "--instrument", "twin://?seed=3", "--out", out,
-                            "--json")  # fmt: skip
+    address = "twin://?seed=3&model=superelement"
+    status, said, err = run(capsys, "vgtu-piezo", "--instrument", address, "--out", out, "--json")
     assert (status, err) == (0, "")
     result = json.loads(said)
     figures = {(f["quantity"], f["axis"]): f["value"] for f in result["figures"]}

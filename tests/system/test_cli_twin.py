@@ -136,7 +136,7 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--amplifier", "x"], "voltage or charge, got 'x'"),
         (["vgtu-piezo", "--port", "70000"], "--port must be 0 to 65535, got 70000"),
         (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
-        (["vgtu-piezo", "--rate", "1 Hz"], "100 Hz to 100 kHz, got '1 Hz'"),
+        (["vgtu-piezo", "--rate", "1 Hz"], "1 kHz to 50 kHz, got '1 Hz'"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
         (["vgtu-piezo", "--serial-number", "ä"], "plain printable"),
     ],

@@ -38,18 +38,21 @@ def check(found: dict[str, float]) -> None:
     assert found["feedforward, tracking [% rms]"] < 0.25
     # what crept before is not known, but where the sensor stands was read
     assert found["feedforward from a zero that was read, tracking [% rms]"] < 0.4
-    # 5 nm of noise and 7 nm of the mains, which the stage follows
-    assert found["1 Hz triangle, feedforward and feedback [nm rms]"] < 12.0
+    # the drive where it turns, and the gain of the sensor: 5e-5 of 36 um and 17 um rms for one
+    # standard deviation, 2 nm, three of them at most
+    assert found["1 Hz triangle, feedforward and feedback [nm rms]"] < 11.0
     # up to 7 nm of the mains' 50 Hz add to the error of the first harmonic, or take from it
-    assert found["50 Hz sine, feedforward and feedback [nm rms]"] < 40.0
+    assert found["50 Hz sine, feedforward and feedback [nm rms]"] < 30.0
     assert (
         found["50 Hz sine, feedforward and feedback [nm rms]"]
         < 0.01 * found["50 Hz sine, feedback [nm rms]"]
     )
-    # where the stage creeps the most between the trials
-    assert found["learning, 5th trial [nm rms]"] < 22.0
+    # a part in ten of what was there at the start, and what was not known of the response
+    assert found["learning, 1st trial [nm rms]"] < 10.0
+    # 3 nm beside the gain of the sensor
+    assert found["learning, 5th trial or the last [nm rms]"] < 7.5
     # never away again from what was learned
-    assert found["learning, largest from the 3rd on [nm rms]"] < 45.0
+    assert found["learning, largest from the 3rd on [nm rms]"] < 7.5
 
 
 @pytest.mark.slow
@@ -63,9 +66,13 @@ def test_control_reaches_its_figures_over_twenty_stages() -> None:
     for found in every:
         check(found)
     median = {name: float(np.median([f[name] for f in every])) for name in every[0]}
-    assert median["1 Hz triangle, feedforward and feedback [nm rms]"] < 10.0
-    assert median["50 Hz sine, feedforward and feedback [nm rms]"] < 30.0
-    assert median["learning, 5th trial [nm rms]"] < 12.0
+    assert median["1 Hz triangle, feedforward and feedback [nm rms]"] < 9.0
+    assert median["50 Hz sine, feedforward and feedback [nm rms]"] < 26.0
+    assert (
+        median["50 Hz sine, feedforward and feedback [nm rms]"]
+        < 0.9 * median["50 Hz sine, both with the delay as identified [nm rms]"]
+    )
+    assert median["learning, 5th trial or the last [nm rms]"] < 6.0
 
 
 def test_a_charge_drive_needs_no_model_where_it_is_fast_enough() -> None:

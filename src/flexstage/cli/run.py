@@ -261,25 +261,19 @@ def _print(result: "PlanResult") -> None:
         "<step",
         "published",
     )
-    for figure in result.figures:
-        e = figure.estimate
-        rows = result.published.select(figure.quantity, figure.axis, "published-measured")
-        scale, unit = _shown(e.unit, e.value)
-        table.add_row(
-            figure.quantity.removesuffix("_hz").replace("_", " "),
-            figure.axis,
-            f"{scale * e.value:.5g}",
-            f"{scale * e.expanded:.2g}",
-            unit,
-            figure.test,
-            f"{scale * rows[0].value:.5g}" if rows else "",
-        )
+    order = {f.quantity: i for i, f in enumerate(result.figures)}
+    shown = sorted(
+        (*result.figures, *result.further_figures), key=lambda f: (order[f.quantity], f.axis)
+    )
+    for figure in shown:
+        table.add_row(*_figure(result, figure))
     if result.figures:
         screen.print(table)
     for step in result.steps:
         if isinstance(step, IdentifiedStep):
             rms = step.errors_percent.get("rms", float("nan"))
-            screen.print(f"{step.name}: {step.kind}, {rms:.3g} % rms", markup=False)
+            said = f"{step.name}: {step.kind}, {rms:.3g} % of the stroke rms"
+            screen.print(said, markup=False)
         elif isinstance(step, VerifiedStep):
             _print_verified(step)
         elif isinstance(step, CentredStep):
@@ -315,20 +309,27 @@ def _print_verified(step: Any) -> None:
             f"{100.0 * t.rms / step.stroke:.3f}",
             f"{1e9 * t.largest:.1f}",
         )
-    console().print(table)
+    screen = console()
+    screen.print(table)
+    for run_ in step.runs:
+        for note in run_.notes:
+            screen.print(f"note: {step.name}, {run_.way}: {note}", style="dim", markup=False)
 
 
-#: Units that figures are shown in, and how many of them make the SI unit.
-_SHOWN = {
-    "m": (1e6, "um"),
-    "rad": (1e6, "urad"),
-    "m^2": (1e12, "um^2"),
-    "m/s": (1e9, "nm/s"),
-    "m/K": (1e6, "um/K"),
-}
+def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
+    """Return the row of a figure, with the digits that its uncertainty leaves."""
+    from flexstage.report.quantities import beside, display, number
 
-
-def _shown(unit: str, value: float) -> tuple[float, str]:
-    if unit == "m" and abs(value) < 1e-7:
-        return 1e9, "nm"
-    return _SHOWN.get(unit, (1.0, unit))
+    shown = display(figure.quantity)
+    value = figure.estimate.value * shown.factor
+    expanded = figure.estimate.expanded * shown.factor
+    known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
+    label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")
+    return (
+        label[:1].lower() + label[1:],
+        figure.axis,
+        *beside(value, expanded),
+        shown.unit,
+        figure.test,
+        number(known[0].value * shown.factor) if known else "",
+    )

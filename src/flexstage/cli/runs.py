@@ -285,16 +285,21 @@ def _time(text: str | None) -> datetime | None:
     try:
         time = datetime.fromisoformat(word)
     except ValueError:
-        return datetime.now(UTC) - _ago(word)
-    return time if time.tzinfo is not None else time.replace(tzinfo=UTC)
+        return _ago(word)
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
+    try:
+        return time.astimezone(UTC)
+    except OverflowError:  # before the first year, or after the last one
+        raise typer.BadParameter(f"'{text}' is no time that can be told in UTC") from None
 
 
-def _ago(text: str) -> timedelta:
+def _ago(text: str) -> datetime:
     seconds = {"d": 86_400.0, "h": 3600.0, "min": 60.0}
     number = text.rstrip("abcdefghijklmnopqrstuvwxyz").strip()
     unit = text[len(text.rstrip("abcdefghijklmnopqrstuvwxyz")) :]
     try:
-        return timedelta(seconds=float(number) * seconds[unit])
+        return datetime.now(UTC) - timedelta(seconds=float(number) * seconds[unit])
     except (KeyError, ValueError, OverflowError):
         raise typer.BadParameter(
             f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or how "

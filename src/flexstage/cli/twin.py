@@ -92,7 +92,7 @@ def twin(
             sample_rate_hz=loop_rate,
             amplifier=cast(Literal["voltage", "charge"], amplifier),
         )
-        device = VirtualController(made, serial_number=serial_number)
+        device = VirtualController(made, serial_number=serial_number or f"twin-{seed}")
         real = Pacemaker(device)
         interpreter = Interpreter(device, FastTime(device) if fast else real)
         server = GcsServer(interpreter, listener=listener)
@@ -119,8 +119,8 @@ def _rate(text: str) -> float:
     from flexstage.units import parse
 
     rate = parse(text, "frequency", bare_unit="Hz")
-    if not 100.0 <= rate <= 100e3:
-        raise UnitError(f"--rate must be 100 Hz to 100 kHz, got '{text}'")
+    if not 1e3 <= rate <= 50e3:
+        raise UnitError(f"--rate must be 1 kHz to 50 kHz, got '{text}'")
     return rate
 
 

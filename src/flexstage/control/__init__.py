@@ -30,6 +30,7 @@ from flexstage.control.trajectories import (
     trajectory_of,
     triangle,
 )
+from flexstage.control.trim import trimmed_model
 from flexstage.control.two_degrees import (
     ControlRun,
     Way,
@@ -74,6 +75,7 @@ __all__ = [
     "steady_output",
     "trajectory_of",
     "triangle",
+    "trimmed_model",
     "tune",
     "tune_plant",
     "with_feedforward",

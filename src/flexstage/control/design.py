@@ -135,7 +135,7 @@ def tune(
         What to keep; the usual ones where not given.
     mains_hz : float, optional
         Frequency of a disturbance of the sensor that the stage shall not follow [Hz]: for a
-        reference that is slow against it.
+        reference that is slow against it, or one whose voltages are learned.
     resonance : tuple of float, optional
         Frequency [Hz] and damping ratio of the first mode with the drives in place, for a model
         that has none, such as one from a record that was too slow to show it. Without either the
@@ -358,6 +358,7 @@ def _notes(
     if mains_hz is not None:
         notes.append(
             f"the stage neither follows the reference nor corrects errors at {mains_hz:g} Hz: for "
-            f"references whose harmonics stay below {0.3 * mains_hz:.3g} Hz"
+            f"references whose harmonics stay below {0.3 * mains_hz:.3g} Hz, or whose voltages are "
+            "learned"
         )
     return tuple(notes)

@@ -18,6 +18,11 @@ known. A trial that is worse than the best one by more than a quarter is taken b
 halved, so that what is tried stays near the best, and what is returned is never worse than the
 start. In open loop creep and drift go on between the trials; learning follows them, and the last
 of the good trials is the one to use.
+
+Under a position control the learned voltages are added to its own. Of what is added it leaves the
+sensitivity :math:`S = 1/(1 + C P)`, so that :math:`\hat G` becomes :math:`\hat G S`, and its
+integral holds the mean, which is not learned. A slow loop is enough: it takes up creep and drift,
+learning takes what repeats.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,6 +32,7 @@ from flexstage.control.learning_results import Learning, LearningSettings
 from flexstage.control.trajectories import Trajectory
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 
@@ -43,6 +49,7 @@ def learn(
     limits: Mapping[str, AxisLimits] | None = None,
     columns: Mapping[str, str] | None = None,
     lag: float = 0.0,
+    servo: Mapping[str, ServoSettings] | None = None,
 ) -> Learning:
     """Learn what makes a stage follow a trajectory that repeats.
 
@@ -67,6 +74,9 @@ def learn(
         Column of the reading by axis; that of the axis's name where not given.
     lag : float
         By how much the readings are known to be recorded late [s].
+    servo : Mapping, optional
+        Settings of the position control by axis, for voltages that are added to its own while it
+        follows the trajectory, at the rate of the loop. Open loop where not given.
 
     Returns
     -------
@@ -83,11 +93,17 @@ def learn(
     Notes
     -----
     Validity: learns what the sensor reads. What the sensor has of the mains is learned where the
-    trajectory repeats with it.
+    trajectory repeats with it, and it cannot be told from a motion. Run the periods of a trial in
+    two halves then, half a period of the mains apart, and return the mean of both; the control must
+    not follow the mains either (`tune` with ``mains_hz``).
+
+    A drive that cycles for minutes creeps by about one part in a hundred: motions need as much room
+    to the ends of its range, or the control rests there and what is learned grows worse.
     """
     how = settings or LearningSettings()
-    known = limits or {}
-    axes = {a: AxisLearner(reference, start, model, a, how, known.get(a)) for a in reference.axes}
+    known, loops = limits or {}, servo or {}
+    axes = {a: AxisLearner(reference, start, model, a, how, known.get(a), loops.get(a))
+            for a in reference.axes}  # fmt: skip
     trial = start
     for number in range(how.trials + 1):
         record = run(trial)

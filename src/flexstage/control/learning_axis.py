@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.control.learning_results import LearnedAxis, LearningSettings, Trial
+from flexstage.control.loop_plant import loop_plant
 from flexstage.control.periodic import chain_response, steady_input, steady_output
 from flexstage.control.tracking_run import at_times
 from flexstage.control.trajectories import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 
@@ -110,11 +112,13 @@ class AxisLearner:
         How it is learned.
     limits : AxisLimits, optional
         What the axis allows.
+    servo : ServoSettings, optional
+        The control to whose voltages the learned ones are added; open loop where not given.
 
     Raises
     ------
     ModelError
-        Start, reference and model do not fit together.
+        Start, reference, model and control do not fit together.
     """
 
     def __init__(
@@ -125,6 +129,7 @@ class AxisLearner:
         axis: str,
         how: LearningSettings,
         limits: AxisLimits | None,
+        servo: ServoSettings | None = None,
     ) -> None:
         if axis not in start.values or axis not in model:
             raise ModelError(
@@ -135,6 +140,9 @@ class AxisLearner:
                 f"the start must be one period of the trajectory, {reference.size} samples at "
                 f"{reference.sample_rate_hz:g} Hz, got {start.size} at {start.sample_rate_hz:g} Hz"
             )
+        if servo is not None:
+            # the integral of the control holds the mean: what is learned cannot move it
+            how = replace(how, constant=False)
         self.how, self.limits, self.quantity = how, limits, start.quantity
         self.rate, self.size = reference.sample_rate_hz, reference.size
         own = model[axis]
@@ -144,12 +152,20 @@ class AxisLearner:
                 "the model of a drive says what voltages do: to learn targets of a control, give "
                 "the response of the closed loop"
             )
+        if servo is not None and self.drive is None:
+            raise ModelError(
+                "voltages that are added to those of a control are learned through the model of "
+                f"the drive: give the model of axis '{axis}', or a response and no control"
+            )
         self.f: Array = np.asarray(np.fft.rfftfreq(self.size, 1.0 / self.rate), np.float64)
         self.learned = self._band(own)
         self.inverse = np.zeros(self.f.size, dtype=np.complex128)
         response = own(self.f[self.learned]) if callable(own) else chain_response(
             own, self.f[self.learned]
         )  # fmt: skip
+        if servo is not None and self.drive is not None:
+            # of what is added, the control takes back what it sees
+            response = response * _left(self.drive, servo, self.f[self.learned], self.rate)
         self.response = np.ones(self.f.size, dtype=np.complex128)
         self.response[self.learned] = response
         self.gain = np.ones(self.f.size, dtype=np.complex128)
@@ -317,6 +333,12 @@ class AxisLearner:
                 f"no harmonic of the trajectory lies below {highest:.4g} Hz: give a wider band"
             )
         return learned
+
+
+def _left(drive: DriveModel, servo: ServoSettings, f: Array, rate: float) -> Complex:
+    """Return the sensitivity of a control at the mean slope of its drive."""
+    loop = servo.response(f, rate) * loop_plant(drive, rate).response(f)
+    return np.asarray(1.0 / (1.0 + loop), dtype=np.complex128)
 
 
 def _cautious(own: DriveModel | ResponseOf, f: Array, how: LearningSettings) -> Array:

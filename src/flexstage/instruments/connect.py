@@ -67,7 +67,7 @@ def connect(
 
     Notes
     -----
-    Options of a simulated controller: ``seed``, ``model`` (superelement or lumped), ``rate`` of
+    Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``rate`` of
     its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``, and
     ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
 
@@ -203,17 +203,19 @@ def _simulated(
     from flexstage.instruments.twin.loopback import open_session
 
     fast = _flag(options, "fast", True, address)
+    seed = int(_number(options, "seed", 0, address, whole=True))
     made = virtual_stage(
         stage,
-        model=_one_of(options, "model", ("superelement", "lumped"), address),  # pyright: ignore[reportArgumentType]
-        seed=int(_number(options, "seed", 0, address, whole=True)),
+        model=_one_of(options, "model", ("lumped", "superelement"), address),  # pyright: ignore[reportArgumentType]
+        seed=seed,
         sample_rate_hz=_number(options, "rate", 10e3, address),
         amplifier=_one_of(options, "amplifier", ("voltage", "charge"), address),  # pyright: ignore[reportArgumentType]
         quiet=_flag(options, "quiet", False, address),
         scatter=_flag(options, "scatter", True, address),
     )
     device = VirtualController(
-        cast("VirtualStage", made), serial_number=options.get("serial_number", "")
+        cast("VirtualStage", made),
+        serial_number=options.get("serial_number") or f"twin-{seed}",
     )
     pace = FastTime(device) if fast else Pacemaker(device)
     pace.start()
@@ -269,7 +271,7 @@ def _number(
         return usual
     try:
         value = float(int(text)) if whole else float(text)
-    except ValueError:
+    except (ValueError, OverflowError):
         value = -1.0
     if not 0.0 <= value < float("inf"):
         raise ModelError(

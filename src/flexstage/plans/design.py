@@ -24,6 +24,7 @@ from flexstage.plans.excite import (
     Staircase,
 )
 from flexstage.plans.setting import AxisSetting
+from flexstage.plans.size import require_size
 
 __all__ = ["BASE_RATE_HZ", "design_command", "whole_part"]
 
@@ -37,7 +38,6 @@ _OF_RATE = 0.8
 _SAMPLES_PER_CYCLE = 10.0
 #: A rest lasts so much longer than the way to it, at least.
 _REST_OVER_WAY = 1.5
-_MOST_SAMPLES = 5_000_000
 #: Highest rate of samples of an instrument that nobody has asked [Hz].
 BASE_RATE_HZ = 10e3
 #: At that rate, small sines are made up to this share of it.
@@ -99,7 +99,7 @@ def design_command(
         made = _small(wanted, setting, fs, base_rate_hz)
     else:
         made = makers[type(wanted)](wanted, setting, fs)
-    _require_size(made.waveform.size, wanted.kind)
+    require_size(made.waveform.size, wanted.kind)
     return made
 
 
@@ -126,14 +126,6 @@ def whole_part(rate_hz: float, base_rate_hz: float) -> float:
     return base_rate_hz / max(round(base_rate_hz / rate_hz), 1)
 
 
-def _require_size(size: float, kind: str) -> None:
-    if size > _MOST_SAMPLES:
-        raise PlanError(
-            f"the command '{kind}' would have {size:.0f} samples, and at most {_MOST_SAMPLES} are "
-            "allowed: make it shorter, or lower command_rate"
-        )
-
-
 def _command(setting: AxisSetting, values: Array, rate: float, **more: object) -> Command:
     waveform = Waveform(
         values={setting.axis: values}, sample_rate_hz=rate, quantity=setting.quantity
@@ -148,7 +140,7 @@ def _samples_of_cycle(kind: str, rate_hz: float, sample_rate_hz: float, cycles: 
             f"cycles of {rate_hz:g} Hz need commands of {_SAMPLES_PER_CYCLE * rate_hz:g} samples a "
             f"second, got {sample_rate_hz:g}: raise command_rate"
         )
-    _require_size(n * cycles, kind)
+    require_size(n * cycles, kind)
     return n
 
 
@@ -209,7 +201,12 @@ def _small(w: Multisine | Chirp, s: AxisSetting, fs: float, base: float) -> Comm
     wanted = max(_SAMPLES_PER_CYCLE * w.band[1], fs)
     rate = base / max(math.floor(base / wanted), 1)
     n = round(w.period * rate)
-    _require_size(n * (w.periods + 1), w.kind)
+    if n < 2.0 * _SAMPLES_PER_CYCLE:
+        raise PlanError(
+            f"a period of {w.period:g} s of the {w.kind} has {n} samples at {rate:g} Hz, and needs "
+            f"{2.0 * _SAMPLES_PER_CYCLE:g} at least: make it longer"
+        )
+    require_size(n * (w.periods + 1), w.kind)
     if isinstance(w, Multisine):
         one = _multisine(w, n, rate)
     else:
@@ -250,7 +247,7 @@ def _multisine(w: Multisine, n: int, rate: float) -> Array:
 
 
 def _levels(
-    s: AxisSetting, levels: Array, dwell: float, fs: float, settle: float = 0.0
+    kind: str, s: AxisSetting, levels: Array, dwell: float, fs: float, settle: float = 0.0
 ) -> tuple[Array, int]:
     """Return samples of rests with straight ways between them, and the samples of one rest."""
     rest = max(round(dwell * fs), 4)
@@ -260,7 +257,7 @@ def _levels(
     if s.largest_rate is not None:
         way = max(way, math.ceil(largest / (_OF_RATE * s.largest_rate) * fs))
     way = max(way, 1)
-    _require_size(levels.size * (rest + way), "staircase")
+    require_size(wait + levels.size * (rest + way), kind)
     parts = [np.full(wait + rest, levels[0])]
     for a, b in itertools.pairwise(levels):
         parts.append(a + (b - a) * np.arange(1, way) / way)
@@ -281,7 +278,8 @@ def _staircase(w: Staircase, s: AxisSetting, fs: float) -> Command:
             f"the staircase of axis '{s.axis}' would end at {_text(top, s)}, and its range ends at "
             f"{_text(s.high, s)}: begin lower, or take smaller or fewer steps"
         )
-    samples, wait = _levels(s, s.place(w.at) + height * np.arange(w.levels), w.dwell, fs, w.settle)
+    levels = s.place(w.at) + height * np.arange(w.levels)
+    samples, wait = _levels(w.kind, s, levels, w.dwell, fs, w.settle)
     return _command(s, samples, fs, first=wait)
 
 
@@ -297,13 +295,14 @@ def _positioning(w: Positioning, s: AxisSetting, fs: float) -> Command:
     if s.largest_rate is not None:
         # it is told from a ramp by resting for most of the time
         dwell = max(dwell, _REST_OVER_WAY * (rise[1] - rise[0]) / (_OF_RATE * s.largest_rate))
-    samples, _ = _levels(s, np.append(np.tile(once, int(w.rounds)), first), dwell, fs)
+    require_size(once.size * w.rounds * dwell * fs, w.kind)
+    samples, _ = _levels(w.kind, s, np.append(np.tile(once, int(w.rounds)), first), dwell, fs)
     return _command(s, samples, fs)
 
 
 def _hold(w: Hold, s: AxisSetting, fs: float) -> Command:
     wait, n = round(w.settle * fs), max(round(w.duration * fs), 2)
-    _require_size(wait + n, w.kind)
+    require_size(wait + n, w.kind)
     return _command(s, np.full(wait + n, s.place(w.at)), fs, first=wait)
 
 
@@ -315,7 +314,7 @@ def _corners(w: Corners, settings: list[AxisSetting], fs: float) -> Command:
         span = s.place(w.high) - s.place(w.low)
         if s.largest_rate is not None:
             way = max(way, math.ceil(span / (_OF_RATE * s.largest_rate) * fs))
-    _require_size(4 * (w.rounds + 1) * (rest + way), w.kind)
+    require_size(4 * (w.rounds + 1) * (rest + way), w.kind)
     shares = ((0, 1, 1, 0), (0, 0, 1, 1))
     number: list[Array] = []
     samples: tuple[list[Array], list[Array]] = ([], [])

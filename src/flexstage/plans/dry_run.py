@@ -9,9 +9,10 @@ from flexstage.errors import FlexstageError, LimitError
 from flexstage.instruments.checks import check_waveform
 from flexstage.instruments.limits import AxisLimits
 from flexstage.plans.command import Command, Strike
-from flexstage.plans.design import design_command
+from flexstage.plans.design import BASE_RATE_HZ, design_command
 from flexstage.plans.excite import Excite
 from flexstage.plans.plan import Plan, Step
+from flexstage.plans.reference import reference_rate, require_whole_cycles
 from flexstage.plans.setting import AxisSetting, axis_setting, estimated_stroke, lowest_frequency
 from flexstage.plans.verbs import Centre, Compensate, Measure, Verify
 from flexstage.stage import Stage
@@ -153,7 +154,13 @@ def settings_of(
     }
 
 
-def dry_run(plan: Plan, stage: Stage, *, only: tuple[str, ...] | None = None) -> DryRun:
+def dry_run(
+    plan: Plan,
+    stage: Stage,
+    *,
+    only: tuple[str, ...] | None = None,
+    base_rate_hz: float = BASE_RATE_HZ,
+) -> DryRun:
     """Say what a plan would do, without an instrument.
 
     Parameters
@@ -164,6 +171,8 @@ def dry_run(plan: Plan, stage: Stage, *, only: tuple[str, ...] | None = None) ->
         The stage.
     only : tuple of str, optional
         Steps that are wanted; those that they use are added.
+    base_rate_hz : float
+        Highest rate of samples of the instrument, of which all others are whole parts [Hz].
 
     Returns
     -------
@@ -198,7 +207,7 @@ def dry_run(plan: Plan, stage: Stage, *, only: tuple[str, ...] | None = None) ->
     steps = []
     for step in plan.chosen(only):
         try:
-            planned = _planned(step, plan, stage, commands, frequency)
+            planned = _planned(step, plan, stage, commands, frequency, base_rate_hz)
         except FlexstageError as error:
             planned = PlannedStep(name=step.name, verb=step.verb, what="", problem=str(error))
         commands[step.name] = planned
@@ -233,16 +242,22 @@ def _planned(
     stage: Stage,
     before: Mapping[str, PlannedStep],
     frequency: float | None,
+    base_rate_hz: float,
 ) -> PlannedStep:
     action = step.action
     if isinstance(action, Excite):
         settings = settings_of(action, stage, natural_frequency_hz=frequency)
-        made = design_command(action, settings, plan.defaults.command_rate)
+        made = design_command(
+            action, settings, plan.defaults.command_rate, base_rate_hz=base_rate_hz
+        )
         return _command(step, action, made, settings)
     if isinstance(action, Measure):
         return _measured(step, action, plan, before[action.of])
     if isinstance(action, Compensate | Verify):
         reference = action.reference
+        reference_rate(reference, plan.defaults.command_rate, base_rate_hz)
+        if isinstance(action, Verify):
+            require_whole_cycles(step.name, action, plan.defaults.rate)
         once = (reference.cycles + reference.settle) / reference.rate
         stroke = estimated_stroke(stage, plan.axis_of(step.name))
         runs = 0.0
@@ -260,6 +275,8 @@ def _planned(
             notes=("the voltages follow from the model that is identified",),
         )
     if isinstance(action, Centre):
+        for axis in action.axes:
+            axis_setting(stage, axis, closed_loop=True)
         moves = int(action.moves) + 2
         return PlannedStep(
             name=step.name, verb=step.verb, what=f"up to {moves} moves of {', '.join(action.axes)}"

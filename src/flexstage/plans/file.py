@@ -206,11 +206,12 @@ def _step(decoder: Decoder, node: Node, path: str) -> Step:
         decoder.refuse(node, path, "'name' is missing")
     name = decoder.decode(str, node.items["name"], f"{path}.name")
     check_name(name, lambda text: decoder.refuse(node.items["name"], f"{path}.name", text))
-    if any(c in name for c in "/\\:. "):
+    if any(c in name for c in '/\\:. *?"<>|'):
         decoder.refuse(
             node.items["name"],
             f"{path}.name",
-            f"a step names its files: no space, dot, colon or slash may be in '{name}'",
+            f"a step names its files: no space, dot, colon, slash or other mark that files cannot "
+            f"have may be in '{name}'",
         )
     verbs = [key for key in node.items if key != "name"]
     if len(verbs) != 1:

@@ -29,12 +29,14 @@ from flexstage.plans.verbs import Verify
 from flexstage.plans.work import Work
 from flexstage.records import Record
 
-__all__ = ["LEARNING", "Following", "follow", "following"]
+__all__ = ["LEARNING", "NOTES", "Following", "follow", "following"]
 
 Array = NDArray[np.float64]
 
 #: Under which name the errors of learning are kept among the settings of a record.
 LEARNING = "learning errors [m]"
+#: And what a reader of its figures should know, a line each.
+NOTES = "notes"
 #: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
 _LOOP_DELAY, _READING_DELAY = 2.0, 1.0
 #: A reference slower than this does not need what is at the mains' frequency [Hz].
@@ -144,10 +146,18 @@ def follow(work: Work, name: str, action: Verify, way: str, own: Following, stre
     )
     if way in ("open loop", "inverse"):
         command = _open_loop(own.course) if way == "open loop" else _inverse(own.course)
+        about = _with_notes(about, command.notes)
         return record_command(work.instrument, command, own.signals, own.rate_hz, stream, about)
     if way == "learning":
         return _learned(work, action, own, stream, about)
     return _controlled(work, way, own, stream, about)
+
+
+def _with_notes(about: RunMetadata, notes: tuple[str, ...]) -> RunMetadata:
+    """Keep notes with the record, so that a run that is taken up again tells them too."""
+    if not notes:
+        return about
+    return replace(about, settings={**about.settings, NOTES: "\n".join(dict.fromkeys(notes))})
 
 
 def _open_loop(course: Course) -> Command:
@@ -210,7 +220,9 @@ def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMe
             f"axis '{axis}' takes no voltages under control: leave 'both' out of the ways"
         )
     loop_rate = work.base_rate_hz
-    servo = _servo(course, loop_rate) if Capability.SERVO_TUNING in mover.capabilities else None
+    servo, untuned = None, "the controller takes no other settings"
+    if Capability.SERVO_TUNING in mover.capabilities:
+        servo, untuned = _servo(course, loop_rate)
     run = _run(
         course,
         "feedback" if way == "feedback" else "feedforward and feedback",
@@ -226,6 +238,9 @@ def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMe
         if servo is not None:
             mover.set_servo(servo)
             about = replace(about, settings={**about.settings, "servo": repr(servo)})
+        notes = run.notes
+        if untuned:
+            notes = (f"the control kept the settings that the controller had: {untuned}", *notes)
         command = Command(
             waveform=run.waveform,
             cycles=run.cycles,
@@ -233,7 +248,7 @@ def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMe
             period=course.positions.size,
             # what is wanted, and not the later target that the control is told
             reference={axis: course.positions},
-            notes=run.notes,
+            notes=notes,
         )
         return record_command(
             work.instrument,
@@ -241,7 +256,7 @@ def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMe
             own.signals,
             own.rate_hz,
             stream,
-            about,
+            _with_notes(about, notes),
             feedforward=run.feedforward,
         )
     finally:
@@ -250,10 +265,12 @@ def _controlled(work: Work, way: str, own: Following, stream: Path, about: RunMe
             mover.set_servo(before)
 
 
-def _servo(course: Course, loop_rate_hz: float) -> ServoSettings | None:
-    """Settings by the model; none where it does not know the mode that limits them."""
+def _servo(course: Course, loop_rate_hz: float) -> tuple[ServoSettings | None, str]:
+    """Settings by the model; or none, and why."""
     if course.model.modes is None:
-        return None
+        return None, (
+            "the model knows no natural frequency to tune to; give its step of identify a resonance"
+        )
     lag = 0.0 if course.model.lag is None else course.model.lag.delay
     slow = 1.0 / course.trajectory.period < _SLOW_HZ
     try:
@@ -263,9 +280,9 @@ def _servo(course: Course, loop_rate_hz: float) -> ServoSettings | None:
             delay=max(lag, _LOOP_DELAY / loop_rate_hz),
             mains_hz=_MAINS_HZ if slow else None,
         )
-    except ModelError:
-        return None
-    return tuned.settings
+    except ModelError as error:
+        return None, f"the model gives no others ({error})"
+    return tuned.settings, ""
 
 
 def _learned(work: Work, action: Verify, own: Following, stream: Path, about: RunMetadata) -> Path:
@@ -304,6 +321,7 @@ def _learned(work: Work, action: Verify, own: Following, stream: Path, about: Ru
     )
     errors = " ".join(f"{t.rms:.6e}" for t in found.axes[axis].trials)
     about = replace(about, settings={**about.settings, LEARNING: errors})
+    about = _with_notes(about, found.notes)
     command = Command(
         waveform=found.waveform,
         cycles=course.settle + course.cycles,

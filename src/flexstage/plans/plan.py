@@ -1,13 +1,13 @@
 """A plan of experiments: sensors, and steps that use what earlier ones gave."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated
 
 from flexstage.errors import PlanError
 from flexstage.experiment.campaign import Instrument
 from flexstage.experiment.uncertainty import SensorSetup
-from flexstage.plans.excite import Blows, Excite
+from flexstage.plans.excite import Blows, Corners, Excite
 from flexstage.plans.verbs import (
     Centre,
     Characterise,
@@ -296,9 +296,14 @@ def problems(
     """
     before: dict[str, Step] = {}
     known = [s.name for s in sensors]
+    # files are named after steps, and some systems do not tell large letters from small ones
+    taken: dict[str, str] = {}
     for k, step in enumerate(steps):
+        other = taken.setdefault(step.name.casefold(), step.name)
         if step.name in before:
             yield k, f"two steps are called '{step.name}': give each its own name"
+        elif other != step.name:
+            yield k, f"the steps '{other}' and '{step.name}' differ in capitals only: rename one"
         for name in step.needs:
             if name not in before:
                 listed = ", ".join(before) or "none"
@@ -318,7 +323,44 @@ def problems(
                     f"step '{step.name}' reads the sensor '{sensor}', which is not described "
                     f"(there are: {listed}): list it under 'sensors'",
                 )
+        if said := _unread(step, before):
+            yield k, said
         before[step.name] = step
+
+
+#: Sensors without which a test cannot be evaluated.
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "motion": ("along",),
+    "positioning": ("along",),
+    "staircase": ("along",),
+    "hold": ("along",),
+    "workspace": ("x", "y"),
+}
+
+
+def _unread(step: Step, before: Mapping[str, Step]) -> str:
+    """Say what a step needs that no sensor will have read."""
+    own = step.action
+    if isinstance(own, Measure) and own.test is not None:
+        source = before[own.of].action
+        if missing := [r for r in _NEEDED.get(own.test, ()) if r not in own.roles]:
+            return (
+                f"step '{step.name}' is a test of kind {own.test} and does not say which sensor "
+                f"reads {' and '.join(missing)}"
+            )
+        if own.test == "workspace" and not isinstance(source, Corners):
+            return f"step '{step.name}' is a test of kind workspace: it needs a step of corners"
+        if own.test == "response" and not own.output and not isinstance(source, Blows):
+            return f"step '{step.name}' is a test of kind response: name its sensors as 'output'"
+    if isinstance(own, Identify):
+        for name in own.of:
+            record = before[name].action
+            if isinstance(record, Measure) and own.output not in _sensors_of(before[name], before):
+                return (
+                    f"step '{step.name}' identifies by the sensor '{own.output}', which step "
+                    f"'{name}' does not record: add it there under 'also'"
+                )
+    return ""
 
 
 #: Verbs of the steps that a step can use.
@@ -353,7 +395,7 @@ def _wrong(step: Step, used: Step) -> str:
     return ""
 
 
-def _sensors_of(step: Step, before: dict[str, Step]) -> tuple[str, ...]:
+def _sensors_of(step: Step, before: Mapping[str, Step]) -> tuple[str, ...]:
     action = step.action
     if isinstance(action, Measure):
         source = before.get(action.of)

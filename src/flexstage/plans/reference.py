@@ -8,14 +8,17 @@ from numpy.typing import NDArray
 from flexstage.control import Trajectory, sine, triangle
 from flexstage.errors import PlanError
 from flexstage.hysteresis import DriveModel
-from flexstage.plans.verbs import Reference
+from flexstage.plans.size import require_size
+from flexstage.plans.verbs import Reference, Verify
 
-__all__ = ["reference_trajectory", "settled_range"]
+__all__ = ["reference_rate", "reference_trajectory", "require_whole_cycles", "settled_range"]
 
 Array = NDArray[np.float64]
 
 #: Samples in a cycle, at least.
 _SAMPLES_PER_CYCLE = 200
+#: A cycle that is compared has at least so many samples.
+_FEWEST = 20.0
 #: Cycles after which the model repeats itself.
 _STEADY = 4
 
@@ -62,6 +65,72 @@ def settled_range(
     return (low, high), (float(late.min()), float(late.max()))
 
 
+def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float) -> float:
+    """Return the rate of samples of a reference.
+
+    Parameters
+    ----------
+    wanted : Reference
+        What the plan asks for.
+    sample_rate_hz : float
+        Least rate of its samples [Hz].
+    base_rate_hz : float
+        Highest rate of the instrument, of which all others are whole parts [Hz].
+
+    Returns
+    -------
+    float
+        The rate [Hz].
+
+    Raises
+    ------
+    PlanError
+        No whole number of samples makes a period, or there are too many.
+
+    Examples
+    --------
+    >>> reference_rate(Reference(rate=2.0), 1000.0, 10e3)
+    1000.0
+    """
+    rate = base_rate_hz / max(
+        math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * wanted.rate)), 1
+    )
+    samples = rate / wanted.rate
+    if samples < _FEWEST or abs(samples - round(samples)) > 1e-6 * samples:
+        raise PlanError(
+            f"a reference of {wanted.rate:g} Hz has no whole number of samples at {rate:g} Hz, 20 "
+            "at least: choose another rate"
+        )
+    require_size(samples * (wanted.cycles + wanted.settle), "reference")
+    return rate
+
+
+def require_whole_cycles(name: str, action: Verify, usual_rate_hz: float) -> None:
+    """Refuse a rate of samples at which cycles cannot be compared.
+
+    Parameters
+    ----------
+    name : str
+        Name of the step.
+    action : Verify
+        What it does.
+    usual_rate_hz : float
+        Rate of samples where it names none [Hz].
+
+    Raises
+    ------
+    PlanError
+        A cycle has no whole number of samples, or too few.
+    """
+    rate = action.rate or usual_rate_hz
+    samples = rate / action.reference.rate
+    if samples < _FEWEST or abs(samples - round(samples)) > 1e-6 * samples:
+        raise PlanError(
+            f"step '{name}' compares cycles, which need a whole number of samples, "
+            f"{_FEWEST:g} at least: {rate:g} Hz gives {samples:g}; choose another rate"
+        )
+
+
 def reference_trajectory(
     wanted: Reference,
     axis: str,
@@ -94,15 +163,7 @@ def reference_trajectory(
     PlanError
         No whole number of samples makes a period.
     """
-    rate = base_rate_hz / max(
-        math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * wanted.rate)), 1
-    )
-    samples = rate / wanted.rate
-    if samples < 20.0 or abs(samples - round(samples)) > 1e-6 * samples:
-        raise PlanError(
-            f"a reference of {wanted.rate:g} Hz has no whole number of samples at {rate:g} Hz, 20 "
-            "at least: choose another rate"
-        )
+    rate = reference_rate(wanted, sample_rate_hz, base_rate_hz)
     middle = 0.5 * (readings[0] + readings[1])
     half = 0.5 * wanted.share * (readings[1] - readings[0])
     make = triangle if wanted.shape == "triangle" else sine

@@ -25,6 +25,16 @@ from flexstage.provenance import provenance
 
 __all__ = ["plain_results", "results_text", "write_text"]
 
+#: What the figures of a reference that was followed are given in.
+_RUN_UNITS = {
+    "loop_width": "m",
+    "tracking_rms": "m",
+    "tracking_max": "m",
+    "tracking_rms_percent": "% of the stroke",
+    "reduction_percent": "% of the loop in open loop",
+    "learning_errors": "m rms",
+}
+
 
 def results_text(result: PlanResult) -> str:
     """Return the figures of a plan as the text of a file.
@@ -76,6 +86,7 @@ def plain_results(result: PlanResult) -> dict[str, Any]:
         "duration": result.duration,
         "folder": str(result.folder),
         "figures": [_figure(f, result) for f in result.figures],
+        "further_figures": [_figure(f, result) for f in result.further_figures],
         "steps": [_step(s, result) for s in result.steps],
         "notes": list(result.notes),
         "provenance": {
@@ -91,7 +102,7 @@ def plain_results(result: PlanResult) -> dict[str, Any]:
 def _figure(figure: Figure, result: PlanResult) -> dict[str, Any]:
     e = figure.estimate
     low, high = e.interval()
-    rows = result.published.select(figure.quantity, figure.axis)
+    in_place = result.drives_in_place(figure)
     return {
         "quantity": figure.quantity,
         "axis": figure.axis,
@@ -102,8 +113,8 @@ def _figure(figure: Figure, result: PlanResult) -> dict[str, Any]:
         "interval": [_number(low), _number(high)],
         "origin": result.origin,
         "step": figure.test,
-        "note": e.note,
-        "published": [{"origin": r.origin, "value": r.value} for r in rows],
+        "note": f"{e.note}, drives in place".lstrip(", ") if in_place else e.note,
+        "published": [{"origin": r.origin, "value": r.value} for r in result.published_of(figure)],
     }
 
 
@@ -165,6 +176,7 @@ def _verified(step: VerifiedStep, result: PlanResult) -> dict[str, Any]:
         "model": step.kind,
         "stroke": step.stroke,
         "rate_hz": step.rate_hz,
+        "units": dict(_RUN_UNITS),
         "runs": [
             {
                 "way": run.way,

@@ -23,7 +23,7 @@ from flexstage.plans.plan import Plan, Step
 from flexstage.plans.results import PlanResult
 from flexstage.plans.results_file import results_text, write_text
 from flexstage.plans.state import RunState, StepState, file_hash, read_state, write_state
-from flexstage.plans.work import Work
+from flexstage.plans.work import Work, base_rate_of
 from flexstage.progress import share, tell
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
@@ -130,7 +130,7 @@ def run_plan(
     """
     own = stage if stage is not None else plan_stage(plan)
     where = Path(folder)
-    _require_possible(plan, own, only)
+    _require_possible(plan, own, only, instrument)
     serial = plan.serial_number or instrument.identity.serial_number
     work = Work(
         plan=plan,
@@ -175,9 +175,12 @@ def run_plan(
     return result
 
 
-def _require_possible(plan: Plan, stage: Stage, only: tuple[str, ...] | None) -> None:
+def _require_possible(
+    plan: Plan, stage: Stage, only: tuple[str, ...] | None, instrument: Instrument
+) -> None:
     """Refuse a plan of which a dry run shows that it cannot be carried out."""
-    for problem in dry_run(plan, stage, only=only).problems:
+    rate = base_rate_of(instrument)
+    for problem in dry_run(plan, stage, only=only, base_rate_hz=rate).problems:
         raise PlanError(f"{problem}; nothing has been moved")
 
 

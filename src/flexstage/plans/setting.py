@@ -108,7 +108,8 @@ def axis_setting(
     names = [a.name for a in stage.axes]
     if axis not in names:
         raise PlanError(
-            f"the stage {stage.name} has no axis '{axis}': its axes are {', '.join(names)}"
+            f"the stage {stage.name} has no axis '{axis}': its axes are "
+            f"{', '.join(names) or 'none'}"
         )
     drive = stage.drive(stage.axis(axis).drive)
     own = limits if limits is not None else stage_limits(stage, axis)

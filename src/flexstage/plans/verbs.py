@@ -20,6 +20,11 @@ _TESTS = ("motion", "positioning", "staircase", "hold", "response", "workspace")
 WAYS: tuple[str, ...] = ("open loop", "inverse", "feedback", "both", "learning")
 
 
+def _require_rate(rate: float | None) -> None:
+    if rate is not None and not 0.0 < rate < 1e7:
+        raise PlanError(f"the rate of samples must be positive, below 10 MHz, got {rate:g} Hz")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure:
     """Runs a command, and records what sensors read.
@@ -78,8 +83,20 @@ class Measure:
             raise PlanError(
                 f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
             )
-        if self.rate is not None and not self.rate > 0.0:
-            raise PlanError(f"the rate of samples must be positive, got {self.rate:g} Hz")
+        _require_rate(self.rate)
+        if not 0.0 < self.confidence < 1.0:
+            raise PlanError(f"a confidence is between 0 and 1, got {self.confidence:g}")
+        if self.smallest_step is not None and not self.smallest_step > 0.0:
+            raise PlanError(
+                f"the smallest step of a drive must be positive, got {self.smallest_step:g} m"
+            )
+        if self.modes is not None and not (1 <= self.modes <= 100 and self.modes % 1 == 0):
+            raise PlanError(f"modes must be a whole number from 1 to 100, got {self.modes:g}")
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1]:
+            raise PlanError(
+                f"the band of a response must rise from 0 Hz or more, got {self.band[0]:g} to "
+                f"{self.band[1]:g} Hz"
+            )
 
     @property
     def roles(self) -> dict[str, str]:
@@ -109,6 +126,8 @@ class Characterise:
     def __post_init__(self) -> None:
         if not self.of:
             raise PlanError("characterise needs one step at least that measures, got none")
+        if twice := sorted({name for name in self.of if self.of.count(name) > 1}):
+            raise PlanError(f"characterise names '{twice[0]}' twice: name it once")
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -267,6 +286,7 @@ class Verify:
             raise PlanError(f"verify needs ways, each once, got {', '.join(self.ways) or 'none'}")
         if not (1 <= self.trials <= 100 and self.trials == int(self.trials)):
             raise PlanError(f"trials must be a whole number from 1 to 100, got {self.trials:g}")
+        _require_rate(self.rate)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -322,8 +342,13 @@ class Centre:
         for name in ("radius", "target", "noise"):
             if not 0.0 < getattr(self, name) < 1e3:
                 raise PlanError(f"{name} of centre must be positive, got {getattr(self, name):g}")
-        if not (self.moves >= 1 and self.moves == int(self.moves)):
-            raise PlanError(f"moves of centre must be a whole number from 1, got {self.moves:g}")
+        for what, two in (("axes", self.axes), ("sensors", self.sensors)):
+            if two[0] == two[1]:
+                raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")
+        if not (1 <= self.moves <= 100 and self.moves == int(self.moves)):
+            raise PlanError(
+                f"moves of centre must be a whole number from 1 to 100, got {self.moves:g}"
+            )
         if not (self.seed >= 0 and self.seed == int(self.seed)):
             raise PlanError(f"the seed of centre is a whole number from 0, got {self.seed:g}")
         if not self.heads:

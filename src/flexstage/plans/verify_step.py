@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import PlanError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.campaign import Figure
 from flexstage.experiment.uncertainty import measured
 from flexstage.hysteresis import loop_width, tracking
 from flexstage.instruments.recording.attributes import read_metadata
-from flexstage.plans.following import LEARNING, follow, following
+from flexstage.plans.following import LEARNING, NOTES, follow, following
+from flexstage.plans.reference import require_whole_cycles
 from flexstage.plans.results import FollowedRun, VerifiedStep
 from flexstage.plans.verbs import Verify
 from flexstage.plans.work import Work
@@ -23,8 +23,6 @@ __all__ = ["verified_from", "verify"]
 Array = NDArray[np.float64]
 
 _OPEN = "open loop"
-#: A cycle that is compared has at least so many samples.
-_FEWEST = 20.0
 
 
 def verify(work: Work, name: str, action: Verify) -> list[Path]:
@@ -49,13 +47,7 @@ def verify(work: Work, name: str, action: Verify) -> list[Path]:
     FlexstageError
         A run cannot be made, or failed.
     """
-    rate = action.rate or work.plan.defaults.rate
-    samples = rate / action.reference.rate
-    if samples < _FEWEST or abs(samples - round(samples)) > 1e-6 * samples:
-        raise PlanError(
-            f"step '{name}' compares cycles, which need a whole number of samples, "
-            f"{_FEWEST:g} at least: {rate:g} Hz gives {samples:g}; choose another rate"
-        )
+    require_whole_cycles(name, action, work.plan.defaults.rate)
     own = following(work, action)
     files = []
     for way in action.ways:
@@ -143,6 +135,7 @@ def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
         reduction_percent=None,
         errors=tuple(float(e) for e in settings.get(LEARNING, "").split()),
         file=file,
+        notes=tuple(line for line in settings.get(NOTES, "").split("\n") if line),
     )
 
 

@@ -14,7 +14,7 @@ from flexstage.plans.results import IdentifiedStep, MeasuredStep, StepResult
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
-__all__ = ["Work"]
+__all__ = ["Work", "base_rate_of"]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -61,9 +61,7 @@ class Work:
     @property
     def base_rate_hz(self) -> float:
         """Highest rate of samples of a command [Hz]."""
-        if Capability.WAVE_GENERATOR in self.instrument.capabilities:
-            return self.instrument.waves.base_rate_hz
-        return BASE_RATE_HZ
+        return base_rate_of(self.instrument)
 
     def measured(self, name: str) -> MeasuredStep:
         """Return what an earlier step measured.
@@ -148,3 +146,21 @@ class Work:
             operator=self.operator,
             note=self.note,
         )
+
+
+def base_rate_of(instrument: Instrument) -> float:
+    """Return the highest rate of samples of a command.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        The instrument.
+
+    Returns
+    -------
+    float
+        The rate [Hz].
+    """
+    if Capability.WAVE_GENERATOR in instrument.capabilities:
+        return instrument.waves.base_rate_hz
+    return BASE_RATE_HZ

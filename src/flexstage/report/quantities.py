@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import QUANTITIES
 
-__all__ = ["Display", "display", "number"]
+__all__ = ["Display", "beside", "display", "number"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,3 +140,34 @@ def number(value: float, digits: int = 4) -> str:
     if not -3 <= exponent < 6:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def beside(value: float, uncertainty: float) -> tuple[str, str]:
+    """Write a value and its uncertainty with the same decimals.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    uncertainty : float
+        Its uncertainty, in the same unit.
+
+    Returns
+    -------
+    tuple of str
+        Both, so that two digits of the uncertainty are seen, and seven of the value at most.
+
+    Examples
+    --------
+    >>> beside(338.9104, 0.00243), beside(-729.23, 2814.0), beside(63.1234, 0.0671)
+    (('338.9104', '0.0024'), ('-729', '2814'), ('63.123', '0.067'))
+    """
+    if not (math.isfinite(value) and 0.0 < uncertainty < math.inf):
+        return number(value), f"{uncertainty:g}" if uncertainty == 0.0 else number(uncertainty, 2)
+    size = max(abs(value), uncertainty)
+    last = math.floor(math.log10(float(f"{uncertainty:.1e}"))) - 1
+    first = math.floor(math.log10(size))
+    if not -3 <= first < 6 or first - last > 6:
+        return number(value), number(uncertainty, 2)
+    decimals = max(-last, 0)
+    return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"

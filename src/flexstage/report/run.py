@@ -21,7 +21,7 @@ from flexstage.report.figures import draw_drive_fit, draw_following, inline_svg
 from flexstage.report.figures.style import css_variables
 from flexstage.report.measurement import Measurement, set_beside
 from flexstage.report.measurement_html import measurement_section
-from flexstage.report.quantities import number
+from flexstage.report.quantities import beside, display, number
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
@@ -106,7 +106,12 @@ def run_measurement_of(result: PlanResult) -> Measurement:
         notes=(),
     )
     whole = Characterisation(campaign=campaign, results=tuple(found), sources=sources)
-    return set_beside(whole, result.stage, Characteristics(result.stage.published))
+    # a mode with the drives in place is another than that which was published
+    in_place = {(f.quantity, f.axis) for f in whole.figures if result.drives_in_place(f)}
+    published = Characteristics(
+        row for row in result.stage.published if (row.quantity, row.axis) not in in_place
+    )
+    return set_beside(whole, result.stage, published)
 
 
 def _lead(result: PlanResult) -> str:
@@ -140,7 +145,7 @@ def _notes(result: PlanResult) -> str:
 def _parts(result: PlanResult) -> Iterator[tuple[str, str, str]]:
     measured = run_measurement_of(result)
     if measured.found.results:
-        yield "figures", "Figures", measurement_section(measured)
+        yield "figures", "Figures", measurement_section(measured) + _further(result)
     models = [s for s in result.steps if isinstance(s, IdentifiedStep)]
     if models:
         yield "models", "Identified drives", _models(result, models)
@@ -151,6 +156,34 @@ def _parts(result: PlanResult) -> Iterator[tuple[str, str, str]]:
     if centred:
         yield "centring", "Centring", "".join(_centred(step) for step in centred)
     yield "record", "What was recorded", _record(result)
+
+
+def _further(result: PlanResult) -> str:
+    """Figures of tests that repeat a quantity of an axis, and of modes with the drives in place."""
+    rows = []
+    own = [f for f in result.figures if result.drives_in_place(f)]
+    for figure in (*own, *result.further_figures):
+        shown = display(figure.quantity)
+        label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")
+        value, spread = beside(
+            figure.estimate.value * shown.factor, figure.estimate.expanded * shown.factor
+        )
+        rows.append(
+            f'<tr><td class="text">{escape(label)}</td><td class="text">{escape(figure.axis)}</td>'
+            f'<td class="text">{escape(figure.test)}</td><td>{value}</td><td>{spread}</td>'
+            f'<td class="text">{escape(shown.unit)}</td></tr>'
+        )
+    if not rows:
+        return ""
+    return (
+        "<p>Natural frequencies are those of the stage with its drives taken out, unless this "
+        "table says that they were in place. It lists what was measured so, and what a test gave "
+        "that another one had given before it.</p>"
+        '<div class="scroll"><table><thead><tr><th class="text">Quantity</th>'
+        '<th class="text">Axis</th><th class="text">Test</th><th>value</th>'
+        '<th>±&nbsp;(95&nbsp;%)</th><th class="text">Unit</th></tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
 
 
 def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:

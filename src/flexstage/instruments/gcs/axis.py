@@ -1,9 +1,10 @@
 """One axis of a PI controller."""
 
+import contextlib
 import math
 from dataclasses import dataclass
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.checks import check_position, check_voltage
 from flexstage.instruments.gcs.core import Core
 from flexstage.instruments.gcs.tuning import Tuning
@@ -259,10 +260,11 @@ class PiAxis:
                 self._refuse_stopped()
                 if patience.over():
                     self._client.stop()
+                    off = ", its control switched off" if closed and self._let_go() else ""
                     raise ControllerError(
                         f"axis '{self.name}' was not {'on target' if closed else 'at rest'} after "
-                        f"{timeout:g} s and was stopped: look whether it is free to move, and at "
-                        "the settings of its control"
+                        f"{timeout:g} s and was stopped{off}: look whether it is free to move, and "
+                        "at the settings of its control"
                     )
                 self._core.between_questions()
         except (KeyboardInterrupt, NotConnectedError):
@@ -271,6 +273,17 @@ class PiAxis:
         self._refuse_stopped()
         if closed:
             self._check_target()
+
+    def _let_go(self) -> bool:
+        """Switch control off, which may be what swings; say whether that was possible."""
+        if Capability.OPEN_LOOP not in self.capabilities:
+            return False
+        # the stop itself stands as an error, which the first command is told
+        for _ in range(2):
+            with contextlib.suppress(FlexstageError):
+                self.set_closed_loop(False)
+                return True
+        return False
 
     def servo(self) -> ServoSettings:
         """Return the settings of its position control.

@@ -121,15 +121,25 @@ def virtual_stage(
     if amplifier not in ("voltage", "charge"):
         raise ModelError(f"an amplifier drives by 'voltage' or 'charge', got {amplifier!r}")
     if not 1e3 <= sample_rate_hz <= 50e3:
-        raise ModelError(f"the rate of a twin's loop is 1 to 50 kHz, got {sample_rate_hz!r} Hz")
+        raise ModelError(f"the rate of a twin's loop is 1 to 50 kHz, got {sample_rate_hz:g} Hz")
     if not stage.axes:
         raise ModelError(
             f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
         )
     drives = [stage.drive(axis.drive) for axis in stage.axes]
     screws = all(isinstance(d, Screw) for d in drives)
+    if twice := sorted({d.name for d in drives if drives.count(d) > 1}):
+        raise ModelError(
+            f"two axes of stage '{stage.name}' have the drive '{twice[0]}': a twin needs one for "
+            "each axis"
+        )
     if not screws and not all(isinstance(d, PiezoStack) and d.voltage_range for d in drives):
-        kinds = ", ".join(f"'{d.name}' {d.kind}" for d in drives)
+        kinds = ", ".join(
+            f"'{d.name}' {d.kind}"
+            + (" without a voltage_range" if isinstance(d, PiezoStack) and not d.voltage_range
+               else "")
+            for d in drives
+        )  # fmt: skip
         raise ModelError(
             f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
         )

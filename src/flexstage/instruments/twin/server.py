@@ -52,7 +52,10 @@ def listen(host: str, port: int) -> socket.socket:
     ------
     OSError
         The port cannot be had.
+    UnicodeError
+        The host has a name that no host can have.
     """
+    host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     return socket.create_server((host, port), family=family, backlog=128)
 
