@@ -41,8 +41,9 @@ Array = NDArray[np.float64]
 RATE_HZ = 10e3
 #: Age of a reading when the control compares it.
 READING_DELAY = 1.0 / RATE_HZ
-#: Where a user would look for the first mode of the stage, from its drawing [Hz].
-DRAWN_MODE_HZ = 820.0
+#: Where a user would look for the first mode along an axis, from the drawing [Hz]. That of y is at
+#: 1850 Hz, where samples at 10 kHz do not tell it well from the delay: it is left unknown.
+DRAWN_MODE_HZ = {"x": 820.0}
 STROKE = 59.5e-6
 MAINS_HZ = 50.0
 #: What a motion of minutes keeps away from the low end of what a control may reach [m]: the drive
@@ -142,7 +143,7 @@ def bench(seed: int, axis: str = "x", **options: object) -> Bench:
         limits.voltage,
         sample_rate_hz=RATE_HZ,
         rates_hz=(1.0, 50.0),
-        natural_frequency_hz=DRAWN_MODE_HZ,
+        natural_frequency_hz=DRAWN_MODE_HZ.get(axis),
         slope_limit=limits.slew,
         hold=5.0,
     )

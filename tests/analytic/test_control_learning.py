@@ -10,6 +10,7 @@ from flexstage.control.learning_axis import mean_error
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.instruments.limits import AxisLimits
+from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 
@@ -238,3 +239,99 @@ def test_what_cannot_be_learned_is_refused_in_words() -> None:
             lambda w: record(0.5 * w.values["x"]), WANTED, start, {"x": nominal},
             LearningSettings(periods=PERIODS), limits={"x": slow},
         )  # fmt: skip
+
+
+STRAIGHT = DriveModel(
+    hysteresis=PrandtlIshlinskii(gain=5e-7, thresholds=np.array([5.0]), weights=np.array([0.0])),
+    # a reading shows the voltage of the sample before
+    lag=Lag(delay=1.0 / RATE),
+    validity=ValidityRange(
+        input_range=(0.0, 120.0), output_range=(0.0, 6e-5), rate_range_hz=(1.0, 50.0)
+    ),
+)
+CONTROL = ServoSettings(
+    proportional=1e5, integral=1.4e8, notches=(Notch(frequency_hz=60.0, zero_damping=0.1),)
+)
+
+
+def controlled(added, gain=5e-7, periods=PERIODS, settle=80):
+    """The control sample by sample, as its equations say; a reading is a sample old."""
+    ((b0, b1, b2, a1, a2),) = CONTROL.sections(RATE)
+    target = np.roll(WANTED.positions["x"], 1)
+    z1 = z2 = integral = u = reading = 0.0
+    readings = []
+    for k in range((settle + periods) * added.size):
+        e = target[k % added.size] - reading
+        # the voltage of the sample before, and no longer the one before that
+        reading = gain * u
+        readings.append(reading)
+        y = b0 * e + z1
+        z1, z2 = b1 * e - a1 * y + z2, b2 * e - a2 * y
+        integral += CONTROL.integral / RATE * y
+        u = added[k % added.size] + CONTROL.proportional * y + integral
+    return np.array(readings[settle * added.size :])
+
+
+def learned_under_control(gain=5e-7, **options):
+    phase = 2 * np.pi * np.arange(100) / 100.0
+    start = Waveform(
+        values={"x": 50.0 - 40.0 * np.cos(phase) + 3.0 * np.sin(3.0 * phase)},
+        sample_rate_hz=RATE, quantity="voltage",
+    )  # fmt: skip
+
+    def run(w):
+        y = controlled(w.values["x"], gain)
+        time = np.arange(y.size) / RATE
+        return Record(channels=(Channel(name="x", values=y, unit="m"),), time=time)
+
+    how = LearningSettings(trials=1, step=1.0, periods=PERIODS, **options)
+    made = learn(run, WANTED, start, {"x": STRAIGHT}, how, servo={"x": CONTROL})
+    return made, start.values["x"]
+
+
+def test_what_is_added_to_a_control_is_learned_in_one_trial_where_its_loop_is_known() -> None:
+    made, start = learned_under_control()
+    first, second = made.axes["x"].trials
+    assert first.rms > 1e-7
+    # the loop that was reckoned with is the loop that ran; 80 periods leave nothing of the start
+    assert second.rms < 1e-6 * first.rms
+    # the mean is the control's
+    assert np.mean(made.waveform.values["x"]) == pytest.approx(np.mean(start), rel=1e-9)
+
+
+def test_a_wrong_gain_under_control_contracts_as_the_closed_form_says() -> None:
+    """Of one harmonic 1 - (1 + Delta) S'/S is left, S' of the loop with the other gain."""
+    made, _ = learned_under_control(gain=5.9e-7, band_hz=30.0)
+    first, second = made.axes["x"].trials
+    c = CONTROL.response([20.0], RATE)[0]
+    z1 = np.exp(-2j * np.pi * 20.0 / RATE)
+    seen, true = (g * z1 / (1.0 + c * g * z1 * z1) for g in (5e-7, 5.9e-7))
+    assert second.rms / first.rms == pytest.approx(abs(1.0 - true / seen), rel=1e-3)
+
+
+def test_a_control_needs_the_model_of_its_drive() -> None:
+    with pytest.raises(ModelError, match="through the model of the drive"):
+        learn(lambda _: None, WANTED, targets(WANTED.positions["x"]), {"x": nominal},
+              servo={"x": CONTROL})  # fmt: skip
+
+
+def test_without_a_mode_nothing_is_learned_far_above_the_cycles_of_the_identification() -> None:
+    """Identified up to 50 Hz: a mode that was not seen may turn the phase beyond 300 Hz."""
+    t = np.arange(100) / RATE
+    low, high = (np.sin(2.0 * np.pi * f * t) for f in (280.0, 360.0))
+    wanted = WANTED.positions["x"]
+    start = Waveform(
+        values={"x": np.roll(wanted, -1) / 5e-7}, sample_rate_hz=RATE, quantity="voltage"
+    )
+
+    def run(w):
+        return record(5e-7 * np.roll(w.values["x"], 1) + 3e-8 * low + 2e-8 * high)
+
+    how = LearningSettings(trials=1, step=1.0, periods=PERIODS)
+    made = learn(run, WANTED, start, {"x": STRAIGHT}, how)
+    left = 5e-7 * np.roll(made.waveform.values["x"], 1) - wanted + 3e-8 * low
+    assert np.max(np.abs(left)) < 1e-12
+    wide = LearningSettings(trials=1, step=1.0, periods=PERIODS, band_hz=400.0)
+    made = learn(run, WANTED, start, {"x": STRAIGHT}, wide)
+    left = 5e-7 * np.roll(made.waveform.values["x"], 1) - wanted + 3e-8 * low + 2e-8 * high
+    assert np.max(np.abs(left)) < 1e-12

@@ -366,3 +366,15 @@ def test_a_stage_of_one_axis_and_without_published_figures_works() -> None:
     turned = virtual_stage(design("parallelogram"), seed=2, quiet=True)
     assert turned.axes == ("x",)
     assert turned.run(np.full((1, 2000), 1e-5), (False,)).position[0, -1] > 1e-6
+
+
+def test_what_no_twin_can_be_made_of_is_said_by_its_drive() -> None:
+    stage = design("vgtu-piezo")
+    unranged = replace(
+        stage, drives=(stage.drives[0], replace(stage.drives[1], voltage_range=None))
+    )
+    with pytest.raises(ModelError, match="got 'x' piezo, 'y' piezo without a voltage_range"):
+        virtual_stage(unranged)
+    shared = replace(stage, axes=(stage.axes[0], replace(stage.axes[1], drive="x")), published=())
+    with pytest.raises(ModelError, match="two axes of stage 'vgtu-piezo' have the drive 'x'"):
+        virtual_stage(shared)

@@ -60,6 +60,7 @@ def test_an_object_of_the_users_own():
         ("serial:///dev/ttyUSB0?rate=5", "has the option 'rate', and there are baud"),
         ("twin://vgtu-mechanical", "is a twin of 'vgtu-mechanical', and the stage is 'vgtu-piezo'"),
         ("twin://?seed=-1", "'seed' of .* must be a whole number from 0, got '-1'"),
+        ("twin://?seed=" + "9" * 400, "'seed' of .* must be a whole number from 0"),
         ("twin://?seed=1.5", "'seed' of .* must be a whole number from 0, got '1.5'"),
         ("twin://?rate=nan", "'rate' of .* must be a number from 0, got 'nan'"),
         ("twin://?model=solid", "must be lumped or superelement, got 'solid'"),

@@ -19,6 +19,7 @@ from flexstage.instruments.ni import (
     SensorInput,
     address,
     daqmx,
+    daqmx_codes,
     open_address,
 )
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
@@ -220,7 +221,7 @@ def test_errors_of_the_driver_in_our_words(
 
 
 def test_the_sentences_are_for_the_errors_that_they_mean() -> None:
-    names = {code: DAQmxErrors(code).name for code in daqmx._SENTENCES}
+    names = {code: DAQmxErrors(code).name for code in daqmx_codes.SENTENCES}
     assert names[-200279] == "SAMPLES_NO_LONGER_AVAILABLE"
     assert names[-50103] == "PAL_RESOURCE_RESERVED"
     assert names[-200170] == "PHYSICAL_CHAN_DOES_NOT_EXIST"
@@ -228,7 +229,7 @@ def test_the_sentences_are_for_the_errors_that_they_mean() -> None:
     assert names[-201003] == "DEV_CANNOT_BE_ACCESSED"
     assert names[-200019] == "ADC_OVERRUN"
     assert names[-200284] == "SAMPLES_NOT_YET_AVAILABLE"
-    assert all(DAQmxErrors(code) for code in daqmx._GONE)
+    assert all(DAQmxErrors(code) for code in daqmx_codes.GONE)
 
 
 def test_with_a_driver_the_card_is_real_unless_asked_otherwise(
@@ -236,13 +237,16 @@ def test_with_a_driver_the_card_is_real_unless_asked_otherwise(
 ) -> None:
     monkeypatch.setattr(address, "driver_found", lambda: "")
     monkeypatch.setattr(address, "DaqmxBackend", lambda: DaqmxBackend(card.library()))
-    real = open_address("ni://Dev1?x=ao0,ai2&sensitivity=3um/V")
+    real = open_address("ni://Dev1?x=ao0,ai2&sensitivity=3um/V&amplifier=1")
     assert not real.identity.simulated
     assert real.channel(1) == pytest.approx(3e-6 * value("Dev1/ai2"))
     assert open_address("ni://Dev1?x=ao0,ai2&simulated=1").identity.simulated
     # Nobody may guess what a real sensor reads for a volt.
     with pytest.raises(ModelError, match="sensitivity=10um/V"):
         open_address("ni://Dev1?x=ao0,ai2")
+    # Nor by what a drive gets more than the output gives.
+    with pytest.raises(ModelError, match="'amplifier=1' where there are none"):
+        open_address("ni://Dev1?x=ao0,ai2&sensitivity=3um/V")
 
 
 @pytest.mark.skipif(not driver_found(), reason="NI-DAQmx is installed here")

@@ -183,7 +183,8 @@ def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp_path):
+@pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
+def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp_path, by):
     more = (
         "  - {name: rest, excite: {kind: hold, axis: x, duration: 1 s}}\n"
         "  - {name: held, measure: {of: rest, test: hold, along: x}}\n  - {name: loops"
@@ -201,12 +202,12 @@ def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp
     try:
         stream = out / "records" / "motion.stream"
         _until(lambda: stream.exists() and stream.stat().st_size > 60_000, started)
-        started.send_signal(signal.SIGINT)
+        started.send_signal(getattr(signal, by))
         said, err = started.communicate(timeout=TIMEOUT)
     finally:
         started.kill()
         started.communicate()
-    assert started.returncode == 130
+    assert started.returncode == {"SIGINT": 130, "SIGTERM": 143}[by]
     assert said == ""
     assert "the stage was stopped" in err
     assert f"--resume --out {out}" in err

@@ -232,3 +232,12 @@ def test_what_cannot_be_read_is_told_beside_what_was_entered(capsys, catalogue, 
     told = json.loads(out)
     assert told["entered"] == 2
     assert "torn.h5" in told["problems"][0]
+
+
+@pytest.mark.parametrize("since", ["999999999 d", "0001-01-01T00:00+23:00", "1e400 d"])
+def test_a_time_that_no_calendar_has_gets_a_sentence(capsys, tmp_path, since):
+    with pytest.raises(SystemExit) as ended:
+        main(["runs", "--since", since, "--catalogue", str(tmp_path / "runs.sqlite")])
+    said = capsys.readouterr()
+    assert (ended.value.code, said.out) == (2, "")
+    assert since in said.err

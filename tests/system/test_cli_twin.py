@@ -145,3 +145,13 @@ def test_bad_input_is_one_sentence(capsys, words, expected):
     status, err = refused(capsys, *words)
     assert status == 2
     assert expected in err
+
+
+@pytest.mark.parametrize("host", ["ä" * 80, "a" * 70, "x..y"])
+def test_a_host_that_no_name_can_have_gets_a_sentence(capsys, host):
+    with pytest.raises(SystemExit) as ended:
+        main(["twin", "vgtu-piezo", "--port", "0", "--host", host])
+    said = capsys.readouterr()
+    assert (ended.value.code, said.out) == (1, "")
+    assert said.err.count("\n") == 1
+    assert "choose another --port" in said.err

@@ -38,8 +38,8 @@ def check(found: dict[str, float]) -> None:
     assert found["feedforward, tracking [% rms]"] < 0.25
     # what crept before is not known, but where the sensor stands was read
     assert found["feedforward from a zero that was read, tracking [% rms]"] < 0.4
-    # the drive where it turns, and the gain of the sensor: 5e-5 of 36 um and 17 um rms for one
-    # standard deviation, 2 nm, three of them at most
+    # 7 to 8 nm of the drive where it turns, and the gain of the sensor: 5e-5 of 37 um and 17 um rms
+    # for a standard deviation, 2 nm, of which one in twenty stages has up to 3.5
     assert found["1 Hz triangle, feedforward and feedback [nm rms]"] < 11.0
     # up to 7 nm of the mains' 50 Hz add to the error of the first harmonic, or take from it
     assert found["50 Hz sine, feedforward and feedback [nm rms]"] < 30.0
@@ -49,10 +49,10 @@ def check(found: dict[str, float]) -> None:
     )
     # a part in ten of what was there at the start, and what was not known of the response
     assert found["learning, 1st trial [nm rms]"] < 10.0
-    # 3 nm beside the gain of the sensor
-    assert found["learning, 5th trial or the last [nm rms]"] < 7.5
+    # 3.5 nm beside the gain of the sensor, 3.5 times 5e-5 of 37 um and 21 um rms: 7.4 nm
+    assert found["learning, 5th trial or the last [nm rms]"] < 8.5
     # never away again from what was learned
-    assert found["learning, largest from the 3rd on [nm rms]"] < 7.5
+    assert found["learning, largest from the 3rd on [nm rms]"] < 8.5
 
 
 @pytest.mark.slow

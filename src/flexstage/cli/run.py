@@ -144,6 +144,10 @@ def _catalogue(text: str | None) -> str | None:
     if text is not None and text.casefold() == "none":
         return None
     if text is not None:
+        from flexstage.instruments.catalogue.address import require_address
+
+        # what cannot be opened is told behind the run, and what can never be one before it
+        require_address(text)
         return text
     from flexstage.instruments.catalogue import default_catalogue
 
@@ -160,14 +164,19 @@ def _carried_out(
     try:
         if not device.identity.simulated and not yes:
             _ask(device.identity, own.name)
+        if device.identity.simulated and address.startswith("ni:"):
+            # a card is simulated where its driver is missing, whoever meant to measure
+            typer.echo(f"flexstage: {device.settings().get('driver', address)}", err=True)
         try:
             with progress_bar():
                 return run_plan(wanted, device, folder, stage=own, **options)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit):  # the latter by a signal to end
             sys.stderr.write(f"\nthe stage was stopped; {_how_to_resume(folder)}\n")
             raise
         except FlexstageError as error:
-            if (folder / "run.json").exists() and "--resume" not in str(error):
+            # a folder that is refused holds nothing of this run
+            refused = "--resume" in str(error) or "choose another folder" in str(error)
+            if (folder / "run.json").exists() and not refused:
                 raise type(error)(f"{error}; {_how_to_resume(folder)}") from error
             raise
     finally:

@@ -76,7 +76,8 @@ def learn(
         By how much the readings are known to be recorded late [s].
     servo : Mapping, optional
         Settings of the position control by axis, for voltages that are added to its own while it
-        follows the trajectory, at the rate of the loop. Open loop where not given.
+        follows the trajectory; the trajectory then has the rate of the loop. Open loop where not
+        given.
 
     Returns
     -------

@@ -31,6 +31,8 @@ _WORSE = 1.25
 _CLEAR = 10.0
 #: What is learned reaches this far beyond the lowest mode.
 _BEYOND = 1.3
+#: ... or, where the model has no mode, to this many times the fastest cycles it was identified on.
+_UNSEEN = 6.0
 
 
 def mean_error(
@@ -325,6 +327,10 @@ class AxisLearner:
             highest = 0.25 * self.rate
             if isinstance(own, DriveModel) and own.modes is not None:
                 highest = min(highest, _BEYOND * min(own.modes.frequency_hz))
+            elif isinstance(own, DriveModel) and own.validity is not None:
+                # a mode that was not seen may be anywhere above
+                fastest = max(own.validity.rate_range_hz[1], self.rate / self.size)
+                highest = min(highest, _UNSEEN * fastest)
         learned = (self.f <= highest) & (self.f < 0.5 * self.rate)
         if not self.how.constant:
             learned[0] = False

@@ -22,8 +22,9 @@ class LearningSettings:
     model_error : float
         Largest error of the model's response that is reckoned with [1], below 1.
     band_hz : float, optional
-        Highest frequency that is learned [Hz]; 1.3 times the lowest mode of a model that has one,
-        but not above a quarter of the sample rate, where not given.
+        Highest frequency that is learned [Hz]. Where not given, 1.3 times the lowest mode of a
+        drive, or 6 times the fastest cycles that it was identified on if none was found; not above
+        a quarter of the sample rate.
     periods : int
         Periods at the end of a record that are averaged, 2 or more.
     noise_factor : float

@@ -96,7 +96,7 @@ def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float
         math.floor(base_rate_hz / max(sample_rate_hz, _SAMPLES_PER_CYCLE * wanted.rate)), 1
     )
     samples = rate / wanted.rate
-    if samples < _FEWEST or abs(samples - round(samples)) > 1e-6 * samples:
+    if not _is_whole(samples):
         raise PlanError(
             f"a reference of {wanted.rate:g} Hz has no whole number of samples at {rate:g} Hz, 20 "
             "at least: choose another rate"
@@ -124,7 +124,7 @@ def require_whole_cycles(name: str, action: Verify, usual_rate_hz: float) -> Non
     """
     rate = action.rate or usual_rate_hz
     samples = rate / action.reference.rate
-    if samples < _FEWEST or abs(samples - round(samples)) > 1e-6 * samples:
+    if not _is_whole(samples):
         raise PlanError(
             f"step '{name}' compares cycles, which need a whole number of samples, "
             f"{_FEWEST:g} at least: {rate:g} Hz gives {samples:g}; choose another rate"
@@ -168,3 +168,7 @@ def reference_trajectory(
     half = 0.5 * wanted.share * (readings[1] - readings[0])
     make = triangle if wanted.shape == "triangle" else sine
     return make(axis, middle - half, middle + half, wanted.rate, sample_rate_hz=rate)
+
+
+def _is_whole(samples: float) -> bool:
+    return samples >= _FEWEST and abs(samples - round(samples)) <= 1e-6 * samples

@@ -75,6 +75,8 @@ class PlanResult:
         Where everything was written.
     steps : tuple of StepResult
         What each step gave, in their order.
+    title : str
+        What the plan is called.
     notes : tuple of str
         What belongs to every figure.
     """
@@ -91,6 +93,7 @@ class PlanResult:
     duration: float
     folder: Path
     steps: tuple[StepResult, ...]
+    title: str = ""
     notes: tuple[str, ...] = ()
 
     @property

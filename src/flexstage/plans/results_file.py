@@ -68,7 +68,7 @@ def plain_results(result: PlanResult) -> dict[str, Any]:
     made = provenance(result.plan, dict(result.settings))
     identity = result.instrument
     return {
-        "plan": result.plan.title,
+        "plan": result.title or result.plan.title,
         "stage": result.stage.name,
         "serial_number": result.serial_number,
         "origin": result.origin,

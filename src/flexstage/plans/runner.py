@@ -168,6 +168,7 @@ def run_plan(
         finished=finished,
         duration=time.monotonic() - began,
         folder=where,
+        title=work.title,
         steps=tuple(work.results[s.name] for s in plan.steps if s.name in work.results),
         notes=(*_notes(work), *told),
     )
@@ -201,6 +202,11 @@ def _begun(work: Work, *, resume: bool) -> RunState:
         raise PlanError(
             f"'{folder}' holds a run on {kinds[bool(before.instrument.get('simulated'))]}, and "
             f"this is {kinds[identity.simulated]}: choose another folder"
+        )
+    if before is not None and before.stage != work.stage.name:
+        raise PlanError(
+            f"'{folder}' holds a run on the stage '{before.stage}', and this is "
+            f"'{work.stage.name}': choose another folder"
         )
     for part in ("records", "models"):
         (folder / part).mkdir(parents=True, exist_ok=True)

@@ -21,8 +21,8 @@ WAYS: tuple[str, ...] = ("open loop", "inverse", "feedback", "both", "learning")
 
 
 def _require_rate(rate: float | None) -> None:
-    if rate is not None and not 0.0 < rate < 1e7:
-        raise PlanError(f"the rate of samples must be positive, below 10 MHz, got {rate:g} Hz")
+    if rate is not None and not 1e-3 <= rate < 1e7:
+        raise PlanError(f"the rate of samples must be from 1 mHz to 10 MHz, got {rate:g} Hz")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -342,6 +342,11 @@ class Centre:
         for name in ("radius", "target", "noise"):
             if not 0.0 < getattr(self, name) < 1e3:
                 raise PlanError(f"{name} of centre must be positive, got {getattr(self, name):g}")
+        if not max(abs(e) for e in self.eccentricity) < self.radius:
+            raise PlanError(
+                f"the eccentricity of centre must be smaller than its radius of {self.radius:g} m, "
+                f"got {self.eccentricity[0]:g} and {self.eccentricity[1]:g} m"
+            )
         for what, two in (("axes", self.axes), ("sensors", self.sensors)):
             if two[0] == two[1]:
                 raise PlanError(f"centre needs two {what}, got '{two[0]}' twice")

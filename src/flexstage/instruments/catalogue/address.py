@@ -10,7 +10,7 @@ from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
 
-__all__ = ["WRITES", "catalogue_engine", "default_catalogue"]
+__all__ = ["WRITES", "catalogue_engine", "default_catalogue", "require_address"]
 
 #: Option of a connection that is going to write.
 WRITES = "flexstage_writes"
@@ -71,6 +71,22 @@ def catalogue_engine(address: str) -> Engine:
         raise RecordError(
             "a catalogue on PostgreSQL needs its driver: pip install 'flexstage[postgresql]'"
         ) from error
+
+
+def require_address(address: str) -> None:
+    """Refuse what can be no address of a catalogue; nothing is opened or made.
+
+    Parameters
+    ----------
+    address : str
+        Path of a file, or ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
+
+    Raises
+    ------
+    RecordError
+        The address is no such one.
+    """
+    _url(address)
 
 
 def _url(address: str) -> URL:

@@ -32,8 +32,8 @@ def open_address(
     The address is ``ni://CARD?OPTIONS``. For each axis there is an option with the output of its
     drive and the input of its sensor (``x=ao0,ai0``); an axis of the stage that is not named
     gets those of its number. ``amplifier=15`` is the gain of the amplifiers [V/V],
-    ``sensitivity=10um/V`` what the sensors read for a volt, ``rate=20kHz`` how often outputs
-    change, ``simulated=1`` asks for a simulated card and ``seed=3`` for its noise. A card is also
+    ``sensitivity=10um/V`` what the sensors read for a volt (a real card needs both),
+    ``rate=20kHz`` how often outputs change, ``simulated=1`` asks for a simulated card and ``seed=3`` for its noise. A card is also
     simulated where there is no driver for a real one: its identity, its settings and the notes of
     every record say so.
 
@@ -132,6 +132,12 @@ def setup_of_address(
         raise ModelError(
             f"the address {address!r} does not say what a sensor reads for a volt: add it, such as "
             "'sensitivity=10um/V'"
+        )
+    if "amplifier" not in options and not simulated:
+        raise ModelError(
+            f"the address {address!r} does not say what amplifiers are behind the outputs, so that "
+            "no voltage at a drive is known: add their gain, such as 'amplifier=15', or "
+            "'amplifier=1' where there are none"
         )
     try:
         gain = parse(options["sensitivity"], "gain") if "sensitivity" in options else _SENSITIVITY

@@ -11,31 +11,12 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError, NotConnectedError
 from flexstage.instruments.ni.backend import InputTask
+from flexstage.instruments.ni.daqmx_codes import GONE, SENTENCES
 from flexstage.instruments.ni.setup import DriveOutput, SensorInput
 
 __all__ = ["DaqmxBackend", "driver_found"]
 
 Array = NDArray[np.float64]
-
-#: Numbers of errors by which a card is gone, or was never there.
-_GONE = {-200220, -201003, -201401, -89130}
-
-#: What the numbers of the errors that come most often mean for the user.
-_SENTENCES = {
-    -200220: "there is no such card: look up its name in NI MAX",
-    -201003: "the card cannot be reached: look at its cable and power",
-    -200279: "samples were overwritten before they were read: record more slowly or fewer sensors",
-    -200222: "samples came faster than they were read: record more slowly or fewer sensors",
-    -200290: "the outputs ran out of samples: run the waveform more slowly",
-    -200621: "the outputs ran out of samples: run the waveform more slowly",
-    -50103: "another program or task uses the same channels of the card: end it first",
-    -200284: "the samples did not come in time: look whether the clock of the card runs",
-    -200019: "the card cannot convert so fast: record more slowly or fewer sensors",
-    -200081: "the card cannot sample all inputs at this rate: record more slowly or fewer sensors",
-    -200077: "the card does not take one of the settings, such as a range or a rate",
-    -200170: "the card has no such channel: look up its channels in NI MAX",
-    -200561: "a voltage is outside the range of the output",
-}
 
 _TIMEOUT = 10.0
 
@@ -331,9 +312,9 @@ class DaqmxBackend:
             ) from error
         except errors.DaqError as error:
             code = int(error.error_code)
-            meant = _SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
+            meant = SENTENCES.get(code, str(error).splitlines()[0].rstrip("."))
             message = f"NI-DAQmx refuses {what} with error {code}: {meant}"
-            if code in _GONE:
+            if code in GONE:
                 raise NotConnectedError(message) from error
             raise ControllerError(message, code) from error
 
