@@ -33,9 +33,9 @@ def open_address(
     drive and the input of its sensor (``x=ao0,ai0``); an axis of the stage that is not named
     gets those of its number. ``amplifier=15`` is the gain of the amplifiers [V/V],
     ``sensitivity=10um/V`` what the sensors read for a volt (a real card needs both),
-    ``rate=20kHz`` how often outputs change, ``simulated=1`` asks for a simulated card and ``seed=3`` for its noise. A card is also
-    simulated where there is no driver for a real one: its identity, its settings and the notes of
-    every record say so.
+    ``rate=20kHz`` how often outputs change, ``simulated=1`` asks for a simulated card and
+    ``seed=3`` for its noise. A card is also simulated where there is no driver for a real one: its
+    identity, its settings and the notes of every record say so.
 
     Parameters
     ----------
