@@ -360,8 +360,8 @@ def _shown(time: datetime) -> str:
 def _print_list(found: "list[RunEntry]", where: str) -> None:
     table = make_table(
         f"{count(len(found), 'run')} in {where}",
-        "run", "<start, UTC", "<stage", "<serial number", "<kind", "<axis", "samples", "time, s",
-        "<status", "<step",
+        "run", "<start, UTC", "<stage", "<serial", "<kind", "<axis", "samples", "<status",
+        "<origin", "<step",
     )  # fmt: skip
     for entry in found:
         table.add_row(
@@ -372,8 +372,8 @@ def _print_list(found: "list[RunEntry]", where: str) -> None:
             entry.kind,
             entry.axis,
             str(entry.samples),
-            f"{entry.duration:.4g}",
-            f"{entry.status}, simulated" if entry.simulated else entry.status,
+            entry.status,
+            "virtual" if entry.simulated else "measured",
             entry.step,
         )
     console().print(table)
