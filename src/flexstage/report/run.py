@@ -118,8 +118,9 @@ def _lead(result: PlanResult) -> str:
     by = f" by {result.operator}" if result.operator else ""
     number_of = f", serial number {result.serial_number}" if result.serial_number else ""
     identity = " ".join(w for w in (result.instrument.vendor, result.instrument.model) if w)
+    steps = "1 step" if len(result.steps) == 1 else f"{len(result.steps)} steps"
     return (
-        f"{len(result.steps)} step{'s' if len(result.steps) != 1 else ''} on {identity}{number_of}; {_moment(result.started)} to "
+        f"{steps} on {identity}{number_of}; {_moment(result.started)} to "
         f"{_moment(result.finished)} UTC{by}; intervals are those of 95 %"
     )
 
