@@ -64,7 +64,7 @@ def twin(
         ),
     ] = False,
     serial_number: Annotated[
-        str, typer.Option(metavar="TEXT", help="Serial number that the controller tells.")
+        str, typer.Option(metavar="TEXT", help="What the controller tells; twin-SEED if not given.")
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
