@@ -1,0 +1,1 @@
+"""The structural diagram of a stage: blocks and lines, laid out and drawn."""

@@ -1,0 +1,219 @@
+"""Blocks, and the lines between them: the structural diagram as data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+from flexstage.system.mechanical import Array
+
+__all__ = ["Block", "BlockKind", "Diagram", "Group", "Line"]
+
+#: What a block does. Signals are columns of numbers.
+#: ``input``, ``output``: where the diagram begins and ends. ``gain``: its matrix times its input.
+#: ``sum``: its inputs added, each with its sign. ``integrator``: the integral over time, zero at
+#: the start. ``hysteresis``, ``amplifier``, ``creep``, ``sensor``: the model in `model`.
+BlockKind = Literal[
+    "input",
+    "output",
+    "gain",
+    "sum",
+    "integrator",
+    "hysteresis",
+    "amplifier",
+    "creep",
+    "sensor",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """A block of a diagram. It has one output, but for ``output``, which has none.
+
+    Parameters
+    ----------
+    name : str
+        Its name: letters, digits and underscores, beginning with a letter, unlike every other.
+    kind : str
+        What it does.
+    label : str
+        What is written in it, in a few letters of mathematics: ``1/m``, ``k``, ``d``.
+    meaning : str
+        What it is, in words, with its unit: ``stiffness of hinge P1 [N/m, N, N m/rad]``.
+    group : str
+        Name of the group that it belongs to; empty for none.
+    width : int
+        Number of signals at its output (at its input, for ``output``).
+    matrix : numpy.ndarray or None
+        Of a ``gain``, shape (width, width of its input).
+    signs : tuple of int
+        Of a ``sum``: 1 or -1 for each input.
+    model : object or None
+        Of a ``hysteresis``, ``amplifier``, ``creep`` or ``sensor``.
+    role : str
+        For the drawing: ``spring``, ``damper``, ``mass``, ``geometry``, ``drive`` or empty.
+    """
+
+    name: str
+    kind: BlockKind
+    label: str
+    meaning: str
+    group: str = ""
+    width: int = 1
+    matrix: Array | None = None
+    signs: tuple[int, ...] = ()
+    model: HysteresisModel | Amplifier | LogCreep | Sensor | None = None
+    role: str = ""
+
+    @property
+    def inputs(self) -> int:
+        """Number of its inputs."""
+        if self.kind == "sum":
+            return len(self.signs)
+        return 0 if self.kind == "input" else 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A line from the output of one block to an input of another.
+
+    Parameters
+    ----------
+    source : str
+        Name of the block that it comes from.
+    target : str
+        Name of the block that it leads to.
+    port : int
+        Input of the target, counted from 0.
+    signal : str
+        What it carries, with its unit: ``q_P1 [m, m, rad]``; empty where the blocks say it.
+    """
+
+    source: str
+    target: str
+    port: int = 0
+    signal: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Blocks that are drawn together, such as those of one body.
+
+    Parameters
+    ----------
+    name : str
+        Its name, as in `Block.group`.
+    title : str
+        What is written over it.
+    kind : str
+        ``body``, ``hinge``, ``drive``, ``probe`` or ``modes``.
+    place : tuple of float or None
+        Where the thing lies on the stage (x, y) [m]: bodies and hinges are laid out after it.
+    stands_for : tuple of str
+        Names of the others that this one stands for by symmetry.
+    """
+
+    name: str
+    title: str
+    kind: str
+    place: tuple[float, float] | None = None
+    stands_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagram:
+    """A structural diagram.
+
+    Parameters
+    ----------
+    title : str
+        What it shows.
+    blocks : tuple of Block
+        The blocks.
+    lines : tuple of Line
+        The lines; every input of every block has exactly one.
+    groups : tuple of Group
+        The groups.
+    notes : tuple of str
+        What was simplified or collapsed, as sentences.
+    units : Mapping
+        Unit of each ``input`` and ``output`` block, by its name.
+
+    Raises
+    ------
+    ModelError
+        Names are not unique or not letters, digits and underscores, a line leads to no input, an
+        input has no line or two, or the widths of signals do not fit.
+    """
+
+    title: str
+    blocks: tuple[Block, ...]
+    lines: tuple[Line, ...]
+    groups: tuple[Group, ...] = ()
+    notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        by_name = {b.name: b for b in self.blocks}
+        if len(by_name) != len(self.blocks):
+            raise ModelError("two blocks of a diagram have one name")
+        for name in by_name:
+            if not (name.isidentifier() and name.isascii()) or name.startswith("_"):
+                raise ModelError(
+                    f"the name of a block is letters, digits and underscores, got '{name}'"
+                )
+        groups = {g.name for g in self.groups}
+        for b in self.blocks:
+            if b.group and b.group not in groups:
+                raise ModelError(f"block '{b.name}' is in group '{b.group}', which does not exist")
+            if b.kind == "gain" and (b.matrix is None or b.matrix.shape[0] != b.width):
+                raise ModelError(f"gain '{b.name}' needs a matrix of {b.width} rows")
+        taken: set[tuple[str, int]] = set()
+        for line in self.lines:
+            if line.source not in by_name or line.target not in by_name:
+                raise ModelError(f"a line leads from '{line.source}' to '{line.target}': no block")
+            target = by_name[line.target]
+            if not 0 <= line.port < target.inputs or (line.target, line.port) in taken:
+                raise ModelError(f"input {line.port} of '{line.target}' is not there, or taken")
+            taken.add((line.target, line.port))
+            self._fit(by_name[line.source], target)
+        for b in self.blocks:
+            for port in range(b.inputs):
+                if (b.name, port) not in taken:
+                    raise ModelError(f"input {port} of block '{b.name}' has no line")
+
+    def block(self, name: str) -> Block:
+        """Return a block by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Block
+            The block.
+
+        Raises
+        ------
+        ModelError
+            There is no such block.
+        """
+        for b in self.blocks:
+            if b.name == name:
+                return b
+        raise ModelError(f"the diagram has no block '{name}'")
+
+    @staticmethod
+    def _fit(source: Block, target: Block) -> None:
+        if source.kind == "output":
+            raise ModelError(f"output '{source.name}' cannot be the source of a line")
+        wanted = target.width
+        if target.kind == "gain" and target.matrix is not None:
+            wanted = target.matrix.shape[1]
+        if source.width != wanted:
+            raise ModelError(
+                f"'{source.name}' gives {source.width} signals, '{target.name}' takes {wanted}"
+            )

@@ -1,0 +1,312 @@
+"""What is handed to other programs: a stage with its drives, from commands to readings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis.chain.element import positive_step
+from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
+from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.model import Array, samples
+from flexstage.system import MechanicalSystem
+
+__all__ = ["DynamicModel", "ModelDrive", "ModelMemory", "ModelProbe"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelDrive:
+    """One input of a stage, and how the readings follow from it.
+
+    The command passes the amplifier, then the hysteresis or a gain, which gives the free
+    displacement w of the drive (the force, of a drive that is a pure force), then creep. Each mode
+    i answers w by ``z'' + 2 zeta omega z' + omega^2 z = omega^2 (w + t_i w')``, of unit static
+    gain; each lag of the creep by ``tau l' + l = w``. What the probes read of this drive is
+    ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the drive.
+    kind : str
+        ``piezo``, ``screw`` or ``force``.
+    unit : str
+        Unit of the command: V, m or N.
+    gain : float
+        Free displacement or force over voltage, where there is no hysteresis [m/V, 1].
+    hysteresis : HysteresisModel or None
+        From voltage [V] to free displacement [m]; None for the gain alone.
+    amplifier : Amplifier or None
+        From command to voltage; None where the command is the voltage.
+    creep : LogCreep or None
+        Creep of the free displacement; None for none.
+    input_range : tuple of float or None
+        Lowest and highest command [unit]; None where nobody has said.
+    mode_weights : numpy.ndarray
+        Weights of the deflections in the first k columns [1] and of their rates in the others [s],
+        one row a probe, shape (p, 2 k).
+    lag_weights : numpy.ndarray
+        Weights of the lags of the creep [1], shape (p, m).
+    feedthrough : numpy.ndarray
+        Weights of w itself [1], shape (p,): of an imposed displacement, and of modes left out.
+    rate_time : numpy.ndarray
+        Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0.
+    stiffness : float or None
+        Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    gain: float
+    hysteresis: HysteresisModel | None
+    amplifier: Amplifier | None
+    creep: LogCreep | None
+    input_range: tuple[float, float] | None
+    mode_weights: Array
+    lag_weights: Array
+    feedthrough: Array
+    rate_time: Array
+    stiffness: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelProbe:
+    """One output of a stage.
+
+    Parameters
+    ----------
+    name : str
+        Name of the probe.
+    unit : str
+        Unit of the reading.
+    sensor : Sensor or None
+        The sensor, without its noise; None for the true motion.
+    """
+
+    name: str
+    unit: str
+    sensor: Sensor | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelMemory:
+    """What a dynamic model remembers.
+
+    Parameters
+    ----------
+    amplifiers, hysteresis, lags, deflections, rates : dict
+        By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+        [m] and rates [m/s] of the modes.
+    sensors : dict
+        State of the sensor by probe.
+    """
+
+    amplifiers: dict[str, Array]
+    hysteresis: dict[str, Array]
+    lags: dict[str, Array]
+    deflections: dict[str, Array]
+    rates: dict[str, Array]
+    sensors: dict[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DynamicModel:
+    """A stage with its drives as other programs run it: modes, hysteresis, amplifiers, sensors.
+
+    Commands move on straight lines between samples; for these the readings are exact at the
+    samples, but that the output of an amplifier is taken as straight between them.
+
+    Validity: that of the mechanical system and of the hysteresis models; small motion; sensors
+    without noise.
+
+    Parameters
+    ----------
+    name : str
+        Name of the stage.
+    title : str
+        One line that says what it is.
+    step : float
+        Step between samples [s].
+    omega : numpy.ndarray
+        Angular frequencies of the modes, drives in place [rad/s], shape (k,).
+    damping_ratio : numpy.ndarray
+        Damping ratios [1], shape (k,).
+    drives : tuple of ModelDrive
+        The inputs.
+    probes : tuple of ModelProbe
+        The outputs.
+    system : MechanicalSystem
+        Where modes and weights come from.
+    notes : tuple of str
+        Where the model stops being valid, and what was chosen for it.
+    """
+
+    name: str
+    title: str
+    step: float
+    omega: Array
+    damping_ratio: Array
+    drives: tuple[ModelDrive, ...]
+    probes: tuple[ModelProbe, ...]
+    system: MechanicalSystem
+    notes: tuple[str, ...] = ()
+
+    def drive(self, name: str) -> ModelDrive:
+        """Return a drive by name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        ModelDrive
+            The drive.
+
+        Raises
+        ------
+        ModelError
+            There is no such drive.
+        """
+        for drive in self.drives:
+            if drive.name == name:
+                return drive
+        known = ", ".join(d.name for d in self.drives)
+        raise ModelError(f"the model has no drive '{name}': it has {known}")
+
+    def settled(self, commands: Mapping[str, float] | None = None) -> ModelMemory:
+        """Return the memory after commands went from zero to a value and stayed there.
+
+        Parameters
+        ----------
+        commands : Mapping, optional
+            Command of drives [V, m or N]; zero for those that are not named.
+
+        Returns
+        -------
+        ModelMemory
+            The memory.
+        """
+        given = dict(commands or {})
+        for name in given:
+            self.drive(name)
+        k = self.omega.size
+        made = ModelMemory(amplifiers={}, hysteresis={}, lags={}, deflections={}, rates={})
+        reading = np.zeros(len(self.probes))
+        for d in self.drives:
+            amplifier = np.array([float(given.get(d.name, 0.0))])
+            if d.amplifier is not None:
+                amplifier = d.amplifier.settled(float(amplifier[0]), self.step)
+            voltage = amplifier[-1:]
+            if d.hysteresis is None:
+                state, w = voltage.copy(), d.gain * float(voltage[0])
+            else:
+                response = d.hysteresis.simulate(voltage, d.hysteresis.rest())
+                state, w = response.state, float(response.values[0])
+            made.amplifiers[d.name] = amplifier
+            made.hysteresis[d.name] = state
+            made.lags[d.name] = np.full(d.lag_weights.shape[1], w)
+            made.deflections[d.name] = np.full(k, w)
+            made.rates[d.name] = np.zeros(k)
+            reading += w * (
+                d.mode_weights[:, :k].sum(axis=1) + d.lag_weights.sum(axis=1) + d.feedthrough
+            )
+        for probe, value in zip(self.probes, reading.tolist(), strict=True):
+            if probe.sensor is not None:
+                made.sensors[probe.name] = probe.sensor.settled(value, self.step)
+        return made
+
+    def simulate(
+        self, commands: Mapping[str, ArrayLike], memory: ModelMemory | None = None
+    ) -> tuple[dict[str, Array], ModelMemory]:
+        """Return the readings under sequences of commands.
+
+        Parameters
+        ----------
+        commands : Mapping
+            Command of each drive [V, m or N], shape (n,).
+        memory : ModelMemory, optional
+            Memory one step before the first sample; settled at the first where not given.
+
+        Returns
+        -------
+        dict and ModelMemory
+            Readings by probe, shape (n,), through the sensors of those that have one; and the
+            memory at the last sample.
+
+        Raises
+        ------
+        ModelError
+            A drive has no sequence, or they differ in length or are not finite.
+        """
+        given = {d.name: self._sequence(d, commands) for d in self.drives}
+        if len({u.size for u in given.values()}) != 1:
+            raise ModelError("the commands of a model must be equally long")
+        if memory is None:
+            memory = self.settled({name: float(u[0]) for name, u in given.items()})
+        n = next(iter(given.values())).size
+        y = np.zeros((len(self.probes), n))
+        after = ModelMemory(amplifiers={}, hysteresis={}, lags={}, deflections={}, rates={})
+        for d in self.drives:
+            self._drive(d, given[d.name], memory, after, y)
+        readings = {}
+        for probe, values in zip(self.probes, y, strict=True):
+            readings[probe.name] = values
+            if probe.sensor is not None:
+                seen = probe.sensor.simulate(values, self.step, memory.sensors[probe.name])
+                readings[probe.name], after.sensors[probe.name] = seen.values, seen.state
+        return readings, after
+
+    def _sequence(self, drive: ModelDrive, commands: Mapping[str, ArrayLike]) -> Array:
+        if drive.name not in commands:
+            raise ModelError(f"drive '{drive.name}' has no command: give a sequence for it")
+        return samples(commands[drive.name], f"command of drive '{drive.name}'")
+
+    def _drive(
+        self, d: ModelDrive, u: Array, memory: ModelMemory, after: ModelMemory, y: Array
+    ) -> None:
+        """Add to y what one drive does."""
+        h, k = positive_step(self.step), self.omega.size
+        voltage, amplifier = u, u[-1:].copy()
+        if d.amplifier is not None:
+            response = d.amplifier.simulate(u, h, memory.amplifiers[d.name])
+            amplifier, voltage = response.state, response.values
+        before = memory.hysteresis[d.name]
+        z, v = memory.deflections[d.name].copy(), memory.rates[d.name] * h
+        lags = memory.lags[d.name].copy()
+        reader = d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h)))
+        if d.hysteresis is None:
+            w = d.gain * np.concatenate((before[:1], voltage))
+            state = voltage[-1:].copy()
+            self._along_lines(d, w, z, v, reader, y)
+        else:
+            force = forcing(d.hysteresis, np.concatenate((before[:1], voltage)), before)
+            w, state = values_of(force), force.state
+            modes_through(force, self.omega * h, self.damping_ratio, z, v, reader, y)
+            if d.creep is not None:
+                lags_through(force, h / d.creep.time_constants, lags, d.lag_weights, y)
+        y += np.outer(d.feedthrough, w[1:])
+        after.amplifiers[d.name], after.hysteresis[d.name] = amplifier, state
+        after.lags[d.name] = lags
+        after.deflections[d.name], after.rates[d.name] = z, v / h
+
+    def _along_lines(
+        self, d: ModelDrive, w: Array, z: Array, v: Array, reader: Array, y: Array
+    ) -> None:
+        """Modes behind straight lines of the free displacement, and behind its rate."""
+        step = unit_step(self.omega * self.step, self.damping_ratio)
+        t, m = step.transition, step.moments
+        # a rate in the force is a constant within each step
+        by_rate = d.rate_time / self.step
+        for i in range(w.size - 1):
+            rise = w[i + 1] - w[i]
+            start = w[i] + by_rate * rise
+            at = (t[0] * z + t[1] * v) + (m[1] * start + m[2] * rise)
+            v[:] = (t[2] * z + t[3] * v) + (m[0] * start + m[1] * rise)
+            z[:] = at
+            y[:, i] += reader @ np.concatenate((z, v))

@@ -1,0 +1,1 @@
+"""The model as C: hysteresis, modes, amplifier, creep and sensor, without libraries."""
