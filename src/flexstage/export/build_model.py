@@ -2,102 +2,29 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis import (
-    Amplifier,
-    BoucWen,
-    HysteresisModel,
-    LogCreep,
-    Sensor,
-    loop_width,
+from flexstage.export.drive_models import (
+    USUAL_LOOP_WIDTH,
+    Hysteresis,
+    amplifier_of,
+    bare_drive,
+    models_by_drive,
+    refuse_stroke,
+    scale_of,
 )
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.hysteresis import DriveModel, LogCreep, Sensor
 from flexstage.hysteresis.model import Array
-from flexstage.stage import Drive, PiezoStack, Stage
+from flexstage.stage import PiezoStack, Stage
 from flexstage.system import DrivePort, MechanicalSystem, Modes, modes
 
-__all__ = ["USUAL_LOOP_WIDTH", "dynamic_model", "usual_hysteresis"]
-
-#: Width of the loop of a usual multilayer stack over its stroke [1]: data sheets of stacks under
-#: voltage control state 10 to 15 %.
-USUAL_LOOP_WIDTH = 0.125
+__all__ = ["dynamic_model"]
 
 # A lag of the creep and a mode that fall together this closely cannot be told apart.
 _APART = 1e-6
-# A model in um instead of m is a million times off; a stack differs from its data sheet by less.
-_STROKE_FACTOR = 5.0
-
-
-def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> BoucWen:
-    """Return a Bouc-Wen model with the stroke of a stack and a usual width of its loop.
-
-    Parameters
-    ----------
-    stack : PiezoStack
-        The stack, with its voltage range.
-    width : float
-        Width of the loop over the stroke [1], from 0.01 to 0.2.
-
-    Returns
-    -------
-    BoucWen
-        From voltage [V] to free displacement [m].
-
-    Raises
-    ------
-    ModelError
-        The stack has no voltage range, or no loop of this family is as wide.
-
-    Notes
-    -----
-    Validity: a stand-in until a stack has been measured: stroke by its data sheet, loop by what is
-    usual. `flexstage identify` gives the model of a real one.
-
-    Examples
-    --------
-    >>> from flexstage.designs import design
-    >>> model = usual_hysteresis(design("vgtu-piezo").drives[0])
-    >>> ends = model.simulate([120.0, 0.0, 120.0, 0.0]).values
-    >>> round(float(ends[2] - ends[3]) * 1e6, 3)
-    38.0
-    """
-    if stack.voltage_range is None:
-        raise ModelError(
-            f"drive '{stack.name}' has no voltage range, which its hysteresis needs: add it to the "
-            "stage file"
-        )
-    if not 0.01 <= width <= 0.2:
-        raise ModelError(f"the width of a loop must be 0.01 to 0.2 of the stroke, got {width:g}")
-    low, high = stack.voltage_range
-    span = high - low
-    line = np.linspace(low, high, 600)
-    cycle = np.concatenate((line, line[::-1][1:]))
-    u = np.concatenate((cycle, *(cycle[1:],) * 3))
-    bounds = np.arange(5) * (cycle.size - 1)
-    # h saturates within about a third of the range, as the loop of a stack does
-
-    def made(share: float, gain: float = 1.0) -> BoucWen:
-        return BoucWen(
-            gain=gain / span, hysteresis_gain=share * gain / span, beta=3.7 / span, gamma=2.3 / span
-        )
-
-    def settled(model: BoucWen) -> tuple[Array, Array, Array]:
-        y = model.simulate(u).values
-        late = slice(bounds[2], None)
-        return u[late], y[late], bounds[2:] - bounds[2]
-
-    def excess(share: float) -> float:
-        voltage, y, ends = settled(made(share))
-        return loop_width(voltage, y, ends) / float(np.ptp(y)) - width
-
-    share = float(brentq(excess, 1e-4, 0.79, xtol=1e-12))  # type: ignore[arg-type]
-    stroke = float(np.ptp(settled(made(share))[1]))
-    return made(share, stack.free_stroke / stroke)
 
 
 def dynamic_model(
@@ -105,7 +32,7 @@ def dynamic_model(
     system: MechanicalSystem,
     *,
     step: float = 1e-4,
-    hysteresis: Mapping[str, HysteresisModel] | Literal["usual", "none"] = "usual",
+    hysteresis: Hysteresis = "usual",
     creep: LogCreep | None = None,
     bandwidth_hz: float | None = None,
     current_limit: float | None = None,
@@ -123,10 +50,13 @@ def dynamic_model(
     step : float
         Step between samples [s].
     hysteresis : Mapping or str
-        For each drive, or axis, the model from voltage [V] to free displacement [m]; ``usual`` for
-        `usual_hysteresis` of every stack, ``none`` for stacks that are linear.
+        For each drive, or axis, the model from voltage [V] to free displacement [m], or the model
+        that was identified from voltage [V] to the reading of the axis; ``usual`` for
+        `usual_hysteresis` of every stack, ``none`` for stacks that are linear. Of an identified
+        model the hysteresis and the creep are taken, so that the stage reads at rest what it says;
+        modes are those of the stage.
     creep : LogCreep, optional
-        Creep of every stack; none where not given.
+        Creep of every stack but those whose identified model has its own; none where not given.
     bandwidth_hz : float, optional
         Bandwidth of the amplifiers of stacks [Hz]; the command is the voltage where not given.
     current_limit : float, optional
@@ -146,7 +76,8 @@ def dynamic_model(
     ------
     ModelError
         The stage is not held, a name is neither a drive nor an axis, a drive with hysteresis is no
-        stack, or the stroke of a model is far from that of its stack.
+        stack, an identified model has other units, or the stroke of a model is far from that of its
+        stack.
 
     Examples
     --------
@@ -172,25 +103,27 @@ def dynamic_model(
     kept = found.omega.size if mode_count is None else min(int(mode_count), found.omega.size)
     if kept < 1:
         raise ModelError(f"a model keeps at least one mode, got {mode_count!r}")
-    models = _by_drive(stage, hysteresis)
+    models = models_by_drive(stage, hysteresis)
     probes = np.array([p.vector for p in system.probes]).reshape(-1, system.order)
     drives = []
     for drive in stage.drives:
         port = system.drive(drive.name)
-        model = models.get(drive.name)
-        amplifier = _amplifier(drive, bandwidth_hz, current_limit)
-        own = creep if isinstance(drive, PiezoStack) and model is not None else None
-        drives.append(
-            _weights(
-                _chain(drive, model, amplifier, own),
-                *_modal_gain(system, port, found),
-                probes=probes,
-                found=found,
-                kept=kept,
-            )
+        given = models.get(drive.name)
+        model, own = (
+            (given.hysteresis, given.creep) if isinstance(given, DriveModel) else (given, None)
         )
-    given = dict(sensors or {})
-    for name in given:
+        amplifier = amplifier_of(drive, bandwidth_hz, current_limit)
+        gain, shape = _modal_gain(system, port, found)
+        if given is not None:
+            assert isinstance(drive, PiezoStack)
+            scale = scale_of(system, drive, given, probes @ found.shapes @ gain)
+            refuse_stroke(drive, given, scale)
+            gain = scale * gain
+        own = own or (creep if model is not None else None)
+        made = bare_drive(drive, model, amplifier, own)
+        drives.append(_weights(made, gain, shape, probes=probes, found=found, kept=kept))
+    readers = dict(sensors or {})
+    for name in readers:
         system.probe(name)
     return DynamicModel(
         name=stage.name,
@@ -200,104 +133,17 @@ def dynamic_model(
         damping_ratio=np.asarray(found.damping_ratio, dtype=np.float64)[:kept],
         drives=tuple(drives),
         probes=tuple(
-            ModelProbe(name=p.name, unit=p.unit, sensor=_noiseless(given.get(p.name)))
+            ModelProbe(name=p.name, unit=p.unit, sensor=_noiseless(readers.get(p.name)))
             for p in system.probes
         ),
+        probe_shapes=(probes @ found.shapes)[:, :kept],
         system=system,
-        notes=(*system.validity, *_notes(found.omega, kept, step, hysteresis, given)),
+        notes=(*system.validity, *_notes(found.omega, kept, step, hysteresis, readers)),
     )
 
 
 def _noiseless(sensor: Sensor | None) -> Sensor | None:
     return None if sensor is None else replace(sensor, noise_rms=0.0)
-
-
-def _by_drive(
-    stage: Stage, given: Mapping[str, HysteresisModel] | Literal["usual", "none"]
-) -> dict[str, HysteresisModel]:
-    stacks = {d.name: d for d in stage.drives if isinstance(d, PiezoStack)}
-    if isinstance(given, str):
-        if given not in ("usual", "none"):
-            raise ModelError(f"hysteresis is a model for each drive, usual or none, got '{given}'")
-        return {n: usual_hysteresis(d) for n, d in stacks.items()} if given == "usual" else {}
-    by_axis = {axis.name: axis.drive for axis in stage.axes}
-    made: dict[str, HysteresisModel] = {}
-    for name, model in given.items():
-        target = name if name in {d.name for d in stage.drives} else by_axis.get(name, "")
-        if target not in stacks:
-            known = ", ".join(stacks) or "none"
-            raise ModelError(
-                f"'{name}' is no piezo stack, nor an axis of one, so it has no hysteresis: the "
-                f"stacks of '{stage.name}' are {known}"
-            )
-        _refuse_stroke(stacks[target], model)
-        made[target] = model
-    return made
-
-
-def _refuse_stroke(stack: PiezoStack, model: HysteresisModel) -> None:
-    """Refuse a model whose stroke over the voltage range is far from the free stroke."""
-    if stack.voltage_range is None:
-        return
-    ends = model.simulate(np.array(stack.voltage_range)).values
-    stroke = float(abs(ends[1] - ends[0]))
-    if not stack.free_stroke / _STROKE_FACTOR < stroke < stack.free_stroke * _STROKE_FACTOR:
-        low, high = stack.voltage_range
-        raise ModelError(
-            f"the model of drive '{stack.name}' moves {stroke:.3g} m from {low:g} to {high:g} V, "
-            f"and the stack's free stroke is {stack.free_stroke:.3g} m: its output must be the "
-            "free displacement in m, and its input the voltage in V"
-        )
-
-
-def _amplifier(
-    drive: Drive, bandwidth_hz: float | None, current_limit: float | None
-) -> Amplifier | None:
-    if not isinstance(drive, PiezoStack) or bandwidth_hz is None:
-        if current_limit is not None and bandwidth_hz is None:
-            raise ModelError("a current limit belongs to an amplifier: give its bandwidth too")
-        return None
-    if current_limit is not None and drive.capacitance is None:
-        raise ModelError(
-            f"drive '{drive.name}' has no capacitance, which turns the current limit into a rate: "
-            "add it to the stage file, or leave the limit out"
-        )
-    return Amplifier(
-        bandwidth_hz=bandwidth_hz,
-        capacitance=drive.capacitance or 0.0,
-        current_limit=current_limit,
-        slew_limit=drive.largest_slew,
-        voltage_range=drive.voltage_range,
-    )
-
-
-def _chain(
-    drive: Drive,
-    model: HysteresisModel | None,
-    amplifier: Amplifier | None,
-    creep: LogCreep | None,
-) -> ModelDrive:
-    """What lies before the modes; the weights are filled in later."""
-    gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None
-    if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
-        allowed, unit = drive.voltage_range, "V"
-        gain = drive.free_stroke / (drive.voltage_range[1] - drive.voltage_range[0])
-    none = np.zeros(0)
-    return ModelDrive(
-        name=drive.name,
-        kind=drive.kind,
-        unit="V" if model is not None else unit,
-        gain=gain,
-        hysteresis=model,
-        amplifier=amplifier if unit == "V" or model is not None else None,
-        creep=creep,
-        input_range=allowed,
-        mode_weights=none,
-        lag_weights=none,
-        feedthrough=none,
-        rate_time=none,
-        stiffness=drive.spring,
-    )
 
 
 def _modal_gain(
@@ -352,7 +198,12 @@ def _weights(
         # what moves with the free displacement creeps with it
         lags = a * (reach @ c.T) + np.outer(feed, np.full(rate.size, a))
     return replace(
-        drive, mode_weights=weights, lag_weights=lags, feedthrough=feed, rate_time=rate_time
+        drive,
+        mode_weights=weights,
+        lag_weights=lags,
+        feedthrough=feed,
+        rate_time=rate_time,
+        modal_gain=gain[:kept],
     )
 
 
@@ -360,7 +211,7 @@ def _notes(
     omega: Array,
     kept: int,
     step: float,
-    hysteresis: Mapping[str, HysteresisModel] | Literal["usual", "none"],
+    hysteresis: Hysteresis,
     sensors: Mapping[str, Sensor],
 ) -> tuple[str, ...]:
     notes = [f"commands move on straight lines between samples {step:g} s apart"]
@@ -368,6 +219,13 @@ def _notes(
         notes.append(
             f"the hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
             f"{100.0 * USUAL_LOOP_WIDTH:g} % of the stroke"
+        )
+    if not isinstance(hysteresis, str) and any(
+        isinstance(m, DriveModel) for m in hysteresis.values()
+    ):
+        notes.append(
+            "of identified models the hysteresis and the creep are taken; delay, offset and modes "
+            "that were identified with them are left out, the modes are those of the stage"
         )
     if kept < omega.size:
         notes.append(

@@ -56,6 +56,10 @@ class ModelDrive:
         Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0.
     stiffness : float or None
         Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force.
+    modal_gain : numpy.ndarray
+        Deflection of each mode, of unit modal mass, for a unit of w at rest, shape (k,): without
+        creep and with `DynamicModel.probe_shapes`, the weights of the deflections are
+        ``probe_shapes * modal_gain``.
     """
 
     name: str
@@ -71,6 +75,7 @@ class ModelDrive:
     feedthrough: Array
     rate_time: Array
     stiffness: float | None
+    modal_gain: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,6 +144,8 @@ class DynamicModel:
         The inputs.
     probes : tuple of ModelProbe
         The outputs.
+    probe_shapes : numpy.ndarray
+        Reading of each probe for the modes of unit modal mass, shape (p, k).
     system : MechanicalSystem
         Where modes and weights come from.
     notes : tuple of str
@@ -152,6 +159,7 @@ class DynamicModel:
     damping_ratio: Array
     drives: tuple[ModelDrive, ...]
     probes: tuple[ModelProbe, ...]
+    probe_shapes: Array
     system: MechanicalSystem
     notes: tuple[str, ...] = ()
 

@@ -1,0 +1,199 @@
+"""The plate of a stage as a solid in a STEP file, for CAD, CAM and other finite-element programs."""
+
+import re
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import flexstage
+from flexstage.errors import StageError
+from flexstage.export.file_names import file_name
+from flexstage.stage import Circle, Hinge, Loop, Stage
+from flexstage.stage.contour import body_contour
+
+if TYPE_CHECKING:
+    from netgen.occ import TopoDS_Shape
+
+__all__ = ["step_files"]
+
+#: The same stage gives the same file, whenever it is written.
+NO_TIME = "1970-01-01T00:00:00"
+
+_SAME_SIZE = 1e-9  # relative, of an area before and after faces are joined
+_ON_FACE = 1e-5  # a point lies on a face [mm]
+
+
+def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
+    """Return the plate of a stage as a STEP file.
+
+    Bodies and notches are one solid without seams between them. Arcs are cylinders and straight
+    edges planes, exactly; the two sides of each neck are faces named after the hinge.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    time_stamp : str
+        Date and time in the header, ISO 8601; the same for every file where not given, so that
+        the same stage gives the same bytes.
+
+    Returns
+    -------
+    dict of str to bytes
+        ``NAME.step``: ISO 10303-21 text, application protocol 214, in millimetres. The plate lies
+        from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every other
+        file that flexstage writes.
+
+    Raises
+    ------
+    StageError
+        Bodies or notches overlap, or a body falls to pieces.
+
+    Notes
+    -----
+    Validity: the nominal shape, without the radius of the wire and without tolerances; coordinates
+    have 13 digits. Profiles that are no arcs and lines are the chains of arcs that all models use.
+    Masses mounted on bodies are left out. A body that no hinge joins to the others is a solid of
+    its own.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> files = step_files(design("parallelogram"))
+    >>> files["parallelogram.step"].count(b"= CYLINDRICAL_SURFACE(")
+    10
+    """
+    solids = _solids(stage)
+    text = _written(solids)
+    return {f"{file_name(stage.name)}.step": _headed(text, stage, time_stamp).encode("ascii")}
+
+
+# ------------------------------------------------------------------ the shape
+
+
+def _solids(stage: Stage) -> "list[TopoDS_Shape]":
+    from netgen.occ import Fuse, Z
+
+    from flexstage.elasticity import METRE
+
+    parts, total = [], 0.0
+    for body in stage.bodies:
+        outline, holes = body_contour(stage, body)
+        shape, area = _face(body.name, outline, (*holes, *body.mounting_holes))
+        parts.append(shape)
+        total += area
+    whole = Fuse(parts) if len(parts) > 1 else parts[0]
+    area = sum(f.mass for f in whole.faces) / METRE**2
+    if abs(area - total) > _SAME_SIZE * total:
+        raise StageError(
+            f"bodies or notches of stage '{stage.name}' overlap: together they cover "
+            f"{area * 1e6:.6g} mm^2 instead of {total * 1e6:.6g} mm^2; see what 'flexstage check' "
+            "says"
+        )
+    # of seams within a face and edges in line, only where that changes nothing
+    joined = whole.UnifySameDomain(unifyEdges=True, unifyFaces=True, concatBSplines=False)
+    faces = list(joined.faces)
+    if abs(sum(f.mass for f in faces) / METRE**2 - total) > _SAME_SIZE * total:
+        faces = list(whole.UnifySameDomain(unifyEdges=False, unifyFaces=True).faces)
+    found = []
+    for number, plane in enumerate(faces, start=1):
+        half = 0.5 * stage.thickness * METRE
+        solid = plane.Move((0.0, 0.0, -half)).Extrude(2.0 * half, Z).solids[0]
+        solid.name = stage.name if len(faces) == 1 else f"{stage.name} {number}"
+        found.append(solid)
+    _name_necks(stage.hinges, [f for s in found for f in s.faces])
+    return found
+
+
+def _face(
+    body: str, outline: Loop, holes: Iterable[Loop | Circle]
+) -> "tuple[TopoDS_Shape, float]":
+    """Return a body as one face, and its area [m^2] in closed form."""
+    from flexstage.elasticity import face
+
+    shape, area = face(outline.points, outline.bulges), outline.integrals().area
+    for hole in holes:
+        loop = hole.loop() if isinstance(hole, Circle) else hole
+        shape = shape - face(loop.points, loop.bulges)
+        area -= loop.integrals().area
+    if len(shape.faces) != 1:
+        raise StageError(
+            f"body '{body}' is in {len(shape.faces)} pieces once its holes are cut: see what "
+            "'flexstage check' says about it"
+        )
+    return shape.faces[0], area
+
+
+def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]") -> None:
+    """Name the faces on both sides of each neck, which other programs load and refine."""
+    from netgen.occ import Pnt, Vertex
+
+    from flexstage.elasticity import METRE
+
+    boxes = [f.bounding_box for f in faces]
+    for hinge in hinges:
+        half = 0.5 * hinge.profile.neck_thickness
+        for side, across in (("left", half), ("right", -half)):
+            x, y = (METRE * c for c in hinge.to_plane(0.0, across))
+            at = Vertex(Pnt(x, y, 0.0))
+            for shape, (low, high) in zip(faces, boxes, strict=True):
+                inside = all(
+                    lo - _ON_FACE <= c <= hi + _ON_FACE
+                    for c, lo, hi in ((x, low.x, high.x), (y, low.y, high.y))
+                )
+                if inside and at.Distance(shape) < _ON_FACE:
+                    shape.name = f"{hinge.name} neck {side}"
+
+
+# ------------------------------------------------------------------ the text
+
+
+def _written(solids: "list[TopoDS_Shape]") -> str:
+    from netgen.occ import Compound
+
+    shape = solids[0] if len(solids) == 1 else Compound(solids)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plate.step"
+        shape.WriteStep(str(path))
+        return path.read_text(encoding="utf-8")
+
+
+def _headed(text: str, stage: Stage, time_stamp: str) -> str:
+    """Put a header and product names of our own in place of those of the geometry kernel."""
+    begin = text.index("DATA;")
+    said = (
+        f"plate of the flexure stage {stage.name}, {stage.thickness * 1e3:.10g} mm thick, "
+        f"{stage.material.name}; millimetres; z = 0 is the middle plane"
+    )
+    name, title = _quoted(stage.name), _quoted(stage.title or stage.name)
+    ours = _quoted(f"flexstage {flexstage.__version__}")
+    header = (
+        "ISO-10303-21;\nHEADER;\n"
+        f"FILE_DESCRIPTION((\n{_quoted(said)}),\n'2;1');\n"
+        f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(time_stamp)},\n"
+        f"(''),(''),'Open CASCADE',{ours},'');\n"
+        "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\n"
+    )
+    data = re.sub(
+        r"= PRODUCT\('(?:[^']|'')*',\s*'(?:[^']|'')*',\s*'(?:[^']|'')*',",
+        lambda _: f"= PRODUCT({name},\n{name},\n{title},",
+        text[begin:],
+        count=1,
+    )
+    return header + _ascii(data)
+
+
+def _quoted(text: str) -> str:
+    """Write a text as ISO 10303-21 does: quotes and backslashes twice, and no control characters."""
+    plain = "".join(c if c.isprintable() else " " for c in text)
+    return _ascii("'" + plain.replace("\\", "\\\\").replace("'", "''") + "'")
+
+
+def _ascii(text: str) -> str:
+    r"""Write characters outside ASCII as \X2\....\X0\, in the hexadecimal digits of UTF-16."""
+    return re.sub(
+        r"[^\x00-\x7f]+",
+        lambda found: f"\\X2\\{found.group().encode('utf-16-be').hex().upper()}\\X0\\",
+        text,
+    )

@@ -1,0 +1,194 @@
+"""What is handed to other programs equals the models that it is made of."""
+
+import numpy as np
+import pytest
+
+from flexstage.designs import design
+from flexstage.errors import ModelError
+from flexstage.export import DynamicModel, dynamic_model, usual_hysteresis
+from flexstage.hysteresis import (
+    BoucWen,
+    DriveModel,
+    Lag,
+    LogCreep,
+    Sensor,
+    loop_width,
+    stage_plant,
+)
+from flexstage.lumped import lumped_system
+from flexstage.stage import PiezoStack
+from flexstage.system import frequency_response
+
+_STAGE = design("vgtu-piezo")
+_SYSTEM = lumped_system(_STAGE)
+_SCREWS = design("vgtu-mechanical")
+
+
+def _commands(n: int = 1500) -> dict[str, np.ndarray]:
+    t = np.arange(n) * 1e-4
+    return {
+        "x": 61.0 + 55.0 * np.sin(2.0 * np.pi * 11.0 * t) * np.cos(2.0 * np.pi * 3.0 * t),
+        "y": 47.0 - 40.0 * np.cos(2.0 * np.pi * 17.0 * t),
+    }
+
+
+def test_a_piezo_stage_answers_as_its_plant() -> None:
+    creep = LogCreep(rate_per_decade=0.017)
+    sensors = {"x": Sensor(gain=1.01, offset=3e-8, bandwidth_hz=4100.0, quantisation=1e-10)}
+    model = dynamic_model(
+        _STAGE, _SYSTEM, creep=creep, bandwidth_hz=1900.0, current_limit=0.2, sensors=sensors
+    )
+    stacks = {d.name: d.hysteresis for d in model.drives if d.hysteresis is not None}
+    plant = stage_plant(
+        _STAGE,
+        _SYSTEM,
+        stacks,
+        creep=creep,
+        bandwidth_hz=1900.0,
+        current_limit=0.2,
+        sensors=sensors,
+    )
+    found, _ = model.simulate(_commands())
+    wanted = plant.simulate(_commands(), model.step)
+    # two sums of sixty modes in another order; the quantised reading may fall on the next step
+    for name, tolerance in (("y", 1e-12), ("x", 4e-6)):
+        reading = wanted.measured.get(name, wanted.readings[name])
+        assert np.abs(found[name] - reading).max() < tolerance * np.ptp(reading)
+    assert np.ptp(wanted.readings["y"]) > 3e-5
+
+
+def test_samples_one_by_one_give_what_a_sequence_gives() -> None:
+    model = dynamic_model(_STAGE, _SYSTEM, creep=LogCreep(rate_per_decade=0.02), bandwidth_hz=2e3)
+    commands = _commands(60)
+    whole, last = model.simulate(commands)
+    memory = model.settled({name: float(u[0]) for name, u in commands.items()})
+    for i in range(60):
+        read, memory = model.simulate({name: u[i : i + 1] for name, u in commands.items()}, memory)
+        for name, value in read.items():
+            assert value[0] == pytest.approx(whole[name][i], rel=1e-12, abs=1e-18)
+    assert memory.deflections["x"] == pytest.approx(last.deflections["x"], rel=1e-11, abs=1e-17)
+
+
+@pytest.mark.parametrize("frequency_hz", [37.0, 412.0, 655.0])
+def test_an_imposed_displacement_answers_as_in_frequency(frequency_hz: float) -> None:
+    system = lumped_system(_SCREWS)
+    model = dynamic_model(_SCREWS, system, step=2e-5)
+    n = 20000
+    t = np.arange(n) * model.step
+    u = {"x": 1e-4 * np.sin(2.0 * np.pi * frequency_hz * t), "y": np.zeros(n)}
+    read, _ = model.simulate(u)
+    # whole periods after the transient, which is gone by then: the slowest mode falls by e^-18
+    late = slice(n - round(round(0.2 * frequency_hz) / frequency_hz / model.step), n)
+    turn = np.exp(-2j * np.pi * frequency_hz * t[late])
+    for probe in ("x", "y"):
+        found = (read[probe][late] @ turn) / (u["x"][late] @ turn)
+        exact = frequency_response(system, [frequency_hz], "x", probe, drives="in place").value[0]
+        straight = np.sinc(frequency_hz * model.step) ** 2  # what straight lines leave of a sine
+        scale = abs(
+            frequency_response(system, [frequency_hz], "x", "x", drives="in place").value[0]
+        )
+        assert abs(found / straight - exact) < 1e-4 * scale
+
+
+@pytest.mark.parametrize("stage", [_STAGE, _SCREWS])
+def test_modes_left_out_are_kept_at_rest(stage) -> None:
+    system = lumped_system(stage)
+    full = dynamic_model(stage, system, hysteresis="none")
+    few = dynamic_model(stage, system, hysteresis="none", mode_count=7)
+    assert few.omega.size == 7
+    value = {d.name: 31.0 if d.unit == "V" else 3.1e-5 for d in full.drives}
+    at_rest = {name: np.full(3, u) for name, u in value.items()}
+    wanted, found = full.simulate(at_rest)[0], few.simulate(at_rest)[0]
+    for probe in wanted:
+        assert found[probe] == pytest.approx(wanted[probe], rel=1e-9, abs=1e-18)
+    slow = {name: u * (1.0 - np.cos(np.arange(900) * 2e-3)) for name, u in value.items()}
+    wanted, found = full.simulate(slow)[0], few.simulate(slow)[0]
+    for probe in wanted:
+        # 3 Hz is far below the modes that were left out
+        assert np.abs(found[probe] - wanted[probe]).max() < 1e-5 * np.ptp(wanted[probe])
+    assert any("7 of " in note and "modes are kept" in note for note in few.notes)
+
+
+def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
+    stack = PiezoStack(
+        name="s",
+        pushes="a",
+        reacts="b",
+        at=((0.0, 0.0), (0.01, 0.0)),
+        direction=0.0,
+        patch_half_width=1e-3,
+        free_stroke=23e-6,
+        stiffness=3.1e7,
+        voltage_range=(-19.0, 131.0),
+    )
+    model = usual_hysteresis(stack, width=0.083)
+    line = np.linspace(-19.0, 131.0, 2000)
+    cycle = np.concatenate((line, line[::-1]))
+    u = np.concatenate((cycle, cycle, cycle, cycle[:1]))
+    y = model.simulate(u).values
+    late = slice(cycle.size, None)
+    bounds = np.array([0, cycle.size, 2 * cycle.size])
+    assert np.ptp(y[late]) == pytest.approx(23e-6, rel=1e-3)
+    width = loop_width(u[late], y[late], bounds) / np.ptp(y[late])
+    assert width == pytest.approx(0.083, rel=0.01)
+    assert all(c.holds for c in model.conditions())
+
+
+def _identified(**changes) -> DriveModel:
+    values = {
+        "hysteresis": BoucWen(gain=0.61, hysteresis_gain=0.2, beta=0.04, gamma=0.02),
+        "creep": LogCreep(rate_per_decade=0.013),
+        "lag": Lag(delay=1e-4),
+        "output_unit": "um",
+        "offset": 3.0,
+    }
+    return DriveModel(**(values | changes))
+
+
+def test_an_identified_drive_reads_at_rest_what_it_was_identified_to() -> None:
+    drive = _identified()
+    model = dynamic_model(_STAGE, _SYSTEM, hysteresis={"x": drive})
+    read, _ = model.simulate({"x": np.full(2, 83.0), "y": np.zeros(2)})
+    w = float(drive.hysteresis.simulate([83.0]).values[0]) * drive.creep.static_gain
+    assert read["x"][1] == pytest.approx(1e-6 * w, rel=1e-9)
+    assert model.drive("x").creep is drive.creep
+    assert model.drive("y").hysteresis is None
+    assert any("left out" in note for note in model.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"hysteresis": {"z": usual_hysteresis(_STAGE.drives[0])}}, "no piezo stack"),
+        ({"hysteresis": {"x": _identified(output_unit="V")}}, "must go from V"),
+        ({"hysteresis": {"x": _identified(output_unit="mm")}}, "free stroke"),
+        ({"hysteresis": "typical"}, "usual or none"),
+        ({"step": 0.0}, "positive"),
+        ({"mode_count": 0}, "at least one mode"),
+        ({"current_limit": 0.1}, "bandwidth"),
+        ({"sensors": {"q": Sensor()}}, "no probe 'q'"),
+    ],
+)
+def test_what_cannot_be_handed_on_is_refused(change, said) -> None:
+    with pytest.raises(ModelError, match=said):
+        dynamic_model(_STAGE, _SYSTEM, **change)
+
+
+def test_a_model_needs_every_command() -> None:
+    model: DynamicModel = dynamic_model(_STAGE, _SYSTEM)
+    with pytest.raises(ModelError, match="'y' has no command"):
+        model.simulate({"x": [1.0, 2.0]})
+    with pytest.raises(ModelError, match="equally long"):
+        model.simulate({"x": [1.0, 2.0], "y": [1.0]})
+    with pytest.raises(ModelError, match="has no drive 'q'"):
+        model.settled({"q": 1.0})
+
+
+def test_a_model_without_closed_form_is_stepped_too() -> None:
+    stack = BoucWen(gain=3.6e-7, hysteresis_gain=1.3e-7, beta=2.1e4, gamma=1.3e4, exponent=1.9)
+    model = dynamic_model(_STAGE, _SYSTEM, hysteresis={"y": stack})
+    plant = stage_plant(_STAGE, _SYSTEM, {"y": stack})
+    u = _commands(300)
+    found = model.simulate({"x": np.zeros(300), "y": u["y"]})[0]["y"]
+    wanted = plant.simulate({"y": u["y"]}, 1e-4).readings["y"]
+    assert np.abs(found - wanted).max() < 1e-11 * np.ptp(wanted)
