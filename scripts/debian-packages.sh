@@ -4,7 +4,14 @@
 set -uo pipefail
 
 # package -> the program it brings
-declare -A program=([chromium]=chromium [calculix-ccx]=ccx [postgresql]=postgres)
+declare -A program=(
+    [chromium]=chromium [calculix-ccx]=ccx [postgresql]=postgres [octave]=octave-cli [valgrind]=valgrind
+)
+# package -> the shared library it brings, which the reader of solids (gmsh) loads
+declare -A library=(
+    [libglu1-mesa]=libGLU.so.1 [libxcursor1]=libXcursor.so.1 [libxft2]=libXft.so.2
+    [libxinerama1]=libXinerama.so.1
+)
 # Debian keeps the programs of a server of PostgreSQL out of the search path, by version.
 for folder in /usr/lib/postgresql/*/bin; do
     [[ -d $folder ]] && PATH=$PATH:$folder
@@ -12,6 +19,10 @@ done
 missing=()
 for package in "${!program[@]}"; do
     command -v "${program[$package]}" >/dev/null || missing+=("$package")
+done
+known=$(ldconfig -p 2>/dev/null || true)
+for package in "${!library[@]}"; do
+    [[ $known == *"${library[$package]}"* ]] || missing+=("$package")
 done
 [[ ${#missing[@]} -eq 0 ]] && exit 0
 

@@ -106,7 +106,7 @@ def test_modes_left_out_are_kept_at_rest(stage) -> None:
     for probe in wanted:
         # 3 Hz is far below the modes that were left out
         assert np.abs(found[probe] - wanted[probe]).max() < 1e-5 * np.ptp(wanted[probe])
-    assert any("7 of " in note and "modes are kept" in note for note in few.notes)
+    assert any("7 of " in n and "modes are kept" in n for n in few.notes)
 
 
 def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
@@ -192,3 +192,14 @@ def test_a_model_without_closed_form_is_stepped_too() -> None:
     found = model.simulate({"x": np.zeros(300), "y": u["y"]})[0]["y"]
     wanted = plant.simulate({"y": u["y"]}, 1e-4).readings["y"]
     assert np.abs(found - wanted).max() < 1e-11 * np.ptp(wanted)
+
+
+def test_notes_speak_of_the_drives_that_there_are() -> None:
+    usual, linear = (
+        dynamic_model(_STAGE, _SYSTEM),
+        dynamic_model(_STAGE, _SYSTEM, hysteresis="none"),
+    )
+    screws = dynamic_model(_SCREWS, lumped_system(_SCREWS))
+    assert any("usual width" in note for note in usual.notes)
+    assert any("without hysteresis: x, y" in note for note in linear.notes)
+    assert not any("hysteresis of the stacks" in note for note in (*screws.notes, *linear.notes))

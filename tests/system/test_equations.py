@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -47,7 +48,7 @@ def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("parallelogram", "--format", "pdf"), "--format is one of text, latex, got 'pdf'"),
+        (("parallelogram", "--format", "pdf"), "--format is one of text, latex, svg, got 'pdf'"),
         (("parallelogram", "--axis", "z"), "the axis 'z', which does not exist"),
         (("vgtu-piezo", "--reduce", "symmetry"), "reduce it by condensation"),
         (("no-such-stage",), "no-such-stage"),
@@ -61,3 +62,20 @@ def test_bad_input_is_one_sentence(
     assert message in err
     assert not out
     assert err.count("\n") == 1
+
+
+def test_the_structural_diagram_is_drawn(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "x.svg"
+    words = ("parallelogram", "--format", "svg", "--axis", "x")
+    status, out, _ = run(capsys, *words, "--out", str(file))
+    assert status == 0
+    assert str(file) in out.replace("\n", "")
+    root = ElementTree.fromstring(file.read_bytes())
+    text = " ".join("".join(t.itertext()) for t in root.iter() if t.tag.endswith("}text"))
+    assert "axis x" in text
+    assert "damper" in text
+    status, out, err = run(capsys, *words, "--json")
+    assert (status, out) == (2, "")
+    assert "leave one out" in err

@@ -18,6 +18,7 @@ from flexstage.cli.check import check
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
 from flexstage.cli.excite import excite
+from flexstage.cli.export import export
 from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
@@ -53,6 +54,7 @@ for _command in (
     check,
     analyse,
     equations,
+    export,
     hinges,
     part,
     excite,

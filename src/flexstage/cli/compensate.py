@@ -12,6 +12,7 @@ from flexstage.cli.common import (
     print_json,
     write_file,
 )
+from flexstage.cli.model_files import read_model_file
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -112,10 +113,9 @@ def compensate(
 ) -> None:
     """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
     from flexstage.hysteresis.inversion import feedforward
-    from flexstage.hysteresis.model_file import read_model_text
 
     kind = record_format(out)
-    file = read_model_text(_text(model), f"'{model}'")
+    file = read_model_file(model)
     drive = file.model
     wanted = column(column_)
     record = read_records(
@@ -164,19 +164,6 @@ def compensate(
         print_json(result)
         return
     _print(result)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ModelError(f"'{path}' is no drive model: it is not text") from error
-    except IsADirectoryError as error:
-        raise ModelError(f"'{path}' is a directory: name the model file in it") from error
-    except FileNotFoundError as error:
-        raise ModelError(
-            f"there is no model file '{path}': `flexstage identify --out` writes one"
-        ) from error
 
 
 def _number(text: str, dimension: str, bare_unit: str | None) -> float:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["equations"]
 
-_FORMATS = ("text", "latex")
+_FORMATS = ("text", "latex", "svg")
 _REDUCTIONS = ("auto", "symmetry", "condense", "none")
 # a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
 # output says: the frequencies change by the square of it
@@ -34,7 +34,12 @@ _DAMPING = ("rayleigh", "hinge", "none")
 def equations(
     stage: StageArgument,
     form: Annotated[
-        str, typer.Option("--format", metavar="text|latex", help="Plain text or a LaTeX document.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="text|latex|svg",
+            help="Plain text, a LaTeX document, or the structural diagram as a drawing.",
+        ),
     ] = "text",
     reduce: Annotated[
         str,
@@ -66,6 +71,11 @@ def equations(
     described = load_stage(stage)
     if axis is not None:
         described.axis(axis)
+    if form == "svg":
+        if json:
+            raise StageError("--format svg is a drawing, which --json cannot hold: leave one out")
+        _draw(described, axis, out)
+        return
     from flexstage.lumped.latex import latex_document, plain_text, sheet_data
     from flexstage.lumped.sheet import equation_sheet
     from flexstage.lumped.symbolic import symbolic_model
@@ -85,11 +95,22 @@ def equations(
             write_file(out, json_module.dumps(content, indent=2, allow_nan=False).encode())
         return
     text = (latex_document if form == "latex" else plain_text)(title, sheet)
+    _put(text, out)
+
+
+def _put(text: str, out: Path | None) -> None:
     if out is None:
         typer.echo(text, nl=False)
     else:
         write_file(out, text.encode())
         typer.echo(f"wrote {out}")
+
+
+def _draw(stage: "Stage", axis: str | None, out: Path | None) -> None:
+    """Draw the equations as blocks and lines: of one axis, or of the whole stage."""
+    from flexstage.export.diagram import diagram_svg, stage_diagram
+
+    _put(diagram_svg(stage_diagram(stage, axis=axis)).decode(), out)
 
 
 def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -16,7 +16,7 @@ from flexstage.export.drive_models import (
     scale_of,
 )
 from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis import DriveModel, LogCreep, Sensor
+from flexstage.hysteresis import DriveModel, HysteresisModel, LogCreep, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import DrivePort, MechanicalSystem, Modes, modes
@@ -105,6 +105,7 @@ def dynamic_model(
         raise ModelError(f"a model keeps at least one mode, got {mode_count!r}")
     models = models_by_drive(stage, hysteresis)
     probes = np.array([p.vector for p in system.probes]).reshape(-1, system.order)
+    stacks = {d.name: models.get(d.name) for d in stage.drives if isinstance(d, PiezoStack)}
     drives = []
     for drive in stage.drives:
         port = system.drive(drive.name)
@@ -138,7 +139,10 @@ def dynamic_model(
         ),
         probe_shapes=(probes @ found.shapes)[:, :kept],
         system=system,
-        notes=(*system.validity, *_notes(found.omega, kept, step, hysteresis, readers)),
+        notes=(
+            *system.validity,
+            *_notes(found.omega, kept, step, stacks, hysteresis == "usual", readers),
+        ),
     )
 
 
@@ -211,27 +215,29 @@ def _notes(
     omega: Array,
     kept: int,
     step: float,
-    hysteresis: Hysteresis,
+    stacks: Mapping[str, HysteresisModel | DriveModel | None],
+    usual: bool,
     sensors: Mapping[str, Sensor],
 ) -> tuple[str, ...]:
-    notes = [f"commands move on straight lines between samples {step:g} s apart"]
-    if hysteresis == "usual":
+    notes = [f"Commands move on straight lines between samples {step:g} s apart."]
+    if usual and stacks:
         notes.append(
-            f"the hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
-            f"{100.0 * USUAL_LOOP_WIDTH:g} % of the stroke"
+            "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "
+            f"{100.0 * USUAL_LOOP_WIDTH:g} % of the stroke."
         )
-    if not isinstance(hysteresis, str) and any(
-        isinstance(m, DriveModel) for m in hysteresis.values()
-    ):
+    linear = [name for name, model in stacks.items() if model is None]
+    if linear:
+        notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")
+    if any(isinstance(m, DriveModel) for m in stacks.values()):
         notes.append(
-            "of identified models the hysteresis and the creep are taken; delay, offset and modes "
-            "that were identified with them are left out, the modes are those of the stage"
+            "Of identified drives the hysteresis and the creep are taken; delay, offset and modes "
+            "that were identified with them are left out, the modes are those of the stage."
         )
     if kept < omega.size:
         notes.append(
             f"{kept} of {omega.size} modes are kept, up to {omega[kept - 1] / (2.0 * np.pi):.4g} "
-            "Hz; what the others add at rest follows at once"
+            "Hz; what the others add at rest follows at once."
         )
     if any(s.noise_rms > 0.0 for s in sensors.values()):
-        notes.append("the noise of the sensors is left out")
+        notes.append("The noise of the sensors is left out.")
     return tuple(notes)

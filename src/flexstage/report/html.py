@@ -26,6 +26,7 @@ from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.models import ModelRun
 from flexstage.report.quantities import display
+from flexstage.report.structure import diagram_section, equations_section
 from flexstage.report.study import Study
 from flexstage.report.tables import (
     characteristics_table,
@@ -325,22 +326,6 @@ def _hinges(study: Study) -> str:
     )
 
 
-def _equations(study: Study) -> str:
-    if "lumped" not in study.analyses:
-        return ""
-    order = study.analyses["lumped"].system.order
-    return (
-        "<p>Kinetic energy of the bodies, potential energy of the hinges with their deformations "
-        "<i>e</i>, and Lagrange's equations:</p>"
-        '<p class="formula"><i>T</i> = ½ Σ [ <i>m</i> (<i>ẋ</i>² + <i>ẏ</i>²) + <i>J</i> '
-        "<i>θ̇</i>² ],&emsp; <i>V</i> = ½ Σ <i>e</i><sup>T</sup> <i>k e</i>,&emsp; "
-        "<b>M</b> <i>q̈</i> + <b>C</b> <i>q̇</i> + <b>K</b> <i>q</i> = Σ <i>d F</i></p>"
-        f"<p>Here <i>q</i> has {order} coordinates. "
-        "<code>flexstage equations STAGE</code> derives all of it in "
-        "symbols, with transfer functions of a reduced model.</p>"
-    )
-
-
 def _validity(study: Study) -> str:
     notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
     # what belongs to the stage stands at the head of the page
@@ -378,7 +363,8 @@ SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     "stroke": ("Motion over the stroke", _stroke),
     "stress": ("Stress in the hinges", _stress),
     "hinges": ("Hinges", _hinges),
-    "equations": ("Equations", _equations),
+    "equations": ("Equations", equations_section),
+    "diagram": ("Structural diagram", diagram_section),
     "validity": ("Validity", _validity),
     "provenance": ("Provenance", _provenance),
 }

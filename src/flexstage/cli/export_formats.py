@@ -1,0 +1,133 @@
+"""The formats of `flexstage export`: what each is, and what writes it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from flexstage.cli.export_request import ExportRequest
+
+__all__ = ["FORMATS", "ExportFormat"]
+
+Files = dict[str, bytes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportFormat:
+    """A format.
+
+    Parameters
+    ----------
+    about : str
+        What it is, in a few words.
+    write : Callable
+        Content by file name, from what was asked for.
+    """
+
+    about: str
+    write: Callable[[ExportRequest], Files]
+
+
+def _diagram(request: ExportRequest) -> Files:
+    from flexstage.export.diagram import diagram_files
+
+    return diagram_files(request.stage, model=request.dynamic_of_bodies)
+
+
+def _simulink(request: ExportRequest) -> Files:
+    from flexstage.export.diagram import stage_diagram
+    from flexstage.export.simulink import simulink_files
+
+    model = request.dynamic_of_bodies
+    diagram = stage_diagram(request.stage, model=model, collapse=False)
+    return simulink_files(diagram, name=request.identifier, model=model)
+
+
+def _fmu(request: ExportRequest) -> Files:
+    from flexstage.export.fmu import fmu_files
+
+    files: Files = {}
+    for version in request.fmi:
+        made = fmu_files(request.dynamic, version=version, binary=not request.source_only)
+        for name, content in made.items():
+            # both versions may be asked for at once
+            stem, dot, suffix = name.rpartition(".")
+            files[f"{stem}-fmi{version[0]}{dot}{suffix}"] = content
+    return files
+
+
+def _mat(request: ExportRequest) -> Files:
+    from flexstage.export.matlab import matlab_files
+
+    return matlab_files(request.stage, request.system, model=request.dynamic)
+
+
+def _c(request: ExportRequest) -> Files:
+    from flexstage.export.realtime import realtime_files
+
+    return realtime_files(request.dynamic, precision=request.precision)  # type: ignore[arg-type]
+
+
+def _step(request: ExportRequest) -> Files:
+    from flexstage.export.step import step_files
+
+    return step_files(request.stage)
+
+
+def _dxf(request: ExportRequest) -> Files:
+    from flexstage.export.drawing import dxf_files
+
+    return dxf_files(request.stage, kerf=request.kerf)
+
+
+def _drawing(request: ExportRequest) -> Files:
+    from flexstage.export.drawing import drawing_svg
+
+    return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}
+
+
+def _vtu(request: ExportRequest) -> Files:
+    from flexstage.export.fields import field_files
+
+    return field_files(request.stage, request.run.analysis, mesh=request.run.mesh)
+
+
+def _uff(request: ExportRequest) -> Files:
+    from flexstage.export.modal_file import universal_files
+
+    return universal_files(request.stage, request.system)
+
+
+def _table(suffix: str) -> Callable[[ExportRequest], Files]:
+    def write(request: ExportRequest) -> Files:
+        from flexstage.export.tables import table_files
+        from flexstage.report import display
+
+        analysis = request.run.analysis
+        files = table_files(
+            (*request.stage.published, *analysis.characteristics),
+            name=request.name,
+            title=request.stage.title,
+            display=display,
+            provenance=analysis.provenance,
+            notes=analysis.validity,
+        )
+        return {name: content for name, content in files.items() if name.endswith(suffix)}
+
+    return write
+
+
+#: The formats by name.
+FORMATS: Mapping[str, ExportFormat] = {
+    "diagram": ExportFormat(about="structural diagram, SVG", write=_diagram),
+    "simulink": ExportFormat(about="MATLAB script that builds a Simulink model", write=_simulink),
+    "fmu": ExportFormat(about="Functional Mock-up Unit", write=_fmu),
+    "mat": ExportFormat(about="matrices for MATLAB and Octave", write=_mat),
+    "c": ExportFormat(about="C header with a step function for a real-time target", write=_c),
+    "step": ExportFormat(about="solid, STEP", write=_step),
+    "dxf": ExportFormat(about="contours for cutting, DXF", write=_dxf),
+    "drawing": ExportFormat(about="drawing with dimensions, SVG", write=_drawing),
+    "vtu": ExportFormat(about="statics and modes for ParaView", write=_vtu),
+    "uff": ExportFormat(about="modes and responses, universal file", write=_uff),
+    "csv": ExportFormat(about="characteristics, CSV", write=_table(".csv")),
+    "excel": ExportFormat(about="characteristics, Excel", write=_table(".xlsx")),
+    "latex": ExportFormat(about="characteristics, LaTeX table", write=_table(".tex")),
+}

@@ -1,0 +1,179 @@
+"""What `flexstage export` was asked for: models are made once, where a format needs them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, cast
+
+from flexstage.cli.common import name_for_files
+from flexstage.cli.model_files import read_model_file
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from flexstage.export import DynamicModel
+    from flexstage.hysteresis import DriveModel, LogCreep, Sensor
+    from flexstage.report.models import ModelRun
+    from flexstage.stage import Stage
+    from flexstage.system import MechanicalSystem
+
+__all__ = ["ExportRequest", "read_hysteresis"]
+
+
+@dataclass(kw_only=True, eq=False)
+class ExportRequest:
+    """A stage and the choices for it.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : str
+        Name of its model.
+    plane : str
+        Plane state of the notches.
+    step : float
+        Step between samples [s].
+    hysteresis : Sequence of str
+        What `read_hysteresis` takes.
+    creep : float or None
+        Creep of the stacks in a decade of time, over the step [1].
+    bandwidth_hz : float or None
+        Bandwidth of the amplifiers [Hz].
+    current_limit : float or None
+        Largest current of an amplifier [A].
+    sensor_bandwidth_hz : float or None
+        Bandwidth of the sensors [Hz].
+    mode_count : int or None
+        Number of modes that are kept.
+    precision : str
+        ``double`` or ``single``, of the C header.
+    fmi : tuple of str
+        Versions of FMI.
+    source_only : bool
+        Whether an FMU holds no compiled library.
+    kerf : float or None
+        Width of the cut by the wire [m].
+    """
+
+    stage: "Stage"
+    model: str
+    plane: str
+    step: float
+    hysteresis: Sequence[str]
+    creep: float | None
+    bandwidth_hz: float | None
+    current_limit: float | None
+    sensor_bandwidth_hz: float | None
+    mode_count: int | None
+    precision: str
+    fmi: tuple[str, ...]
+    source_only: bool
+    kerf: float | None
+
+    @property
+    def name(self) -> str:
+        """Name of the stage, as files can have it."""
+        return name_for_files(self.stage.name)
+
+    @property
+    def identifier(self) -> str:
+        """Name of the stage, as programs can have it: letters, digits and underscores."""
+        kept = re.sub(r"[^A-Za-z0-9]+", "_", self.stage.name).strip("_")
+        return (kept if kept[:1].isalpha() else f"stage_{kept}".rstrip("_"))[:40]
+
+    @cached_property
+    def run(self) -> "ModelRun":
+        """The analysis by the chosen model, and its mesh."""
+        from flexstage.report import Wanted, run_model
+
+        return run_model(self.stage, self.model, Wanted(plane=self.plane))  # type: ignore[arg-type]
+
+    @property
+    def system(self) -> "MechanicalSystem":
+        """The mechanical system of the chosen model."""
+        return self.run.analysis.system
+
+    @cached_property
+    def dynamic(self) -> "DynamicModel":
+        """The stage with its drives, as other programs run it."""
+        return self._dynamic(self.system)
+
+    @cached_property
+    def dynamic_of_bodies(self) -> "DynamicModel":
+        """The same by rigid bodies on hinges, which is what a diagram of blocks shows."""
+        from flexstage.lumped import lumped_system
+
+        return self._dynamic(lumped_system(self.stage, plane=self.plane))  # type: ignore[arg-type]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the models that were made stop being valid, each note once."""
+        found: dict[str, None] = {}
+        for name in ("dynamic", "dynamic_of_bodies"):
+            if name in self.__dict__:
+                found |= dict.fromkeys(getattr(self, name).notes)
+        return tuple(found)
+
+    def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
+        from flexstage.export import dynamic_model
+
+        return dynamic_model(
+            self.stage,
+            system,
+            step=self.step,
+            hysteresis=read_hysteresis(self.hysteresis),
+            creep=self._creep(),
+            bandwidth_hz=self.bandwidth_hz,
+            current_limit=self.current_limit,
+            sensors=self._sensors(system),
+            mode_count=self.mode_count,
+        )
+
+    def _creep(self) -> "LogCreep | None":
+        from flexstage.hysteresis import LogCreep
+
+        return None if self.creep is None else LogCreep(rate_per_decade=self.creep)
+
+    def _sensors(self, system: "MechanicalSystem") -> "Mapping[str, Sensor]":
+        from flexstage.hysteresis import Sensor
+
+        if self.sensor_bandwidth_hz is None:
+            return {}
+        return {p.name: Sensor(bandwidth_hz=self.sensor_bandwidth_hz) for p in system.probes}
+
+
+def read_hysteresis(
+    given: Sequence[str],
+) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
+    """Return the hysteresis of each drive.
+
+    Parameters
+    ----------
+    given : sequence of str
+        ``usual`` or ``none`` alone, or for each drive or axis ``NAME=FILE``.
+
+    Returns
+    -------
+    Mapping or str
+        The identified model by name, or the word.
+
+    Raises
+    ------
+    ModelError
+        A text is none of these, a name stands twice, or a file is no model.
+    """
+    if len(given) == 1 and given[0] in ("usual", "none"):
+        return cast(Literal["usual", "none"], given[0])
+    models: dict[str, DriveModel] = {}
+    for text in given:
+        name, sign, path = text.partition("=")
+        if not (name and sign and path):
+            raise ModelError(
+                f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
+            )
+        if name in models:
+            raise ModelError(f"--hysteresis gives a model for '{name}' twice: give it once")
+        models[name] = read_model_file(Path(path)).model
+    return models

@@ -1,0 +1,127 @@
+"""`flexstage export` as a user calls it: every format, its files, and what is refused."""
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from flexstage.cli import main
+from flexstage.cli.export_formats import FORMATS
+from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
+
+#: What each format must at least hold: a suffix, and bytes that such a file begins with or holds.
+_HOLDS = {
+    "diagram": (".svg", b"<svg"),
+    "simulink": (".m", b"add_block"),
+    "fmu": (".fmu", b"PK"),
+    "mat": (".mat", b"MATLAB 5.0"),
+    "c": (".h", b"step"),
+    "step": (".step", b"ISO-10303-21"),
+    "dxf": (".dxf", b"LWPOLYLINE"),
+    "drawing": (".svg", b"<svg"),
+    "vtu": (".vtu", b"UnstructuredGrid"),
+    "uff": (".uff", b"    -1"),
+    "csv": (".csv", b"quantity"),
+    "excel": (".xlsx", b"PK"),
+    "latex": (".tex", b"\\begin{tab"),
+}
+
+
+def _run(*words: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["export", *words])
+    return int(ended.value.code or 0)
+
+
+def test_every_format_is_looked_for() -> None:
+    assert set(_HOLDS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("name", sorted(_HOLDS))
+def test_a_format_is_written(name: str, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    words = ["vgtu-piezo", "--to", name, "--model", "lumped", "--out", str(out), "--json"]
+    assert _run(*words, "--source-only", "--bandwidth", "2 kHz", "--creep", "1.5%") == 0
+    said = json.loads(capsys.readouterr().out)
+    suffix, inside = _HOLDS[name]
+    found = [Path(file["path"]) for file in said["files"]]
+    assert found
+    assert {p.parent for p in found} == {out}
+    assert any(p.suffix == suffix and inside in p.read_bytes() for p in found)
+    for file in said["files"]:
+        content = Path(file["path"]).read_bytes()
+        assert len(content) == file["bytes"] > 0
+        assert hashlib.sha256(content).hexdigest() == file["sha256"]
+    assert {p.name for p in out.iterdir()} == {p.name for p in found}
+
+
+def test_several_formats_get_a_folder_each(tmp_path: Path, capsys) -> None:
+    assert _run("parallelogram", "--to", "step, csv,step", "--out", str(tmp_path)) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["csv", "step"]
+    assert "parallelogram.step" in capsys.readouterr().out.replace("\n", "")
+
+
+@pytest.mark.parametrize("stage", ["vgtu-mechanical", "parallelogram"])
+def test_a_screw_stage_is_handed_on_too(stage: str, tmp_path: Path) -> None:
+    words = ["--to", "mat,c,fmu,simulink,diagram", "--source-only", "--out", str(tmp_path)]
+    assert _run(stage, *words) == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"mat", "c", "fmu", "simulink", "diagram"}
+
+
+def test_both_versions_of_fmi_are_written_or_one(tmp_path: Path) -> None:
+    words = ["--to", "fmu", "--source-only", "--out", str(tmp_path)]
+    assert _run("parallelogram", *words, "--fmi", "3.0") == 0
+    (only,) = tmp_path.iterdir()
+    with zipfile.ZipFile(only) as archive:
+        assert b'fmiVersion="3.0"' in archive.read("modelDescription.xml")
+    assert _run("parallelogram", *words) == 0
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
+    drive = DriveModel(
+        hysteresis=BoucWen(gain=0.6, hysteresis_gain=0.21, beta=0.04, gamma=0.02), output_unit="um"
+    )
+    file = tmp_path / "x.yaml"
+    file.write_text(model_text(ModelFile(model=drive)), encoding="utf-8")
+    words = ["vgtu-piezo", "--to", "mat", "--model", "lumped", "--json"]
+    made = []
+    for i, extra in enumerate((["--hysteresis", f"x={file}"], ["--hysteresis", "none"])):
+        assert _run(*words, "--out", str(tmp_path / str(i)), *extra) == 0
+        said = json.loads(capsys.readouterr().out)
+        made.append(said["notes"])
+    assert any(note.startswith("Of identified drives") for note in made[0])
+    assert any(note.startswith("Stacks without hysteresis: y.") for note in made[0])
+    assert any(note.startswith("Stacks without hysteresis: x, y.") for note in made[1])
+    first, second = (loadmat(next((tmp_path / str(i)).glob("*.mat"))) for i in (0, 1))
+    assert np.array_equal(first["M"], second["M"])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["vgtu-piezo", "--to", "dwg"], "--to is one or more of"),
+        (["vgtu-piezo", "--to", "c", "--precision", "half"], "double or single"),
+        (["vgtu-piezo", "--to", "fmu", "--fmi", "1.0"], "2.0, 3.0 or both"),
+        (["vgtu-piezo", "--to", "c", "--step", "-1 ms"], "--step must be above zero"),
+        (["vgtu-piezo", "--to", "c", "--step", "3 mm"], "not a unit of time"),
+        (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis is usual, none"),
+        (["vgtu-piezo", "--to", "c", "--hysteresis", "x=missing.yaml"], "no model file"),
+        (["vgtu-piezo", "--to", "c", "--current", "0.1 A"], "bandwidth"),
+        (["vgtu-piezo", "--to", "dxf", "--kerf", "9 mm"], "wire"),
+        (["vgtu-piezo", "--to", "mat", "--model", "rigid"], "rigid"),
+        (["nowhere", "--to", "step"], "nowhere"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(words, said, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert _run(*words, "--out", str(out)) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert not out.exists()
