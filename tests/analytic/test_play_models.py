@@ -509,3 +509,23 @@ def test_curved_duhem_has_no_pieces_and_one_sample_has_none() -> None:
     assert duhem().segments([0.0, 1.0]) is None
     with pytest.raises(ModelError, match="two at least"):
         prandtl().segments([1.0])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sliders_take_up_their_own_state_at_no_voltage(seed: int) -> None:
+    # small voltages leave small displacements, whose rounding is that of the thresholds
+    rng = np.random.default_rng(seed)
+    for _ in range(5):
+        m = int(rng.integers(1, 9))
+        model = GeneralisedMaxwellSlip(
+            stiffness=rng.uniform(0.8e6, 2.3e6),
+            thresholds=np.cumsum(rng.uniform(0.1e-6, 6e-6, m)),
+            element_stiffness=rng.uniform(0.05e6, 0.6e6, m),
+        )
+        u = [*rng.uniform(0.0, 2.0, 30), 0.0, 1e-3]
+        state, found = None, []
+        for voltage in u:
+            response = model.simulate([voltage], state)
+            state = response.state
+            found.append(response.values[0])
+        assert found == pytest.approx(model.simulate(u).values, rel=1e-9, abs=1e-20)

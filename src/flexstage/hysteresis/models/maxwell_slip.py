@@ -263,7 +263,10 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         play_state(given[1:], self.thresholds)
         u = play_sum.simulate(given[1:2], *self._sum(), _inner(given))[0]
         steepest = self._sum()[0] + float(np.max(np.abs(self.spring().slopes)))
-        scale = max(abs(given[0]), steepest * float(np.max(np.abs(given[1:]))))
+        # rounding is that of the ways that led here, not only of where they ended: at no voltage
+        # the state may be small, and the thresholds are not
+        reach = max(float(np.max(np.abs(given[1:]))), float(self.thresholds[-1]))
+        scale = max(abs(given[0]), steepest * reach)
         if abs(u - given[0]) > ROUNDING * scale:
             raise ModelError(
                 f"no voltage leads to this state: its displacements belong to {u:g}, and its "
