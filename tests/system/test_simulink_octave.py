@@ -437,6 +437,22 @@ def test_held_hysteresis_comes_to_the_dynamic_model_with_its_samples(tmp_path: P
     assert 1.9 < missed[0] / missed[1] < 2.1
 
 
+@pytest.mark.parametrize("axis", [None, "x"])
+def test_drawings_for_people_are_built_too(axis: str | None, tmp_path: Path) -> None:
+    # mirror images drawn once, and one axis as two masses
+    diagram = stage_diagram(design("parallelogram" if axis is None else "vgtu-piezo"), axis=axis)
+    made, _ = build(tmp_path, simulink_files(diagram, name="drawn"), "drawn")
+    again = rebuilt(made, "drawn", diagram)
+    matrices = {b.name: b.matrix for b in again.blocks if b.matrix is not None}
+    for b in diagram.blocks:
+        if b.matrix is not None:
+            assert np.array_equal(matrices.pop(b.name), b.matrix), b.name
+    assert not matrices
+    assert {(w.source, w.target, w.port) for w in again.lines} == {
+        (w.source, w.target, w.port) for w in diagram.lines
+    }
+
+
 def test_script_refuses_what_is_open_missing_or_half_there(tmp_path: Path) -> None:
     files = simulink_files(small(), name="small")
     write(tmp_path, files)

@@ -1,7 +1,7 @@
 """`flexstage export`: a stage for other programs."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -24,7 +24,8 @@ from flexstage.errors import ModelError, StageError
 
 __all__ = ["export"]
 
-_FMI = ("2.0", "3.0")
+_Fmi = Literal["2.0", "3.0"]
+_FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
 _PRECISIONS = ("double", "single")
 
 
@@ -110,7 +111,7 @@ def export(
 ) -> None:
     """Write a stage for other programs: FMU, Simulink, MATLAB, C, STEP, DXF, ParaView..."""
     wanted = _formats(to)
-    if fmi not in (*_FMI, "both"):
+    if fmi not in _FMI:
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
@@ -128,7 +129,7 @@ def export(
         sensor_bandwidth_hz=_optional("--sensor-bandwidth", sensor_bandwidth, "frequency", "Hz"),
         mode_count=modes,
         precision=precision,
-        fmi=_FMI if fmi == "both" else (fmi,),
+        fmi=_FMI[fmi],
         source_only=source_only,
         kerf=_optional("--kerf", kerf, "length", "m"),
     )

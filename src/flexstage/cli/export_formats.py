@@ -34,11 +34,11 @@ def _diagram(request: ExportRequest) -> Files:
 
 def _simulink(request: ExportRequest) -> Files:
     from flexstage.export.diagram import stage_diagram
-    from flexstage.export.simulink import simulink_files
+    from flexstage.export.simulink import model_name, simulink_files
 
     model = request.dynamic_of_bodies
     diagram = stage_diagram(request.stage, model=model, collapse=False)
-    return simulink_files(diagram, name=request.identifier, model=model)
+    return simulink_files(diagram, name=model_name(request.stage.name), model=model)
 
 
 def _fmu(request: ExportRequest) -> Files:

@@ -1,6 +1,5 @@
 """What `flexstage export` was asked for: models are made once, where a format needs them."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,7 +49,7 @@ class ExportRequest:
     precision : str
         ``double`` or ``single``, of the C header.
     fmi : tuple of str
-        Versions of FMI.
+        Versions of FMI, of ``2.0`` and ``3.0``.
     source_only : bool
         Whether an FMU holds no compiled library.
     kerf : float or None
@@ -68,7 +67,7 @@ class ExportRequest:
     sensor_bandwidth_hz: float | None
     mode_count: int | None
     precision: str
-    fmi: tuple[str, ...]
+    fmi: tuple[Literal["2.0", "3.0"], ...]
     source_only: bool
     kerf: float | None
 
@@ -76,12 +75,6 @@ class ExportRequest:
     def name(self) -> str:
         """Name of the stage, as files can have it."""
         return name_for_files(self.stage.name)
-
-    @property
-    def identifier(self) -> str:
-        """Name of the stage, as programs can have it: letters, digits and underscores."""
-        kept = re.sub(r"[^A-Za-z0-9]+", "_", self.stage.name).strip("_")
-        return (kept if kept[:1].isalpha() else f"stage_{kept}".rstrip("_"))[:40]
 
     @cached_property
     def run(self) -> "ModelRun":

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
+from flexstage.export.line_steps import modes_behind_lines, read_at_rest
 from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
@@ -221,9 +222,8 @@ class DynamicModel:
             made.lags[d.name] = np.full(d.lag_weights.shape[1], w)
             made.deflections[d.name] = np.full(k, w)
             made.rates[d.name] = np.zeros(k)
-            reading += w * (
-                d.mode_weights[:, :k].sum(axis=1) + d.lag_weights.sum(axis=1) + d.feedthrough
-            )
+            weights = np.ascontiguousarray(d.mode_weights[:, :k])
+            read_at_rest(w, weights, d.lag_weights, d.feedthrough, reading)
         for probe, value in zip(self.probes, reading.tolist(), strict=True):
             if probe.sensor is not None:
                 made.sensors[probe.name] = probe.sensor.settled(value, self.step)
@@ -308,13 +308,6 @@ class DynamicModel:
     ) -> None:
         """Modes behind straight lines of the free displacement, and behind its rate."""
         step = unit_step(self.omega * self.step, self.damping_ratio)
-        t, m = step.transition, step.moments
-        # a rate in the force is a constant within each step
-        by_rate = d.rate_time / self.step
-        for i in range(w.size - 1):
-            rise = w[i + 1] - w[i]
-            start = w[i] + by_rate * rise
-            at = (t[0] * z + t[1] * v) + (m[1] * start + m[2] * rise)
-            v[:] = (t[2] * z + t[3] * v) + (m[0] * start + m[1] * rise)
-            z[:] = at
-            y[:, i] += reader @ np.concatenate((z, v))
+        modes_behind_lines(
+            w, step.transition, step.moments, d.rate_time / self.step, z, v, reader, y
+        )

@@ -1,4 +1,4 @@
-"""The plate of a stage as a solid in a STEP file, for CAD, CAM and other finite-element programs."""
+"""The plate of a stage as a solid in a STEP file, for CAD, CAM and other finite elements."""
 
 import re
 import tempfile
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import flexstage
 from flexstage.errors import StageError
 from flexstage.export.file_names import file_name
+from flexstage.export.time_stamp import NO_TIME, read_time
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
 
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from netgen.occ import TopoDS_Shape
 
 __all__ = ["step_files"]
-
-#: The same stage gives the same file, whenever it is written.
-NO_TIME = "1970-01-01T00:00:00"
 
 _SAME_SIZE = 1e-9  # relative, of an area before and after faces are joined
 _ON_FACE = 1e-5  # a point lies on a face [mm]
@@ -49,13 +47,16 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     ------
     StageError
         Bodies or notches overlap, or a body falls to pieces.
+    ModelError
+        The time stamp is none.
 
     Notes
     -----
     Validity: the nominal shape, without the radius of the wire and without tolerances; coordinates
-    have 13 digits. Profiles that are no arcs and lines are the chains of arcs that all models use.
-    Masses mounted on bodies are left out. A body that no hinge joins to the others is a solid of
-    its own.
+    have 13 digits. Profiles that are no arcs and lines, such as ellipses, are the chains of short
+    straight lines that all models use, within some 0.1 um of the curve for a notch of some
+    millimetres. Masses mounted on bodies are left out. A body that no hinge joins to the others is
+    a solid of its own.
 
     Examples
     --------
@@ -64,9 +65,9 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     >>> files["parallelogram.step"].count(b"= CYLINDRICAL_SURFACE(")
     10
     """
-    solids = _solids(stage)
-    text = _written(solids)
-    return {f"{file_name(stage.name)}.step": _headed(text, stage, time_stamp).encode("ascii")}
+    when = read_time(time_stamp).isoformat(timespec="seconds")
+    text = _written(_solids(stage))
+    return {f"{file_name(stage.name)}.step": _headed(text, stage, when).encode("ascii")}
 
 
 # ------------------------------------------------------------------ the shape
@@ -84,18 +85,16 @@ def _solids(stage: Stage) -> "list[TopoDS_Shape]":
         parts.append(shape)
         total += area
     whole = Fuse(parts) if len(parts) > 1 else parts[0]
-    area = sum(f.mass for f in whole.faces) / METRE**2
+    # without the seams between them, and without corners in a straight edge
+    joined = whole.UnifySameDomain(unifyEdges=True, unifyFaces=True, concatBSplines=False)
+    faces = list(joined.faces)
+    area = sum(f.mass for f in faces) / METRE**2
     if abs(area - total) > _SAME_SIZE * total:
         raise StageError(
             f"bodies or notches of stage '{stage.name}' overlap: together they cover "
             f"{area * 1e6:.6g} mm^2 instead of {total * 1e6:.6g} mm^2; see what 'flexstage check' "
             "says"
         )
-    # of seams within a face and edges in line, only where that changes nothing
-    joined = whole.UnifySameDomain(unifyEdges=True, unifyFaces=True, concatBSplines=False)
-    faces = list(joined.faces)
-    if abs(sum(f.mass for f in faces) / METRE**2 - total) > _SAME_SIZE * total:
-        faces = list(whole.UnifySameDomain(unifyEdges=False, unifyFaces=True).faces)
     found = []
     for number, plane in enumerate(faces, start=1):
         half = 0.5 * stage.thickness * METRE
@@ -106,9 +105,7 @@ def _solids(stage: Stage) -> "list[TopoDS_Shape]":
     return found
 
 
-def _face(
-    body: str, outline: Loop, holes: Iterable[Loop | Circle]
-) -> "tuple[TopoDS_Shape, float]":
+def _face(body: str, outline: Loop, holes: Iterable[Loop | Circle]) -> "tuple[TopoDS_Shape, float]":
     """Return a body as one face, and its area [m^2] in closed form."""
     from flexstage.elasticity import face
 
@@ -159,7 +156,7 @@ def _written(solids: "list[TopoDS_Shape]") -> str:
         return path.read_text(encoding="utf-8")
 
 
-def _headed(text: str, stage: Stage, time_stamp: str) -> str:
+def _headed(text: str, stage: Stage, when: str) -> str:
     """Put a header and product names of our own in place of those of the geometry kernel."""
     begin = text.index("DATA;")
     said = (
@@ -171,7 +168,7 @@ def _headed(text: str, stage: Stage, time_stamp: str) -> str:
     header = (
         "ISO-10303-21;\nHEADER;\n"
         f"FILE_DESCRIPTION((\n{_quoted(said)}),\n'2;1');\n"
-        f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(time_stamp)},\n"
+        f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(when)},\n"
         f"(''),(''),'Open CASCADE',{ours},'');\n"
         "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\n"
     )
@@ -185,7 +182,7 @@ def _headed(text: str, stage: Stage, time_stamp: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Write a text as ISO 10303-21 does: quotes and backslashes twice, and no control characters."""
+    """Write a text as ISO 10303-21 does: quotes and backslashes twice, no control characters."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return _ascii("'" + plain.replace("\\", "\\\\").replace("'", "''") + "'")
 

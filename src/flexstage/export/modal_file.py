@@ -1,0 +1,261 @@
+"""Modes and frequency responses of a stage as universal files, for modal test programs."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import flexstage
+from flexstage.errors import ModelError
+from flexstage.export.file_names import file_name
+from flexstage.export.modal_points import ModalPoints, direction_code, modal_points
+from flexstage.export.time_stamp import NO_TIME
+from flexstage.export.universal_format import (
+    DISPLACEMENT,
+    FORCE,
+    frequency_function,
+    heading,
+    mode_shape,
+    point_list,
+    si_units,
+    trace_lines,
+)
+from flexstage.stage import Stage
+from flexstage.system import (
+    DriveCondition,
+    FrequencyResponse,
+    MechanicalSystem,
+    Modes,
+    default_frequencies_hz,
+    frequency_response,
+    modes,
+)
+
+__all__ = ["frf_file", "modal_file", "universal_files"]
+
+
+def universal_files(
+    stage: Stage,
+    system: MechanicalSystem,
+    *,
+    drives: DriveCondition = "removed",
+    count: int = 12,
+    frequency_hz: ArrayLike | None = None,
+    time_stamp: str = NO_TIME,
+) -> dict[str, bytes]:
+    """Return modes and frequency responses of a stage as universal files.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of it.
+    drives : str
+        Condition of the drives: ``removed``, ``in place``, or ``locked``, which has no responses.
+    count : int
+        Number of modes.
+    frequency_hz : array_like, optional
+        Frequencies of the responses [Hz], shape (k,); about the lowest modes where not given. They
+        are rounded to the six digits that the format has for them before the responses are found,
+        so that each value belongs to its frequency as it is written.
+    time_stamp : str
+        Date and time of the heading, ISO 8601; the same for every file where not given.
+
+    Returns
+    -------
+    dict of str to bytes
+        ``NAME-modes.uff``: points, outlines and modes (see `modal_file`); ``NAME-frf.uff``: the
+        response of each probe of the stage to each drive (see `frf_file`); ``NAME-points.csv``:
+        what each point is.
+
+    Raises
+    ------
+    ModelError
+        There is no such condition of the drives, fewer than one mode or two frequencies are asked
+        for, or the time stamp is none.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("parallelogram")
+    >>> files = universal_files(stage, lumped_system(stage), count=3)
+    >>> sorted(files)
+    ['parallelogram-frf.uff', 'parallelogram-modes.uff', 'parallelogram-points.csv']
+    """
+    if count < 1:
+        raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
+    name, points = file_name(stage.name), modal_points(stage)
+    found = modes(system, drives=drives, count=count)
+    files = {f"{name}-modes.uff": modal_file(stage, system, found, time_stamp=time_stamp)}
+    if drives != "locked" and stage.drives and stage.probes:
+        wanted = default_frequencies_hz(found) if frequency_hz is None else frequency_hz
+        written = np.array([float(f"{f:.5e}") for f in np.atleast_1d(wanted).tolist()])
+        written = np.unique(written)
+        responses = [
+            frequency_response(system, written, d.name, p.name, drives=drives)
+            for d in stage.drives
+            for p in stage.probes
+        ]
+        files[f"{name}-frf.uff"] = frf_file(stage, responses, time_stamp=time_stamp)
+    files[f"{name}-points.csv"] = points.table()
+    return files
+
+
+def modal_file(
+    stage: Stage, system: MechanicalSystem, found: Modes, *, time_stamp: str = NO_TIME
+) -> bytes:
+    """Return modes of a stage as a universal file.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of it.
+    found : Modes
+        Modes of that model.
+    time_stamp : str
+        Date and time of the heading, ISO 8601.
+
+    Returns
+    -------
+    bytes
+        Data sets as text: heading (151), units (164, metre and newton), points (2411), outlines of
+        the bodies with their half notches (82), and each mode (55) with its frequency, viscous
+        damping ratio and unit modal mass, in six directions at each point.
+
+    Raises
+    ------
+    ModelError
+        The modes are not of this system, or the time stamp is none.
+
+    Notes
+    -----
+    Validity: points move with their bodies as rigid ones. Out of the plane there is the motion of
+    bodies that a probe reads, at the probe, in models that have it (solid), without tilt; other
+    bodies have 0 there. The format has six digits for shapes and frequencies, and 17 for points.
+    """
+    if found.shapes.shape[0] != system.order:
+        raise ModelError(
+            f"the modes have {found.shapes.shape[0]} coordinates and the system {system.order}: "
+            "give modes of this system"
+        )
+    points = modal_points(stage)
+    parts = [_opening(stage, f"modes by the {system.model} model", time_stamp), _geometry(points)]
+    numbers = range(1, len(points.body) + 1)
+    for k, (frequency, ratio) in enumerate(
+        zip(found.frequency_hz.tolist(), found.damping_ratio.tolist(), strict=True), start=1
+    ):
+        titles = (
+            f"{stage.name}: mode {k} at {frequency:.6g} Hz",
+            f"{system.model} model, drives {found.drives}",
+            "NONE",
+            "unit modal mass; displacement in m, rotation in rad, for 1 kg^0.5 m",
+            f"flexstage {flexstage.__version__}",
+        )
+        shape = points.shape(system, found.shapes[:, k - 1])
+        parts.append(mode_shape(titles, k, frequency, ratio, numbers, shape))
+    return "".join(parts).encode("ascii")
+
+
+def frf_file(
+    stage: Stage, responses: Iterable[FrequencyResponse], *, time_stamp: str = NO_TIME
+) -> bytes:
+    """Return frequency responses of a stage as a universal file.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    responses : iterable of FrequencyResponse
+        Responses of its probes to its drives.
+    time_stamp : str
+        Date and time of the heading, ISO 8601.
+
+    Returns
+    -------
+    bytes
+        Data sets as text: heading (151), units (164), points (2411), outlines (82), and each
+        response (58), complex in double precision: displacement of the probe's point over the force
+        of the drive on the point that it pushes, or over its free displacement.
+
+    Raises
+    ------
+    ModelError
+        There is no response, one has fewer than two frequencies or is of no displacement, or the
+        time stamp is none.
+    StageError
+        A response is of a drive or probe that the stage does not have.
+
+    Notes
+    -----
+    Validity: a drive pushes one body and reacts on another, and a probe may read one against
+    another; the format names one point of each, and the titles say the rest. Directions other than
+    along x and y have the number 0. The format has 13 digits for values, and six for frequencies
+    that are not evenly spaced: give frequencies of six digits, as `universal_files` does, else
+    values near a resonance seem to be up to 1e-6 times its quality off.
+    """
+    points = modal_points(stage)
+    parts = [_opening(stage, "frequency responses", time_stamp), _geometry(points)]
+    functions = [
+        _function(stage, points, number, response)
+        for number, response in enumerate(responses, start=1)
+    ]
+    if not functions:
+        raise ModelError("there is no frequency response to write: give one at least")
+    return "".join((*parts, *functions)).encode("ascii")
+
+
+def _opening(stage: Stage, what: str, time_stamp: str) -> str:
+    program = f"flexstage {flexstage.__version__}"
+    return heading(stage.name, f"{what}: {stage.title or stage.name}", program, time_stamp) + (
+        si_units()
+    )
+
+
+def _geometry(points: ModalPoints) -> str:
+    written = [point_list(range(1, len(points.body) + 1), points.position)]
+    number = 1
+    for name, line in points.lines:
+        written.append(trace_lines(number, name, line))
+        number += max(1, math.ceil((len(line) - 1) / 249))
+    return "".join(written)
+
+
+def _function(stage: Stage, points: ModalPoints, number: int, response: FrequencyResponse) -> str:
+    probe, drive = stage.probe(response.probe), stage.drive(response.drive)
+    if response.frequency_hz.size < 2:
+        raise ModelError(
+            f"the response of '{probe.name}' to '{drive.name}' must have two frequencies or more, "
+            f"got {response.frequency_hz.size}"
+        )
+    if response.unit not in ("m/N", "m/m"):
+        raise ModelError(
+            f"the response of '{probe.name}' to '{drive.name}' must be in m/N or m/m, got "
+            f"'{response.unit}'"
+        )
+    against = "the ground" if probe.relative_to is None else f"body {probe.relative_to}"
+    titles = (
+        f"{stage.name}: probe {probe.name} over drive {drive.name}",
+        f"displacement over {response.input_kind}, drives {response.drives}",
+        "NONE",
+        f"probe on {probe.body} against {against}, at {_degrees(probe.direction)} deg",
+        f"drive pushes {drive.pushes}, reacts on {drive.reacts}, at {_degrees(drive.direction)} "
+        "deg",
+    )
+    return frequency_function(
+        titles,
+        number,
+        (probe.name, points.numbers["probe", probe.name], direction_code(probe.direction)),
+        (drive.name, points.numbers["drive", drive.name], direction_code(drive.direction)),
+        FORCE if response.unit == "m/N" else DISPLACEMENT,
+        response.frequency_hz,
+        response.value,
+    )
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.6g}"

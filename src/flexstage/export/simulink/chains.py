@@ -1,0 +1,309 @@
+"""Amplifier, hysteresis, creep and sensor as blocks of Simulink."""
+
+from typing import Any
+
+import numpy as np
+
+from flexstage.errors import ModelError
+from flexstage.export.simulink.matlab_text import literal
+from flexstage.export.simulink.system import Node, System, Wiring
+from flexstage.export.simulink.variables import Variables
+from flexstage.hysteresis import Amplifier, LogCreep, Sensor
+
+__all__ = ["VECTOR_GAIN", "amplifier", "creep", "gain", "hysteresis", "refuse_columns", "sensor"]
+
+#: How a Gain block multiplies a column of signals by its matrix.
+VECTOR_GAIN = "Matrix(K*u) (u vector)"
+
+
+def gain(name: str, variable: str, meaning: str, label: str = "") -> Node:
+    """Return a block that multiplies a column of signals by a matrix.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    variable : str
+        The matrix, as an expression.
+    meaning, label : str
+        What it is, and what is written below it.
+
+    Returns
+    -------
+    Node
+        The block.
+    """
+    return Node(
+        name=name,
+        kind="Gain",
+        settings={"Gain": variable, "Multiplication": VECTOR_GAIN},
+        meaning=meaning,
+        label=label,
+    )
+
+
+def _scalar(name: str, value: str, meaning: str) -> Node:
+    settings = {"Gain": value, "Multiplication": "Element-wise(K.*u)"}
+    return Node(name=name, kind="Gain", settings=settings, meaning=meaning)
+
+
+def _port(kind: str, name: str, meaning: str) -> Node:
+    settings = {"PortDimensions": "1"} if kind == "Inport" else {}
+    return Node(name=name, kind=kind, settings=settings, meaning=meaning)
+
+
+def _sum(name: str, signs: str, meaning: str) -> Node:
+    return Node(
+        name=name,
+        kind="Sum",
+        settings={"Inputs": signs, "IconShape": "round"},
+        meaning=meaning,
+        inputs=len(signs),
+    )
+
+
+def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
+    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends.
+
+    Parameters
+    ----------
+    model : Amplifier
+        The amplifier.
+    name : str
+        What its variables begin with.
+    variables : Variables
+        Where its numbers go.
+
+    Returns
+    -------
+    System
+        From command to voltage [V].
+    """
+    w = Wiring("amplifier: one pole, limited rate, limited range")
+    names = {
+        what: variables.add(f"{name}_{what}", value, meaning)
+        for what, value, meaning in (
+            ("gain", model.gain, "voltage over command [1]"),
+            ("per_T", 1.0 / model.time_constant, "2 pi times the bandwidth [1/s]"),
+        )
+    }
+    w.add(_port("Inport", "command", "command [V]"))
+    w.add(_scalar("g", names["gain"], "voltage over command [1]"))
+    w.add(_sum("lag", "+-", "how far the voltage is behind [V]"))
+    w.add(_scalar("per_T", names["per_T"], "2 pi times the bandwidth [1/s]"))
+    at = w.chain("command", "g", "lag", "per_T")
+    if np.isfinite(model.largest_rate):
+        rate = variables.add(
+            f"{name}_rate", model.largest_rate, "largest rate of the voltage [V/s]"
+        )
+        w.add(
+            Node(
+                name="rate",
+                kind="Saturate",
+                settings={"UpperLimit": rate, "LowerLimit": f"-{rate}"},
+                meaning="largest rate: slew limit, or current over capacitance [V/s]",
+            )
+        )
+        at = w.chain(at, "rate")
+    settings = {"InitialCondition": "0"}
+    if model.voltage_range is not None:
+        low, high = model.voltage_range
+        at_low = variables.add(f"{name}_low", low, "lowest voltage [V]")
+        at_high = variables.add(f"{name}_high", high, "highest voltage [V]")
+        settings = {
+            "InitialCondition": f"min(max(0, {at_low}), {at_high})",
+            "LimitOutput": "on",
+            "UpperSaturationLimit": at_high,
+            "LowerSaturationLimit": at_low,
+        }
+    w.add(Node(name="voltage", kind="Integrator", settings=settings, meaning="voltage [V]"))
+    w.add(_port("Outport", "u", "voltage [V]"))
+    w.chain(at, "voltage", "u")
+    w.connect("voltage", "lag", port=2)
+    return w.system()
+
+
+def hysteresis(function: str, sample_time: str, meaning: str) -> System:
+    """Return a hysteresis: the input is sampled, and a function with a memory steps on.
+
+    Parameters
+    ----------
+    function : str
+        Name of the function.
+    sample_time : str
+        Time between samples, as an expression [s].
+    meaning : str
+        What it is.
+
+    Returns
+    -------
+    System
+        From input to output, held between the samples.
+    """
+    w = Wiring(meaning)
+    w.add(_port("Inport", "u", "input of the hysteresis"))
+    w.add(
+        Node(
+            name="sampled",
+            kind="ZeroOrderHold",
+            settings={"SampleTime": sample_time},
+            meaning="samples of the input; the function steps exactly along the line between two",
+        )
+    )
+    w.add(Node(name="hysteresis", kind="MatlabFunction", meaning=meaning, function=function))
+    w.add(_port("Outport", "y", "output of the hysteresis, held for one sample"))
+    w.chain("u", "sampled", "hysteresis", "y")
+    return w.system()
+
+
+def creep(model: LogCreep, name: str, variables: Variables) -> System:
+    """Return creep: lags side by side, and their sum beside the input.
+
+    Parameters
+    ----------
+    model : LogCreep
+        The creep.
+    name : str
+        What its variables begin with.
+    variables : Variables
+        Where its numbers go.
+
+    Returns
+    -------
+    System
+        From input to input and what has crept.
+    """
+    rate = 1.0 / model.time_constants
+    m = rate.size
+    w = Wiring("creep: lags with time constants spaced evenly in the logarithm")
+    spread = variables.add(f"{name}_spread", np.ones((m, 1)), "one input for every lag [1]")
+    rates = variables.add(f"{name}_per_tau", rate[None, :], "1 over time constants [1/s]")
+    share = variables.add(
+        f"{name}_share", np.full((1, m), model.lag_gain), "share of each lag in the output [1]"
+    )
+    w.add(_port("Inport", "x", "motion without creep"))
+    w.add(gain("spread", spread, "one input for every lag [1]"))
+    w.add(_sum("lag", "+-", "how far each lag is behind"))
+    # a matrix, since a column of factors could make a matrix of a column of signals
+    w.add(gain("per_tau", f"diag({rates})", "1 over time constants [1/s]"))
+    w.add(
+        Node(
+            name="lags",
+            kind="Integrator",
+            settings={"InitialCondition": f"zeros({m}, 1)"},
+            meaning="lags",
+        )
+    )
+    w.add(gain("share", share, "share of each lag [1]"))
+    w.add(_sum("with_creep", "++", "motion with creep"))
+    w.add(_port("Outport", "y", "motion with creep"))
+    w.chain("x", "spread", "lag", "per_tau", "lags", "share")
+    w.connect("lags", "lag", port=2)
+    w.connect("x", "with_creep")
+    w.connect("share", "with_creep", port=2)
+    w.connect("with_creep", "y")
+    return w.system()
+
+
+def sensor(model: Sensor, name: str, variables: Variables) -> System:
+    """Return a sensor without its noise: gain, lag, offset, mains and steps of the reading.
+
+    Parameters
+    ----------
+    model : Sensor
+        The sensor.
+    name : str
+        What its variables begin with.
+    variables : Variables
+        Where its numbers go.
+
+    Returns
+    -------
+    System
+        From motion to reading.
+    """
+    w = Wiring("sensor, without its noise")
+    w.add(_port("Inport", "x", "true motion"))
+    at = "x"
+    if model.bandwidth_hz is not None:
+        tau = 1.0 / (2.0 * np.pi * model.bandwidth_hz)
+        variable = variables.add(f"{name}_T", tau, "time constant of the sensor [s]")
+        w.add(
+            Node(
+                name="lag",
+                kind="TransferFcn",
+                settings={"Numerator": "[1]", "Denominator": f"[{variable} 1]"},
+                meaning=f"lag of the sensor, {model.bandwidth_hz:.6g} Hz",
+            )
+        )
+        at = w.chain(at, "lag")
+    if model.gain != 1.0:
+        factor = variables.add(f"{name}_gain", model.gain, "reading over motion [1]")
+        w.add(_scalar("gain", factor, "reading over motion [1]"))
+        at = w.chain(at, "gain")
+    at = _added(w, at, model, name, variables)
+    if model.quantisation > 0.0:
+        steps = variables.add(f"{name}_step", model.quantisation, "smallest step of the reading")
+        w.add(
+            Node(
+                name="steps",
+                kind="Quantizer",
+                settings={"QuantizationInterval": steps},
+                meaning="smallest step of the reading",
+            )
+        )
+        at = w.chain(at, "steps")
+    w.add(_port("Outport", "y", "reading"))
+    w.chain(at, "y")
+    return w.system()
+
+
+def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -> str:
+    """Add the offset and the pick-up of the mains."""
+    sources: list[Node] = []
+    if model.offset != 0.0:
+        value = variables.add(f"{name}_offset", model.offset, "reading at no motion")
+        sources.append(
+            Node(name="offset", kind="Constant", settings={"Value": value}, inputs=0,
+                 meaning="reading at no motion")
+        )  # fmt: skip
+    if model.mains_amplitude != 0.0:
+        value = variables.add(f"{name}_mains", model.mains_amplitude, "pick-up of the mains")
+        settings: dict[str, Any] = {
+            "Amplitude": value,
+            "Frequency": f"2*pi*{literal(model.mains_frequency_hz)}",
+            "Phase": literal(model.mains_phase),
+            "SampleTime": "0",
+        }
+        sources.append(
+            Node(name="mains", kind="SineWave", settings=settings, inputs=0,
+                 meaning=f"pick-up of the mains, {model.mains_frequency_hz:g} Hz")
+        )  # fmt: skip
+    if not sources:
+        return at
+    total = w.add(_sum("reading", "+" * (1 + len(sources)), "reading before its steps"))
+    w.connect(at, total)
+    for port, source in enumerate(sources, 2):
+        w.connect(w.add(source), total, port=port)
+    return total
+
+
+def refuse_columns(width: int, name: str, kind: str) -> None:
+    """Refuse a chain element on more than one signal.
+
+    Parameters
+    ----------
+    width : int
+        Number of signals.
+    name, kind : str
+        Name and kind of the block.
+
+    Raises
+    ------
+    ModelError
+        There is more than one.
+    """
+    if width != 1:
+        raise ModelError(
+            f"block '{name}' is a {kind} of {width} signals: give each signal a block of its own"
+        )

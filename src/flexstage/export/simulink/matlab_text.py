@@ -1,0 +1,230 @@
+"""Names, strings, comments and numbers as MATLAB reads them, in every release and locale."""
+
+import re
+import unicodedata
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+
+__all__ = ["comment", "identifier", "identifiers", "literal", "plain", "quoted", "valid_name"]
+
+# What MATLAB takes as a name: longer ones are cut without a word.
+_LONGEST = 63
+_KEYWORDS = frozenset(
+    ["break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function",
+     "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try",
+     "while"]
+)  # fmt: skip
+_WORDS = {
+    "µ": "u", "·": "*", "×": "x", "−": "-", "–": "-", "—": "-", "°": " deg", "’": "'", "‘": "'",
+    "“": '"', "”": '"', "ß": "ss", "ø": "o", "ᵀ": "^T", "≤": "<=", "≥": ">=", "≈": "~", "√": "sqrt",
+    "Δ": "Delta", "Σ": "Sum", "Ω": "Ohm", "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta",
+    "ζ": "zeta", "η": "eta", "λ": "lambda", "μ": "u", "π": "pi", "ρ": "rho", "σ": "sigma",
+    "τ": "tau", "φ": "phi", "ψ": "psi", "ω": "omega",
+}  # fmt: skip
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+
+
+def plain(text: str) -> str:
+    """Return a text on one line in ASCII: scripts are read in the character set of the machine.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The text, with letters that ASCII does not have replaced.
+    """
+    text = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+", lambda m: "^" + m[0].translate(_RAISED), text)
+    for letter, instead in _WORDS.items():
+        text = text.replace(letter, instead)
+    # accents stand behind their letter once it is taken apart
+    apart = unicodedata.normalize("NFKD", text)
+    kept = "".join(c for c in apart if not unicodedata.combining(c))
+    bare = kept.encode("ascii", "replace").decode("ascii")
+    return " ".join("".join(c if c.isprintable() else " " for c in bare).split())
+
+
+def quoted(text: str) -> str:
+    """Return a text as a string of MATLAB, in single quotes.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The string.
+
+    Examples
+    --------
+    >>> print(quoted("the stage's stiffness, 12 N/µm"))
+    'the stage''s stiffness, 12 N/um'
+    """
+    return "'" + plain(text).replace("'", "''") + "'"
+
+
+def comment(text: str, *, indent: str = "", width: int = 92) -> str:
+    """Return a text as lines of comment.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+    indent : str
+        What each line begins with.
+    width : int
+        Longest line.
+
+    Returns
+    -------
+    str
+        The lines, the last one ended.
+    """
+    lines: list[str] = []
+    room = width - len(indent) - 2
+    line = ""
+    for word in plain(text).split():
+        if line and len(line) + 1 + len(word) > room:
+            lines.append(line)
+            line = word
+        else:
+            line = f"{line} {word}" if line else word
+    lines.append(line)
+    return "".join(f"{indent}% {one}".rstrip() + "\n" for one in lines)
+
+
+def identifier(text: str, *, longest: int = _LONGEST) -> str:
+    """Return a name of MATLAB made of a text.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+    longest : int
+        Longest name.
+
+    Returns
+    -------
+    str
+        Letters, digits and underscores, beginning with a letter; no word of the language.
+
+    Examples
+    --------
+    >>> identifier("vgtu-piezo"), identifier("2nd hinge"), identifier("end")
+    ('vgtu_piezo', 'x2nd_hinge', 'end_')
+    """
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", plain(text)).strip("_") or "x"
+    if not name[0].isalpha():
+        name = f"x{name}"
+    if name in _KEYWORDS:
+        name += "_"
+    return name[:longest]
+
+
+def identifiers(texts: Iterable[str], *, longest: int = _LONGEST) -> dict[str, str]:
+    """Return a name of MATLAB for each text, no two alike even where case does not count.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Texts, each once.
+    longest : int
+        Longest name.
+
+    Returns
+    -------
+    dict
+        Name by text, in the order of the texts.
+    """
+    made: dict[str, str] = {}
+    taken: set[str] = set()
+    for text in texts:
+        name = identifier(text, longest=longest)
+        number = 1
+        while name.lower() in taken:
+            number += 1
+            tail = f"_{number}"
+            name = identifier(text, longest=longest - len(tail)) + tail
+        taken.add(name.lower())
+        made[text] = name
+    return made
+
+
+def valid_name(name: str, what: str, *, longest: int = _LONGEST) -> str:
+    """Return a name after checking that MATLAB takes it.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    what : str
+        What it is called in the message.
+    longest : int
+        Longest name.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Raises
+    ------
+    ModelError
+        It is no name of MATLAB.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII) or name in _KEYWORDS:
+        raise ModelError(
+            f"the {what} must be letters, digits and underscores, beginning with a letter, and no "
+            f"word of MATLAB, got '{name}': take '{identifier(name, longest=longest)}'"
+        )
+    if len(name) > longest:
+        raise ModelError(
+            f"the {what} must have {longest} characters at most, since names of files are made "
+            f"of it, got {len(name)}: take '{name[:longest]}'"
+        )
+    return name
+
+
+def literal(values: ArrayLike) -> str:
+    """Return a number, or a matrix, as MATLAB writes it; read again it is the same to the last bit.
+
+    Parameters
+    ----------
+    values : array_like
+        A number, a row or a matrix.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Examples
+    --------
+    >>> literal(0.1), literal([[1.0, -2.5], [float("inf"), 0.0]]), literal([])
+    ('0.1', '[1, -2.5; Inf, 0]', 'zeros(1, 0)')
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        return _number(float(array))
+    rows = np.atleast_2d(array)
+    if rows.size == 0:
+        return f"zeros({rows.shape[0]}, {rows.shape[1]})"
+    return "[" + "; ".join(", ".join(map(_number, row)) for row in rows.tolist()) + "]"
+
+
+def _number(value: float) -> str:
+    if np.isinf(value):
+        return "Inf" if value > 0.0 else "-Inf"
+    if np.isnan(value):
+        return "NaN"
+    text = repr(value)
+    return text[:-2] if text.endswith(".0") else text

@@ -1,0 +1,211 @@
+"""The script that builds a model of Simulink, block by block."""
+
+from collections.abc import Iterator, Mapping
+
+from flexstage import __version__
+from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted
+from flexstage.export.simulink.placing import Box, positions
+from flexstage.export.simulink.system import LIBRARY, Node, System
+
+__all__ = ["build_script"]
+
+_INDENT = "    "
+_WIDTH = 96
+
+
+def build_script(
+    name: str, top: System, *, settings: Mapping[str, str], notes: tuple[str, ...]
+) -> str:
+    """Return the script.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model; the function is called ``NAME_build``, and loads ``NAME_data.mat``.
+    top : System
+        The top of the model.
+    settings : Mapping
+        Parameters of the model, such as those of its solver.
+    notes : tuple of str
+        What is written into its description.
+
+    Returns
+    -------
+    str
+        A file with one function and its local functions: one for each subsystem.
+    """
+    systems = list(_walk(top))
+    # systems hold mappings, so that they are told apart by what they are, not by what they hold
+    names = {id(system): _function_name(system, i) for i, system in enumerate(systems)}
+    text = _head(name, top, notes) + _main(name, top, settings, notes)
+    text += "".join(_fill(system, names) for system in systems)
+    return text + _helpers(with_functions=_has_function(top))
+
+
+def _walk(system: System) -> Iterator[System]:
+    yield system
+    for node in system.nodes:
+        if node.inside is not None:
+            yield from _walk(node.inside)
+
+
+def _has_function(system: System) -> bool:
+    return any(
+        node.function or (node.inside is not None and _has_function(node.inside))
+        for node in system.nodes
+    )
+
+
+def _function_name(system: System, number: int) -> str:
+    return "fill_model" if number == 0 else f"fill_{number}_{identifier(system.title)[:36]}"
+
+
+def _arguments(system: System, at: str) -> str:
+    return f"({at}, here)" if _has_function(system) else f"({at})"
+
+
+def _head(name: str, top: System, notes: tuple[str, ...]) -> str:
+    text = f"function {name}_build()\n"
+    text += comment(f"{name.upper()}_BUILD Builds the Simulink model '{name}': {top.title}.")
+    text += "%\n" + comment(
+        f"Run it where {name}_data.mat and the functions of the hysteresis lie beside it. It draws "
+        "every block with add_block, add_line and set_param, which every release of Simulink has, "
+        "puts the numbers into the workspace of the model, and saves the model beside itself. It "
+        "needs no toolbox. README.txt says how it was tested."
+    )
+    for note in notes:
+        text += "%\n" + comment(note)
+    text += "%\n" + comment(f"Written by flexstage {__version__}. SI units throughout.")
+    return text + "\n"
+
+
+def _main(name: str, top: System, settings: Mapping[str, str], notes: tuple[str, ...]) -> str:
+    words = " ".join([f"{top.title}.", *notes, f"Written by flexstage {__version__}."])
+    parameters = _pairs([(key, quoted(value)) for key, value in settings.items()], 2 * _INDENT)
+    return f"""model = '{name}';
+here = fileparts(mfilename('fullpath'));
+data = fullfile(here, '{name}_data.mat');
+if exist('new_system') == 0
+    error('flexstage:simulink', 'Simulink is not installed here: {name}_build needs it.');
+end
+if exist(data, 'file') ~= 2
+    error('flexstage:data', ['{name}_data.mat is missing: put it beside {name}_build.m, ' ...
+        'with which it was written.']);
+end
+if bdIsLoaded(model)
+    error('flexstage:open', ['A model named {name} is open: save what you want to keep, ' ...
+        'close it with close_system(''{name}'', 0), then run {name}_build again.']);
+end
+load_system('simulink');
+new_system(model);
+try
+    set_param(model, 'Description', ...
+        {_long(words, 2 * _INDENT)});
+    set_param(model, {parameters});
+    fill_workspace(model, data);
+    fill_model{_arguments(top, "model")};
+catch problem
+    % nothing half-built stays behind
+    close_system(model, 0);
+    rethrow(problem);
+end
+open_system(model);
+if exist(fullfile(here, [model '.slx']), 'file') || exist(fullfile(here, [model '.mdl']), 'file')
+    warning('flexstage:saved', ['{name} is built but not saved, since a file of that name ' ...
+        'is there already: save it under another name, or remove that file.']);
+else
+    save_system(model, fullfile(here, model));
+end
+end
+
+function fill_workspace(model, data)
+% The numbers of all blocks, in the workspace that is saved with the model.
+numbers = load(data);
+names = fieldnames(numbers);
+space = get_param(model, 'ModelWorkspace');
+for k = 1:numel(names)
+    assignin(space, names{{k}}, numbers.(names{{k}}));
+end
+end
+"""
+
+
+def _fill(system: System, names: Mapping[int, str]) -> str:
+    places = positions(system)
+    text = f"\nfunction {names[id(system)]}{_arguments(system, 'at')}\n" + comment(system.title)
+    for note in system.notes:
+        text += comment(note)
+    for node in system.nodes:
+        text += _block(node, places[node.name])
+        path = f"[at '/{node.name}']"
+        if node.inside is not None:
+            text += f"{names[id(node.inside)]}{_arguments(node.inside, path)};\n"
+        if node.function:
+            text += f"write_function({path}, fullfile(here, '{node.function}.m'));\n"
+    named: set[tuple[str, int]] = set()
+    for w in system.wires:
+        signal = "" if (w.source, w.output) in named else w.signal
+        named |= {(w.source, w.output)} if signal else set()
+        ends = f"'{w.source}/{w.output}', '{w.target}/{w.port}'"
+        text += f"wire(at, {ends}, {quoted(signal)});\n"
+    return text + "end\n"
+
+
+def _block(node: Node, place: Box) -> str:
+    pairs = [("Position", "[" + " ".join(map(str, place)) + "]")]
+    pairs += [(key, quoted(value)) for key, value in node.settings.items()]
+    if node.meaning:
+        pairs.append(("Description", quoted(node.meaning)))
+    label = plain(node.label).replace("%", "").replace("\\", "")
+    if label:
+        pairs.append(("AttributesFormatString", quoted(label)))
+    return f"add_block('{LIBRARY[node.kind]}', [at '/{node.name}'], {_pairs(pairs)});\n"
+
+
+def _pairs(pairs: list[tuple[str, str]], indent: str = _INDENT) -> str:
+    """Return names and values of parameters, each pair on a line of its own."""
+    return f"...\n{indent}" + f", ...\n{indent}".join(f"'{k}', {v}" for k, v in pairs)
+
+
+def _long(text: str, indent: str) -> str:
+    """Return a long text as a string in pieces."""
+    pieces, line = [], ""
+    for word in plain(text).split(" "):
+        if line and len(line) + len(word) > _WIDTH - len(indent) - 8:
+            pieces.append(f"{line} ")
+            line = word
+        else:
+            line = f"{line} {word}" if line else word
+    pieces.append(line)
+    strings = ["'" + piece.replace("'", "''") + "'" for piece in pieces]
+    return "[" + f" ...\n{indent}".join(strings) + "]"
+
+
+def _helpers(*, with_functions: bool) -> str:
+    text = """
+function wire(at, from, to, signal)
+% A line between two blocks, with the name of what it carries.
+line = add_line(at, from, to, 'autorouting', 'on');
+if ~isempty(signal)
+    set_param(line, 'Name', signal);
+end
+end
+"""
+    if with_functions:
+        text += """
+function write_function(block, file)
+% The text of a MATLAB Function block.
+if exist(file, 'file') ~= 2
+    error('flexstage:function', '%s is missing: put it beside the script.', file);
+end
+text = fileread(file);
+try
+    chart = find(sfroot, '-isa', 'Stateflow.EMChart', 'Path', block);
+    chart.Script = text;
+catch problem
+    error('flexstage:script', ['The text of block %s cannot be set in this release (%s): ' ...
+        'open the block, and paste the text of %s into it.'], block, problem.message, file);
+end
+end
+"""
+    return text

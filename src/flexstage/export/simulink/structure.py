@@ -1,0 +1,224 @@
+"""The structural diagram as a system of Simulink: a subsystem for each of its groups."""
+
+import numpy as np
+
+from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.export.simulink import chains
+from flexstage.export.simulink.functions import Functions
+from flexstage.export.simulink.matlab_text import literal
+from flexstage.export.simulink.system import Node, System, Wiring
+from flexstage.export.simulink.variables import Variables
+from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+
+__all__ = ["structure"]
+
+_ROUND = 3  # inputs of a sum that is still drawn as a circle
+
+
+def structure(
+    diagram: Diagram, variables: Variables, functions: Functions, sample_time: str
+) -> System:
+    """Return a structural diagram as a system of Simulink.
+
+    Every gain, sum and integrator of the diagram becomes the block of that name and kind; what is
+    in a group stands in a subsystem, whose ports are named after the blocks that they come from.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    variables : Variables
+        Where matrices go.
+    functions : Functions
+        Where hysteresis models go.
+    sample_time : str
+        Time between samples of the hysteresis, as an expression [s].
+
+    Returns
+    -------
+    System
+        Its inports and outports are the inputs and outputs of the diagram, in their order.
+    """
+    top = Wiring(diagram.title)
+    inner = {g.name: Wiring(g.title) for g in diagram.groups}
+    places = _Places(diagram, top, inner)
+    for block in diagram.blocks:
+        if block.kind == "input":
+            places.put(block, _inport(block))
+    for block in diagram.blocks:
+        if block.kind not in ("input", "output"):
+            places.put(block, _node(block, variables, functions, sample_time))
+    for block in diagram.blocks:
+        if block.kind == "output":
+            places.put(block, _outport(block))
+    places.wire()
+    return top.system(diagram.notes)
+
+
+class _Places:
+    """Puts blocks into the systems of their groups, and lines through the ports of these."""
+
+    def __init__(self, diagram: Diagram, top: Wiring, inner: dict[str, Wiring]) -> None:
+        self._diagram, self._top, self._inner = diagram, top, inner
+        self._blocks = {b.name: b for b in diagram.blocks}
+        self._names: dict[str, str] = {}
+        # of each group, the blocks whose output leaves it, and those whose output comes in
+        self._leaving: dict[str, list[str]] = {g: [] for g in inner}
+        self._coming: dict[str, list[str]] = {g: [] for g in inner}
+        self._signals: dict[str, str] = {}
+        for line in diagram.lines:
+            if line.signal:
+                self._signals.setdefault(line.source, line.signal)
+            own, other = self._group(line.source), self._group(line.target)
+            if own != other:
+                if own and line.source not in self._leaving[own]:
+                    self._leaving[own].append(line.source)
+                if other and line.source not in self._coming[other]:
+                    self._coming[other].append(line.source)
+
+    def _group(self, name: str) -> str:
+        # inputs and outputs are ports of the whole, wherever they are drawn
+        block = self._blocks[name]
+        return "" if block.kind in ("input", "output") else block.group
+
+    def put(self, block: Block, node: Node) -> None:
+        group = self._group(block.name)
+        where = self._inner[group] if group else self._top
+        if isinstance(node.inside, System):
+            self._names[block.name] = where.nest(node.name, node.inside, node.meaning)
+        else:
+            self._names[block.name] = where.add(node)
+
+    def wire(self) -> None:
+        ports: dict[tuple[str, str], str] = {}
+        for group, w in self._inner.items():
+            for source in self._coming[group]:
+                width = self._blocks[source].width
+                ports[group, source] = w.add(
+                    Node(
+                        name=source,
+                        kind="Inport",
+                        settings={"PortDimensions": str(width)},
+                        meaning=self._blocks[source].meaning,
+                    )
+                )
+            for source in self._leaving[group]:
+                out = w.add(
+                    Node(name=f"{source}_out", kind="Outport", meaning=self._blocks[source].meaning)
+                )
+                w.connect(self._names[source], out, signal=self._signals.get(source, ""))
+        for line in self._diagram.lines:
+            group = self._group(line.target)
+            w = self._inner[group] if group else self._top
+            if self._group(line.source) == group:
+                source = self._names[line.source]
+            elif group:
+                source = ports[group, line.source]
+            else:
+                continue
+            signal = self._signals.get(line.source, "")
+            w.connect(source, self._names[line.target], port=line.port + 1, signal=signal)
+        self._wire_groups()
+
+    def _wire_groups(self) -> None:
+        """Draw the lines between the groups, and to the outputs of the whole."""
+        titles = {g.name: g for g in self._diagram.groups}
+        nested = {
+            group: self._top.nest(group, w.system(), _words(titles[group].title, titles[group]))
+            for group, w in self._inner.items()
+            if any(self._group(b.name) == group for b in self._diagram.blocks)
+        }
+
+        def at_top(source: str) -> tuple[str, int]:
+            own = self._group(source)
+            if not own:
+                return self._names[source], 1
+            return nested[own], 1 + self._leaving[own].index(source)
+
+        for group, name in nested.items():
+            for port, source in enumerate(self._coming[group], 1):
+                at, output = at_top(source)
+                signal = self._signals.get(source, "")
+                self._top.connect(at, name, output=output, port=port, signal=signal)
+        for line in self._diagram.lines:
+            if not self._group(line.target) and self._group(line.source):
+                at, output = at_top(line.source)
+                self._top.connect(
+                    at,
+                    self._names[line.target],
+                    output=output,
+                    port=line.port + 1,
+                    signal=self._signals.get(line.source, ""),
+                )
+
+
+def _words(title: str, group: object) -> str:
+    others = getattr(group, "stands_for", ())
+    return f"{title}; stands for {', '.join(others)} too" if others else title
+
+
+def _inport(block: Block) -> Node:
+    return Node(
+        name=block.name,
+        kind="Inport",
+        settings={"PortDimensions": str(block.width)},
+        meaning=block.meaning,
+        label=block.label,
+    )
+
+
+def _outport(block: Block) -> Node:
+    return Node(name=block.name, kind="Outport", meaning=block.meaning, label=block.label)
+
+
+def _node(block: Block, variables: Variables, functions: Functions, sample_time: str) -> Node:
+    if block.kind == "gain":
+        variable = variables.add(block.name, block.matrix, block.meaning)  # type: ignore[arg-type]
+        return chains.gain(block.name, variable, block.meaning, block.label)
+    if block.kind == "integrator":
+        return Node(
+            name=block.name,
+            kind="Integrator",
+            settings={"InitialCondition": f"zeros({block.width}, 1)"},
+            meaning=block.meaning,
+        )
+    if block.kind == "sum":
+        return _sum(block)
+    chains.refuse_columns(block.width, block.name, block.kind)
+    inside = _element(block, variables, functions, sample_time)
+    return Node(name=block.name, kind="SubSystem", inside=inside, meaning=block.meaning)
+
+
+def _sum(block: Block) -> Node:
+    if not block.signs:
+        value = literal(np.zeros((block.width, 1)))
+        return Node(
+            name=block.name, kind="Constant", settings={"Value": value}, inputs=0,
+            meaning=block.meaning,
+        )  # fmt: skip
+    if len(block.signs) == 1:
+        # a Sum of one input would add up the numbers of its column
+        settings = {"Gain": literal(block.signs[0]), "Multiplication": "Element-wise(K.*u)"}
+        return Node(name=block.name, kind="Gain", settings=settings, meaning=block.meaning)
+    return Node(
+        name=block.name,
+        kind="Sum",
+        settings={
+            "Inputs": "".join("+" if s > 0 else "-" for s in block.signs),
+            "IconShape": "round" if len(block.signs) <= _ROUND else "rectangular",
+        },
+        meaning=block.meaning,
+        inputs=len(block.signs),
+    )
+
+
+def _element(block: Block, variables: Variables, functions: Functions, sample_time: str) -> System:
+    model = block.model
+    if isinstance(model, Amplifier):
+        return chains.amplifier(model, block.name, variables)
+    if isinstance(model, LogCreep):
+        return chains.creep(model, block.name, variables)
+    if isinstance(model, Sensor):
+        return chains.sensor(model, block.name, variables)
+    assert isinstance(model, HysteresisModel)
+    return chains.hysteresis(functions.add(model, block.name), sample_time, block.meaning)

@@ -1,0 +1,272 @@
+"""Blocks and lines as Simulink has them: systems within systems, before they become a script."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+from flexstage.errors import ModelError
+
+__all__ = ["LIBRARY", "Node", "System", "Wire", "Wiring"]
+
+#: Where each type of block comes from; these paths are those of every release since 2006.
+LIBRARY: Mapping[str, str] = {
+    "Inport": "simulink/Sources/In1",
+    "Outport": "simulink/Sinks/Out1",
+    "Gain": "simulink/Math Operations/Gain",
+    "Sum": "simulink/Math Operations/Sum",
+    "Constant": "simulink/Sources/Constant",
+    "SineWave": "simulink/Sources/Sine Wave",
+    "FromWorkspace": "simulink/Sources/From Workspace",
+    "ToWorkspace": "simulink/Sinks/To Workspace",
+    "Scope": "simulink/Sinks/Scope",
+    "Integrator": "simulink/Continuous/Integrator",
+    "TransferFcn": "simulink/Continuous/Transfer Fcn",
+    "StateSpace": "simulink/Continuous/State-Space",
+    "ZeroOrderHold": "simulink/Discrete/Zero-Order Hold",
+    "Saturate": "simulink/Discontinuities/Saturation",
+    "Quantizer": "simulink/Discontinuities/Quantizer",
+    "Mux": "simulink/Signal Routing/Mux",
+    "Demux": "simulink/Signal Routing/Demux",
+    "MatlabFunction": "simulink/User-Defined Functions/MATLAB Function",
+    "SubSystem": "built-in/Subsystem",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wire:
+    """A line between two blocks of one system.
+
+    Parameters
+    ----------
+    source, target : str
+        Names of the blocks.
+    output, port : int
+        Output of the source and input of the target, counted from 1.
+    signal : str
+        What it carries; empty where the blocks say it.
+    """
+
+    source: str
+    target: str
+    output: int = 1
+    port: int = 1
+    signal: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """A block.
+
+    Parameters
+    ----------
+    name : str
+        Its name, unlike every other of its system.
+    kind : str
+        Its type, a key of `LIBRARY`.
+    settings : Mapping
+        Its parameters by name, as Simulink takes them.
+    meaning : str
+        What it is, with its unit.
+    label : str
+        What is written below it.
+    inputs, outputs : int
+        Number of its ports.
+    inside : System or None
+        What a ``SubSystem`` holds.
+    function : str
+        Of a ``MatlabFunction``: name of the function whose text it takes.
+    """
+
+    name: str
+    kind: str
+    settings: Mapping[str, str] = field(default_factory=dict)
+    meaning: str = ""
+    label: str = ""
+    inputs: int = 1
+    outputs: int = 1
+    inside: "System | None" = None
+    function: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class System:
+    """Blocks and lines of one window.
+
+    Parameters
+    ----------
+    title : str
+        What it holds.
+    nodes : tuple of Node
+        The blocks; ports first and last, in the order of their numbers.
+    wires : tuple of Wire
+        The lines.
+    notes : tuple of str
+        What is written beside the blocks.
+    """
+
+    title: str
+    nodes: tuple[Node, ...]
+    wires: tuple[Wire, ...]
+    notes: tuple[str, ...] = ()
+
+    def ports(self, kind: str) -> tuple[str, ...]:
+        """Return the names of the inports or outports.
+
+        Parameters
+        ----------
+        kind : str
+            ``Inport`` or ``Outport``.
+
+        Returns
+        -------
+        tuple of str
+            The names, in the order of their numbers.
+        """
+        return tuple(n.name for n in self.nodes if n.kind == kind)
+
+
+class Wiring:
+    """Collects the blocks and lines of one system.
+
+    Parameters
+    ----------
+    title : str
+        What the system holds.
+    """
+
+    __slots__ = ("_nodes", "_wires", "title")
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self._nodes: dict[str, Node] = {}
+        self._wires: list[Wire] = []
+
+    def add(self, node: Node) -> str:
+        """Add a block and return its name.
+
+        Parameters
+        ----------
+        node : Node
+            The block; an ``Inport`` or ``Outport`` gets its number here.
+
+        Returns
+        -------
+        str
+            Its name; a number is put behind one that is taken.
+        """
+        name, count = node.name, 1
+        while name in self._nodes:
+            count += 1
+            name = f"{node.name}_{count}"
+        if node.kind in ("Inport", "Outport"):
+            number = 1 + sum(n.kind == node.kind for n in self._nodes.values())
+            node = replace(
+                node,
+                settings={"Port": str(number), **node.settings},
+                inputs=int(node.kind == "Outport"),
+                outputs=int(node.kind == "Inport"),
+            )
+        self._nodes[name] = replace(node, name=name)
+        return name
+
+    def nest(self, name: str, inside: System, meaning: str = "") -> str:
+        """Add a subsystem and return its name.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        inside : System
+            What it holds.
+        meaning : str
+            What it is; the title of the system where not given.
+
+        Returns
+        -------
+        str
+            Its name; a number is put behind one that is taken.
+        """
+        return self.add(
+            Node(
+                name=name,
+                kind="SubSystem",
+                meaning=meaning or inside.title,
+                inputs=len(inside.ports("Inport")),
+                outputs=len(inside.ports("Outport")),
+                inside=inside,
+            )
+        )
+
+    def connect(
+        self, source: str, target: str, *, output: int = 1, port: int = 1, signal: str = ""
+    ) -> None:
+        """Add a line.
+
+        Parameters
+        ----------
+        source, target : str
+            Names of the blocks.
+        output, port : int
+            Output of the source and input of the target, counted from 1.
+        signal : str
+            What it carries.
+        """
+        self._wires.append(
+            Wire(source=source, target=target, output=output, port=port, signal=signal)
+        )
+
+    def chain(self, *names: str) -> str:
+        """Connect blocks one behind the other, first output to first input.
+
+        Parameters
+        ----------
+        *names : str
+            Names of the blocks.
+
+        Returns
+        -------
+        str
+            The last of them.
+        """
+        for source, target in pairwise(names):
+            self.connect(source, target)
+        return names[-1]
+
+    def system(self, notes: Iterable[str] = ()) -> System:
+        """Return the system.
+
+        Parameters
+        ----------
+        notes : iterable of str
+            What is written beside the blocks.
+
+        Returns
+        -------
+        System
+            The system.
+
+        Raises
+        ------
+        ModelError
+            A line leads nowhere, or an input has no line or two.
+        """
+        taken: set[tuple[str, int]] = set()
+        for w in self._wires:
+            source, target = self._nodes.get(w.source), self._nodes.get(w.target)
+            if source is None or target is None:
+                raise ModelError(f"a line leads from '{w.source}' to '{w.target}': no such block")
+            if not 1 <= w.output <= source.outputs:
+                raise ModelError(f"block '{w.source}' has no output {w.output}")
+            if not 1 <= w.port <= target.inputs or (w.target, w.port) in taken:
+                raise ModelError(f"input {w.port} of block '{w.target}' is not there, or taken")
+            taken.add((w.target, w.port))
+        for node in self._nodes.values():
+            for port in range(1, node.inputs + 1):
+                if (node.name, port) not in taken:
+                    raise ModelError(f"input {port} of block '{node.name}' has no line")
+        return System(
+            title=self.title,
+            nodes=tuple(self._nodes.values()),
+            wires=tuple(self._wires),
+            notes=tuple(notes),
+        )

@@ -1,0 +1,26 @@
+/* Preisach operator on plays, y = gain u + sum_i f_i(play_i(u)), f_i rising and piecewise linear.
+ *
+ * Parameters: those of plays.h. Memory: last input, plays.
+ */
+#ifndef FS_HYSTERESIS_PREISACH_H
+#define FS_HYSTERESIS_PREISACH_H
+
+#include "plays.h"
+
+/* Pieces of the output along the line from memory[0] to u1; -1, and memory stays, where the input
+ * is not finite or there is no room. */
+static inline int fs_preisach_line(const fs_real *p, fs_real *memory, fs_real u1,
+                               fs_piece *pieces, int room, fs_real *value)
+{
+    fs_plays plays = fs_plays_of(p);
+    return fs_plays_line(&plays, memory, u1, pieces, room, value);
+}
+
+/* The output at u1; memory moves there. */
+static inline fs_real fs_preisach_move(const fs_real *p, fs_real *memory, fs_real u1)
+{
+    fs_plays plays = fs_plays_of(p);
+    return fs_plays_move(&plays, memory, u1);
+}
+
+#endif

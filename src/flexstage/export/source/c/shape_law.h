@@ -1,0 +1,190 @@
+/* The equation of the Bouc-Wen family, dh/du = A - psi |h|^n, along straight lines of the input.
+ *
+ * psi depends on the direction of u, on whether h is loaded (of the sign of u') and on which side
+ * of a centre u lies. Between the changes of sign the motion is a flow of the power law; lines are
+ * split exactly where h passes zero and where u passes the centre.
+ *
+ * Single precision: each step rounds h, so small steps du in a row, all one way, may put the slope
+ * dh/du off by up to 3e-8 |h|/(A du) of itself; steps of 1e-5 of the range of u keep it within 1 %.
+ */
+#ifndef FS_SHAPE_LAW_H
+#define FS_SHAPE_LAW_H
+
+#include "piece.h"
+#include "power_law.h"
+
+#ifdef FS_SINGLE
+#define FS_LEAST_RATE 5e-3f
+#else
+#define FS_LEAST_RATE 1e-5
+#endif
+
+/* psi for (u falls, rises) by (h unloaded, loaded) by (u below, above the centre). */
+typedef struct {
+    fs_real A, n, centre, psi[8];
+    const fs_real *table;
+} fs_law;
+
+/* The law psi = gamma + beta sign(u' h), which has no centre. */
+static inline fs_law fs_classical_law(fs_real A, fs_real beta, fs_real gamma, fs_real n,
+                                      const fs_real *table)
+{
+    fs_law law;
+    int k;
+    law.A = A;
+    law.n = n;
+    law.centre = -(fs_real)INFINITY;
+    law.table = table;
+    for (k = 0; k < 8; k++)
+        law.psi[k] = k & 2 ? gamma + beta : gamma - beta;
+    return law;
+}
+
+/* Where psi stands for unloading; that for loading is two places further. */
+static inline int fs_law_branch(fs_real s, int upper)
+{
+    return (s > FS_R(0.0) ? 4 : 0) + (upper ? 1 : 0);
+}
+
+/* On which side of the centre a motion from u begins. */
+static inline int fs_law_upper(const fs_law *law, fs_real u, fs_real s)
+{
+    return s > FS_R(0.0) ? u >= law->centre : u > law->centre;
+}
+
+/* h after a distance on one side of the centre. */
+static inline fs_real fs_law_one_side(const fs_law *law, fs_real h, fs_real s, fs_real v, int upper)
+{
+    int at = fs_law_branch(s, upper), back;
+    fs_real g = s * h, zero = FS_R(0.0), end;
+    if (g < FS_R(0.0))
+        zero = fs_power_time_to_zero(-g, law->A, law->psi[at], law->n, law->table);
+    /* Unloading is loading, with the rate of unloading, followed back. */
+    back = v < zero;
+    end = fs_power_flow(back ? -g : fs_max(g, FS_R(0.0)), back ? -v : v - zero, law->A,
+                        back ? law->psi[at] : law->psi[at + 2], law->n, law->table);
+    return back ? -s * end : s * end;
+}
+
+/* h after the input has gone from u by du; not finite where it has run away. */
+static inline fs_real fs_law_advance(const fs_law *law, fs_real h, fs_real u, fs_real du)
+{
+    fs_real s, v, until, stretch;
+    int upper;
+    if (du == FS_R(0.0))
+        return h;
+    s = du > FS_R(0.0) ? FS_R(1.0) : -FS_R(1.0);
+    v = s * du;
+    upper = fs_law_upper(law, u, s);
+    until = s * (law->centre - u);
+    if (!(FS_R(0.0) < until && until < v))
+        return fs_law_one_side(law, h, s, v, upper);
+    stretch = until;
+    h = fs_law_one_side(law, h, s, stretch, upper);
+    v -= stretch;
+    return v > FS_R(0.0) ? fs_law_one_side(law, h, s, v, !upper) : h;
+}
+
+/* A straight line of the input: its start, direction and length, and the gain of the output. */
+typedef struct {
+    fs_real u, s, v, gain;
+} fs_line;
+
+/* One piece, g = g0 + G (1 - exp(-x s))/x. Where x is small, a larger rate with a slope beside it
+ * follows the piece as closely, by its first two derivatives, and nothing cancels. */
+static inline fs_piece fs_law_piece(const fs_line *line, fs_real begin, fs_real g, fs_real A,
+                                    fs_real rate)
+{
+    fs_real s = line->s, v = line->v;
+    fs_real x = rate * v, rise = v * (A - rate * g);
+    fs_real r = FS_ABS(x) >= FS_LEAST_RATE ? x : FS_LEAST_RATE;
+    fs_real amplitude = -rise * (x / r) / r;
+    fs_piece piece;
+    piece.start = v > FS_R(0.0) ? begin / v : FS_R(0.0);
+    piece.constant = line->gain * (line->u + s * begin) - s * (g - amplitude);
+    piece.slope = s * (v * line->gain - rise * (FS_R(1.0) - x / r));
+    piece.amplitude = -s * amplitude;
+    piece.rate = amplitude != FS_R(0.0) ? r : FS_R(0.0);
+    return piece;
+}
+
+/* One or two pieces on one side of the centre, from one distance to another; how many there are
+ * then. */
+static inline int fs_law_pieces_one_side(const fs_law *law, const fs_line *line, fs_real begin,
+                                         fs_real end, fs_real h, int upper, fs_piece *pieces,
+                                         int count)
+{
+    int at = fs_law_branch(line->s, upper);
+    fs_real g = line->s * h;
+    if (g < FS_R(0.0)) {
+        fs_real zero = fs_distance_to_zero(-g, law->A, law->psi[at]);
+        pieces[count++] = fs_law_piece(line, begin, g, law->A, -law->psi[at]);
+        begin += zero;
+        g = FS_R(0.0);
+        if (begin >= end)
+            return count;
+    }
+    pieces[count++] = fs_law_piece(line, begin, g, law->A, law->psi[at + 2]);
+    return count;
+}
+
+/* The value at the end of the line, which its last piece has there. */
+static inline fs_real fs_value_at_end(const fs_piece *pieces, int count)
+{
+    const fs_piece *last = pieces + count - 1;
+    fs_real since = FS_R(1.0) - last->start;
+    fs_real value = last->constant + last->slope * since;
+    if (last->amplitude != FS_R(0.0))
+        value += last->amplitude * FS_EXP(-last->rate * since);
+    return value;
+}
+
+/* The pieces of gain u - h along the line from memory[0] to u1, for exponent 1: at most two, or four
+ * where the line passes the centre; so much room is asked for. memory is the input and h; it stays
+ * where -1 is returned. */
+static inline int fs_law_line(const fs_law *law, fs_real gain, fs_real *memory, fs_real u1,
+                              fs_piece *pieces, int room, fs_real *value)
+{
+    fs_real u = memory[0], h = memory[1], du = u1 - u, until;
+    fs_line line;
+    int upper, count, crosses;
+    if (!fs_finite(du))
+        return -1;
+    line.u = u;
+    line.s = du >= FS_R(0.0) ? FS_R(1.0) : -FS_R(1.0);
+    line.v = line.s * du;
+    line.gain = gain;
+    upper = fs_law_upper(law, u, line.s);
+    until = line.s * (law->centre - u);
+    crosses = FS_R(0.0) < until && until < line.v;
+    if (room < (crosses ? 4 : 2))
+        return -1;
+    if (crosses) {
+        count = fs_law_pieces_one_side(law, &line, FS_R(0.0), until, h, upper, pieces, 0);
+        h = fs_law_one_side(law, h, line.s, until, upper);
+        count = fs_law_pieces_one_side(law, &line, until, line.v, h, !upper, pieces, count);
+        h = fs_law_one_side(law, h, line.s, line.v - until, !upper);
+    } else {
+        count = fs_law_pieces_one_side(law, &line, FS_R(0.0), line.v, h, upper, pieces, 0);
+        h = fs_law_advance(law, h, u, du);
+    }
+    if (!fs_finite(h))
+        return -1;
+    *value = fs_value_at_end(pieces, count);
+    memory[0] = u1;
+    memory[1] = h;
+    return count;
+}
+
+/* The value of u (d + u (d2 + u d3)) - h at u1, for any exponent. */
+static inline fs_real fs_law_move(const fs_law *law, fs_real d, fs_real d2, fs_real d3,
+                                  fs_real *memory, fs_real u1)
+{
+    if (!fs_finite(u1))
+        return u1 - u1;
+    memory[1] = fs_law_advance(law, memory[1], memory[0], u1 - memory[0]);
+    memory[0] = u1;
+    return u1 * (d + u1 * (d2 + u1 * d3)) - memory[1];
+}
+
+#endif

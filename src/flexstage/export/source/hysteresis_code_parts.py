@@ -1,0 +1,167 @@
+"""What says how C computes a hysteresis model."""
+
+import functools
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+
+from flexstage.hysteresis.identification.parameter_units import parameter_unit
+from flexstage.hysteresis.model import Array, HysteresisModel
+
+__all__ = ["HysteresisCode", "TunableParameter", "code_of", "tunable_of"]
+
+_INPUT, _OUTPUT = "V", "m"
+_INCLUDE = re.compile(r'^#include "([\w.]+)"', re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TunableParameter:
+    """A parameter of a hysteresis model, and where it stands in C.
+
+    Parameters
+    ----------
+    name : str
+        Its name; an element of a list is ``weights[3]``, counted from 0.
+    unit : str
+        Unit, of a model from volts to metres.
+    index : int or None
+        Place in `HysteresisCode.parameters`; None where tables are derived from the parameter, so
+        that it cannot be changed while the code runs.
+    value : float
+        Its value.
+    description : str
+        What it is.
+    """
+
+    name: str
+    unit: str
+    index: int | None
+    value: float
+    description: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HysteresisCode:
+    """A hysteresis model as C computes it.
+
+    ``fs_KIND_move(p, memory, u1)`` returns the output at ``u1``, and ``fs_KIND_line(p, memory, u1,
+    pieces, room, &value)`` its pieces on the way there; both move the memory, which is laid out as
+    the state of the model. A line returns -1, and leaves the memory as it was, where the output is
+    not finite or the room is too small.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the model in `flexstage.hysteresis.MODELS`.
+    header : str
+        Name of the header.
+    headers : tuple of str
+        Every header that is needed, each after those that it includes.
+    function : str
+        Prefix of the functions, such as ``fs_bouc_wen``.
+    parameters : numpy.ndarray
+        Parameters as the functions take them, tables after them, shape (n,).
+    tunable : tuple of TunableParameter
+        Parameters by name.
+    memory : int
+        Numbers of the memory.
+    pieces : int
+        The largest number of pieces of a line; 0 where the model has no closed form between
+        samples, and no ``fs_KIND_line``.
+    """
+
+    kind: str
+    header: str
+    headers: tuple[str, ...]
+    function: str
+    parameters: Array
+    tunable: tuple[TunableParameter, ...]
+    memory: int
+    pieces: int
+
+
+def tunable_of(
+    model: HysteresisModel, name: str, index: int | None, description: str, unit: str = ""
+) -> TunableParameter:
+    """Return a parameter of a model that is one number, or one of a list.
+
+    Parameters
+    ----------
+    model : HysteresisModel
+        The model.
+    name : str
+        Name of the field, or of an element of it such as ``weights[3]``.
+    index : int or None
+        Where it stands in C; None where it cannot be changed while the code runs.
+    description : str
+        What it is.
+    unit : str
+        Unit; that of `parameter_unit` where not given.
+
+    Returns
+    -------
+    TunableParameter
+        The parameter.
+    """
+    field, _, places = name.partition("[")
+    value = np.asarray(getattr(model, field), dtype=np.float64)
+    for place in places.rstrip("]").split(",") if places else ():
+        value = value[int(place)]
+    return TunableParameter(
+        name=name,
+        unit=unit or parameter_unit(model.kind, name, _INPUT, _OUTPUT),
+        index=index,
+        value=float(value),
+        description=description,
+    )
+
+
+def code_of(
+    model: HysteresisModel,
+    parameters: Iterable[float] | Array,
+    tunable: Iterable[TunableParameter],
+    pieces: int,
+) -> HysteresisCode:
+    """Return the code of a model, with the names that follow from its kind.
+
+    Parameters
+    ----------
+    model : HysteresisModel
+        The model.
+    parameters : iterable of float
+        Parameters as the functions take them.
+    tunable : iterable of TunableParameter
+        Parameters by name.
+    pieces : int
+        The largest number of pieces of a line; 0 for none.
+
+    Returns
+    -------
+    HysteresisCode
+        The code.
+    """
+    name = model.kind.replace("-", "_")
+    header = f"hysteresis_{name}.h"
+    return HysteresisCode(
+        kind=model.kind,
+        header=header,
+        headers=_headers(header),
+        function=f"fs_{name}",
+        parameters=np.array([float(number) for number in parameters]),
+        tunable=tuple(tunable),
+        memory=model.rest().size,
+        pieces=pieces,
+    )
+
+
+@functools.cache
+def _headers(header: str) -> tuple[str, ...]:
+    """Return a header after all that it includes, each once."""
+    text = resources.files("flexstage.export.source").joinpath("c", header).read_text("utf-8")
+    found: dict[str, None] = {}
+    for included in _INCLUDE.findall(text):
+        found.update(dict.fromkeys(_headers(included)))
+    return (*found, header)

@@ -1,0 +1,355 @@
+"""The header with the sizes and the numbers of a model."""
+
+import numpy as np
+
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
+from flexstage.export.source.hysteresis_code import HysteresisCode
+from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.chain.first_order import decay_share, lag_moments, ramp_share
+from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.chain.orders import ORDERS
+from flexstage.hysteresis.model import Array
+
+__all__ = ["form_of", "lag_rates", "model_data"]
+
+
+def form_of(code: HysteresisCode | None) -> str:
+    """Return what is known of a drive's free displacement between samples, as C names it.
+
+    Parameters
+    ----------
+    code : HysteresisCode or None
+        Its hysteresis; None where it is linear.
+
+    Returns
+    -------
+    str
+        The name.
+    """
+    if code is None:
+        return "FS_FORM_LINE"
+    return "FS_FORM_PIECES" if code.pieces else "FS_FORM_PANELS"
+
+
+def lag_rates(drive: ModelDrive) -> Array:
+    """Return one over the time constants of the creep of a drive.
+
+    Parameters
+    ----------
+    drive : ModelDrive
+        The drive.
+
+    Returns
+    -------
+    numpy.ndarray
+        The rates [1/s], shape (m,): none without creep, or without hysteresis.
+    """
+    if drive.creep is None or drive.hysteresis is None:
+        return np.zeros(0)
+    return 1.0 / drive.creep.time_constants
+
+
+def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: str) -> str:
+    """Return the header with the sizes and the numbers of a model.
+
+    Parameters
+    ----------
+    model : DynamicModel
+        The model.
+    codes : dict
+        Hysteresis by drive, of those that have one.
+    origin : str
+        Where it comes from, for its first comment.
+
+    Returns
+    -------
+    str
+        The text of ``model_data.h``.
+    """
+    rooms = _Rooms(model, codes)
+    parts = [
+        f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"
+        f" * {c_comment(origin)}\n */",
+        '#ifndef FS_MODEL_DATA_H\n#define FS_MODEL_DATA_H\n\n#include "real.h"\n',
+        _sizes(model, codes, rooms),
+        _drives(model, codes, rooms),
+        _modes(model),
+        _creep(model, rooms),
+        _sensors(model),
+        "#endif",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+class _Rooms:
+    """How large the arrays are that all drives share."""
+
+    def __init__(self, model: DynamicModel, codes: dict[str, HysteresisCode]) -> None:
+        found = codes.values()
+        self.parameters = max([1, *(c.parameters.size for c in found)])
+        self.memory = max([1, *(c.memory for c in found)])
+        self.pieces = max([1, *(c.pieces for c in found)])
+        self.lags = max([1, *(lag_rates(d).size for d in model.drives)])
+
+
+def _filled(values: Array, size: int) -> Array:
+    """Values along the last axis, then zeros."""
+    room = np.zeros((*values.shape[:-1], size))
+    room[..., : values.shape[-1]] = values
+    return room
+
+
+def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms) -> str:
+    forms = [form_of(codes.get(d.name)) for d in model.drives]
+    creep = any(lag_rates(d).size for d in model.drives)
+    sizes = {
+        "FS_MODES": model.omega.size,
+        "FS_DRIVES": len(model.drives),
+        "FS_PROBES": len(model.probes),
+        "FS_LAGS_MAX": rooms.lags,
+        "FS_PARAMETERS_MAX": rooms.parameters,
+        "FS_MEMORY_MAX": rooms.memory,
+        "FS_PIECES_MAX": rooms.pieces,
+        "FS_HAS_PIECES": int("FS_FORM_PIECES" in forms),
+        "FS_HAS_PANELS": int("FS_FORM_PANELS" in forms),
+        "FS_HAS_CREEP": int(creep),
+    }
+    lines = [f"#define FS_STEP FS_R({c_number(model.step)}) /* [s] */"]
+    lines += [f"#define {name} {value}" for name, value in sizes.items()]
+    lines += [
+        "",
+        "/* Between samples the free displacement is a line, pieces in closed form, or panels. */",
+        "enum { FS_FORM_LINE, FS_FORM_PIECES, FS_FORM_PANELS };",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _drives(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms) -> str:
+    drives, h, k = model.drives, model.step, model.omega.size
+    named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
+    found = [codes.get(d.name) for d in drives]
+    readers = [d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h))) for d in drives]
+    rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.rest() for d in drives]
+    none = np.zeros(1)
+    by = ("FS_DRIVES", "FS_PROBES", "FS_MODES")
+    return "\n".join(
+        [
+            f"/* Drives: {c_comment(named)} */",
+            c_flags("fs_data_form", by[0], [form_of(c) for c in found], "form between samples"),
+            c_flags(
+                "fs_data_has_amplifier",
+                by[0],
+                [int(d.amplifier is not None) for d in drives],
+                "whether there is an amplifier",
+            ),
+            c_flags(
+                "fs_data_imposed",
+                by[0],
+                [int(bool(np.any(d.rate_time != 0.0))) for d in drives],
+                "whether the drive is rigid, so that its rate acts too",
+            ),
+            c_flags(
+                "fs_data_lags", by[0], [lag_rates(d).size for d in drives], "lags of the creep"
+            ),
+            c_flags(
+                "fs_data_parameters_used",
+                by[0],
+                [0 if c is None else c.parameters.size for c in found],
+                "parameters of the hysteresis",
+            ),
+            c_array(
+                "fs_data_drive",
+                (by[0], "9"),
+                [_drive_numbers(d, h) for d in drives],
+                "gain [m/V, 1]; amplifier: bandwidth [Hz], gain, largest rate [V/s], lowest and "
+                "highest output [V]; creep: rise per decade [1]; amplifier: step over time "
+                "constant, largest rate times time constant [V]",
+            ),
+            c_array(
+                "fs_data_parameters",
+                (by[0], "FS_PARAMETERS_MAX"),
+                [_filled(none if c is None else c.parameters, rooms.parameters) for c in found],
+                "parameters of the hysteresis",
+            ),
+            c_array(
+                "fs_data_rest",
+                (by[0], "FS_MEMORY_MAX"),
+                [_filled(r, rooms.memory) for r in rest],
+                "memory of the hysteresis without history",
+            ),
+            c_array(
+                "fs_data_feedthrough",
+                by[:2],
+                [d.feedthrough for d in drives],
+                "what a probe reads of the free displacement at once [1]",
+            ),
+            c_array(
+                "fs_data_by_rate",
+                (by[0], by[2]),
+                [d.rate_time / h for d in drives],
+                "time by which the rate of an imposed displacement acts, over the step [1]",
+            ),
+            c_array(
+                "fs_data_reader_z",
+                by,
+                [r[:, :k] for r in readers],
+                "what a probe reads of the deflection of a mode [1]",
+            ),
+            c_array(
+                "fs_data_reader_v",
+                by,
+                [r[:, k:] for r in readers],
+                "what a probe reads of the rate of a mode per sample [1]",
+            ),
+        ]
+    )
+
+
+def _drive_numbers(drive: ModelDrive, h: float) -> list[float]:
+    amplifier, creep = drive.amplifier, drive.creep
+    rate = 0.0 if creep is None or drive.hysteresis is None else creep.rate_per_decade
+    if amplifier is None:
+        return [drive.gain, 1.0, 1.0, 1.0, 0.0, 1.0, rate, 1.0, 1.0]
+    low, high = amplifier.voltage_range or (-np.inf, np.inf)
+    time_constant = amplifier.time_constant
+    return [
+        drive.gain,
+        amplifier.bandwidth_hz,
+        amplifier.gain,
+        amplifier.largest_rate,
+        low,
+        high,
+        rate,
+        h / time_constant,
+        amplifier.largest_rate * time_constant,
+    ]
+
+
+def _modes(model: DynamicModel) -> str:
+    step = unit_step(model.omega * model.step, model.damping_ratio)
+    k = ("FS_MODES",)
+    return "\n".join(
+        [
+            c_array(
+                "fs_data_frequency_hz",
+                k,
+                model.omega / (2.0 * np.pi),
+                "undamped natural frequencies, drives in place [Hz]",
+            ),
+            c_array("fs_data_damping_ratio", k, model.damping_ratio, "damping ratios [1]"),
+            c_array("fs_data_angle", k, step.angle, "angle of a mode in a step [rad]"),
+            c_array(
+                "fs_data_transition",
+                ("4", *k),
+                step.transition,
+                "deflection and rate after a step by those before: zz, zv, vz, vv",
+            ),
+            c_array(
+                "fs_data_moments",
+                (str(ORDERS + 1), *k),
+                step.moments,
+                "what the derivatives of the force do in a step: row j to the rate",
+            ),
+        ]
+    )
+
+
+def _creep(model: DynamicModel, rooms: _Rooms) -> str:
+    drives, k = model.drives, model.omega.size
+    rates = [lag_rates(d) for d in drives]
+    ratios = [model.step / d.creep.time_constants if r.size and d.creep is not None else r
+              for d, r in zip(drives, rates, strict=True)]  # fmt: skip
+    sizes = ("FS_DRIVES", "FS_LAGS_MAX")
+    blocks = [
+        c_array(
+            "fs_data_lag_ratio",
+            sizes,
+            [_filled(r, rooms.lags) for r in ratios],
+            "step over the time constant of a lag",
+        ),
+        c_array(
+            "fs_data_lag_decay",
+            sizes,
+            [_filled(np.exp(-r), rooms.lags) for r in ratios],
+            "what is left of a lag after a step",
+        ),
+        c_array(
+            "fs_data_lag_moments",
+            (sizes[0], str(ORDERS), sizes[1]),
+            [_filled(lag_moments(r), rooms.lags) for r in ratios],
+            "what the derivatives of the input do to a lag in a step",
+        ),
+        c_array(
+            "fs_data_reader_lag",
+            (sizes[0], "FS_PROBES", sizes[1]),
+            [
+                _filled(d.lag_weights[:, : r.size], rooms.lags)
+                for d, r in zip(drives, rates, strict=True)
+            ],
+            "what a probe reads of a lag [1]",
+        ),
+    ]
+    if any(r.size for r in rates):
+        reach = [model.probe_shapes * d.modal_gain for d in drives]
+        decades = [0.0 if d.creep is None else np.log10(d.creep.longest / d.creep.shortest)
+                   for d in drives]  # fmt: skip
+        blocks += [
+            c_array(
+                "fs_data_lag_rate",
+                sizes,
+                [_filled(r, rooms.lags) for r in rates],
+                "one over the time constant of a lag [1/s]",
+            ),
+            c_array("fs_data_decades", sizes[:1], decades, "decades of time that the creep fills"),
+            c_array(
+                "fs_data_reach",
+                (sizes[0], "FS_PROBES", "FS_MODES"),
+                [r[:, :k] for r in reach],
+                "what a probe reads of the deflection of a mode without creep [1]",
+            ),
+        ]
+    return "\n".join(blocks)
+
+
+def _sensors(model: DynamicModel) -> str:
+    named = ", ".join(f"{i}: {p.name} [{p.unit}]" for i, p in enumerate(model.probes))
+    return "\n".join(
+        [
+            f"/* Probes: {c_comment(named)} */",
+            c_flags(
+                "fs_data_has_sensor",
+                "FS_PROBES",
+                [int(p.sensor is not None) for p in model.probes],
+                "whether there is a sensor before the reading",
+            ),
+            c_array(
+                "fs_data_sensor",
+                ("FS_PROBES", "9"),
+                [_sensor_numbers(p.sensor, model.step) for p in model.probes],
+                "gain, offset, bandwidth [Hz] (0: no lag), quantisation, mains: amplitude, "
+                "frequency [Hz], phase [rad]; share of a constant and of a ramp that the lag "
+                "follows in a step",
+            ),
+        ]
+    )
+
+
+def _sensor_numbers(sensor: Sensor | None, h: float) -> list[float]:
+    if sensor is None:
+        return [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+    ratio = np.inf
+    if sensor.bandwidth_hz is not None:
+        ratio = h / (1.0 / (2.0 * np.pi * sensor.bandwidth_hz))
+    return [
+        sensor.gain,
+        sensor.offset,
+        sensor.bandwidth_hz or 0.0,
+        sensor.quantisation,
+        sensor.mains_amplitude,
+        sensor.mains_frequency_hz,
+        sensor.mains_phase,
+        float(decay_share(ratio)),
+        float(ramp_share(ratio)),
+    ]

@@ -1,0 +1,291 @@
+"""What can be commanded, read and tuned in the C of a model, by name."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.source.hysteresis_code import hysteresis_code
+from flexstage.hysteresis import Sensor
+
+__all__ = ["CVariable", "c_variables"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CVariable:
+    """A variable of a model in C.
+
+    Parameters
+    ----------
+    name : str
+        Its name, in parts with dots between them.
+    unit : str
+        Its unit; ``1`` for none.
+    causality : str
+        ``input``, ``output``, ``parameter`` or ``local``.
+    start : float
+        Its value at first: as exported, settled at zero commands.
+    description : str
+        What it is.
+    expression : str
+        Where it is in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the
+        arrays that are handed to the functions.
+    prepare : bool
+        Whether `fs_prepare` must follow a change.
+    """
+
+    name: str
+    unit: str
+    causality: Literal["input", "output", "parameter", "local"]
+    start: float
+    description: str
+    expression: str
+    prepare: bool = False
+
+
+def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
+    """Return what can be commanded, read and tuned in the C of a model.
+
+    ===============================  =============================================================
+    name                             what it is
+    ===============================  =============================================================
+    ``DRIVE.command``                command of a drive (input)
+    ``PROBE.reading``                what a probe reads, through its sensor (output)
+    ``DRIVE.voltage``                voltage behind the amplifier, of a drive with one (local)
+    ``DRIVE.free_displacement``      free displacement; ``DRIVE.force`` of a pure force (local)
+    ``PROBE.motion``                 motion before the sensor, of a probe with one (local)
+    ``DRIVE.gain``                   free displacement over command, without hysteresis
+    ``DRIVE.hysteresis.NAME``        a parameter of the hysteresis
+    ``DRIVE.amplifier.NAME``         ``bandwidth_hz``, ``gain``, ``largest_rate``,
+                                     ``lowest_voltage``, ``highest_voltage``
+    ``DRIVE.creep.rate_per_decade``  rise of the creep in a decade of time over the step
+    ``mode.N.frequency_hz``          undamped natural frequency, N from 1; what the probes read at
+                                     rest stays
+    ``mode.N.damping_ratio``         damping ratio
+    ``sensor.PROBE.NAME``            ``gain``, ``offset``, ``bandwidth_hz`` (0: no lag),
+                                     ``quantisation``, ``mains_amplitude``,
+                                     ``mains_frequency_hz``, ``mains_phase``
+    ===============================  =============================================================
+
+    Limits that are infinite have no variable, nor have parameters that tables depend on which are
+    not made in C (the exponent of a Bouc-Wen model, say).
+
+    Parameters
+    ----------
+    model : DynamicModel
+        The model.
+
+    Returns
+    -------
+    tuple of CVariable
+        Inputs, outputs, locals, then parameters.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> found = c_variables(dynamic_model(stage, lumped_system(stage)))
+    >>> [v.name for v in found[:4]]
+    ['x.command', 'y.command', 'x.reading', 'y.reading']
+    """
+    drives, probes = list(enumerate(model.drives)), list(enumerate(model.probes))
+    found = [_command(i, d) for i, d in drives]
+    readings = _settled_readings(model)
+    found += [_reading(i, p, readings[p.name]) for i, p in probes]
+    for i, d in drives:
+        found += _locals(i, d)
+    for i, p in probes:
+        if p.sensor is not None:
+            found.append(
+                CVariable(
+                    name=f"{p.name}.motion",
+                    unit=p.unit,
+                    causality="local",
+                    start=0.0,
+                    description=f"motion that the sensor of probe {p.name} sees",
+                    expression=f"s->motion[{i}]",
+                )
+            )
+    for i, d in drives:
+        found += _drive_parameters(i, d)
+    found += _mode_parameters(model)
+    for i, p in probes:
+        if p.sensor is not None:
+            found += _sensor_parameters(i, p, p.sensor)
+    return tuple(found)
+
+
+def _settled_readings(model: DynamicModel) -> dict[str, float]:
+    """Readings at rest at zero commands: offset, quantisation and mains of the sensors."""
+    found = {}
+    for p in model.probes:
+        value = 0.0
+        if p.sensor is not None:
+            s = p.sensor
+            value = s.offset
+            if s.mains_amplitude != 0.0:
+                turn = 2.0 * math.pi * s.mains_frequency_hz * -model.step + s.mains_phase
+                value += s.mains_amplitude * math.sin(turn)
+            if s.quantisation > 0.0:
+                value = s.quantisation * round(value / s.quantisation)
+        found[p.name] = value
+    return found
+
+
+def _command(i: int, d: ModelDrive) -> CVariable:
+    allowed = ""
+    if d.input_range is not None:
+        allowed = f", {d.input_range[0]:g} to {d.input_range[1]:g} {d.unit}"
+    return CVariable(
+        name=f"{d.name}.command",
+        unit=d.unit,
+        causality="input",
+        start=0.0,
+        description=f"command of drive {d.name} ({d.kind}){allowed}",
+        expression=f"commands[{i}]",
+    )
+
+
+def _reading(i: int, p: ModelProbe, start: float) -> CVariable:
+    through = "" if p.sensor is None else ", through its sensor"
+    return CVariable(
+        name=f"{p.name}.reading",
+        unit=p.unit,
+        causality="output",
+        start=start,
+        description=f"reading of probe {p.name}{through}",
+        expression=f"readings[{i}]",
+    )
+
+
+def _locals(i: int, d: ModelDrive) -> list[CVariable]:
+    found = []
+    if d.amplifier is not None:
+        found.append(
+            CVariable(
+                name=f"{d.name}.voltage",
+                unit="V",
+                causality="local",
+                start=0.0,
+                description=f"voltage behind the amplifier of drive {d.name}",
+                expression=f"s->drive[{i}].voltage",
+            )
+        )
+    force = d.stiffness == 0.0
+    found.append(
+        CVariable(
+            name=f"{d.name}.{'force' if force else 'free_displacement'}",
+            unit="N" if force else "m",
+            causality="local",
+            start=0.0,
+            description=f"{'force' if force else 'free displacement, without creep,'} of drive "
+            f"{d.name}",
+            expression=f"s->drive[{i}].free",
+        )
+    )
+    return found
+
+
+def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
+    at, found = f"s->drive[{i}]", []
+
+    def add(
+        name: str, unit: str, start: float, what: str, member: str, *, prepare: bool = True
+    ) -> None:
+        found.append(
+            CVariable(
+                name=f"{d.name}.{name}",
+                unit=unit,
+                causality="parameter",
+                start=start,
+                description=f"{what} of drive {d.name}",
+                expression=f"{at}.{member}",
+                prepare=prepare,
+            )
+        )
+
+    if d.hysteresis is None:
+        unit = "m/V" if d.unit == "V" else "1"
+        add("gain", unit, d.gain, "output over command", "gain", prepare=False)
+    else:
+        for t in hysteresis_code(d.hysteresis).tunable:
+            if t.index is not None:
+                what = f"{t.description}, hysteresis"
+                add(
+                    f"hysteresis.{t.name}",
+                    t.unit,
+                    t.value,
+                    what,
+                    f"parameters[{t.index}]",
+                    prepare=False,
+                )
+        if d.creep is not None:
+            add(
+                "creep.rate_per_decade",
+                "1",
+                d.creep.rate_per_decade,
+                "rise of the creep in a decade of time",
+                "creep_rate",
+            )
+    a = d.amplifier
+    if a is not None:
+        low, high = a.voltage_range or (-math.inf, math.inf)
+        for name, unit, start, what, member in (
+            ("bandwidth_hz", "Hz", a.bandwidth_hz, "bandwidth of the amplifier", "bandwidth_hz"),
+            ("gain", "1", a.gain, "gain of the amplifier", "amplifier_gain"),
+            ("largest_rate", "V/s", a.largest_rate, "largest rate of the voltage", "largest_rate"),
+            ("lowest_voltage", "V", low, "lowest voltage", "lowest"),
+            ("highest_voltage", "V", high, "highest voltage", "highest"),
+        ):
+            if math.isfinite(start):
+                add(f"amplifier.{name}", unit, start, what, member)
+    return found
+
+
+def _mode_parameters(model: DynamicModel) -> list[CVariable]:
+    found = []
+    for i, (omega, zeta) in enumerate(
+        zip(model.omega.tolist(), model.damping_ratio.tolist(), strict=True)
+    ):
+        for name, unit, start, what in (
+            ("frequency_hz", "Hz", omega / (2.0 * math.pi), "undamped natural frequency"),
+            ("damping_ratio", "1", zeta, "damping ratio"),
+        ):
+            found.append(
+                CVariable(
+                    name=f"mode.{i + 1}.{name}",
+                    unit=unit,
+                    causality="parameter",
+                    start=start,
+                    description=f"{what} of mode {i + 1}, drives in place",
+                    expression=f"s->modes.{name}[{i}]",
+                    prepare=True,
+                )
+            )
+    return found
+
+
+def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]:
+    numbers = (
+        ("gain", "1", sensor.gain, "gain"),
+        ("offset", p.unit, sensor.offset, "offset"),
+        ("bandwidth_hz", "Hz", sensor.bandwidth_hz or 0.0, "bandwidth (0: no lag)"),
+        ("quantisation", p.unit, sensor.quantisation, "smallest step of the reading (0: none)"),
+        ("mains_amplitude", p.unit, sensor.mains_amplitude, "amplitude of the mains pick-up"),
+        ("mains_frequency_hz", "Hz", sensor.mains_frequency_hz, "frequency of the mains"),
+        ("mains_phase", "rad", sensor.mains_phase, "phase of the mains at the first sample"),
+    )
+    return [
+        CVariable(
+            name=f"sensor.{p.name}.{name}",
+            unit=unit,
+            causality="parameter",
+            start=start,
+            description=f"{what} of the sensor of probe {p.name}",
+            expression=f"s->sensor[{i}].{name}",
+            prepare=name == "bandwidth_hz",
+        )
+        for name, unit, start, what in numbers
+    ]

@@ -1,0 +1,68 @@
+"""Characteristics as text with commas between, RFC 4180."""
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import fields
+
+from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.export.tables.side_by_side import SideBySide
+
+__all__ = ["comparison_csv", "values_csv"]
+
+
+def values_csv(characteristics: Iterable[Characteristic]) -> bytes:
+    """Write one line for each value.
+
+    Parameters
+    ----------
+    characteristics : iterable of Characteristic
+        The values.
+
+    Returns
+    -------
+    bytes
+        UTF-8. Numbers have all the digits that give back the same bits.
+    """
+    names = [f.name for f in fields(Characteristic)]
+    return _csv(names, ([getattr(c, n) for n in names] for c in characteristics))
+
+
+def comparison_csv(table: SideBySide) -> bytes:
+    """Write one line for each quantity and axis, with a column of values for each origin.
+
+    Parameters
+    ----------
+    table : SideBySide
+        The table.
+
+    Returns
+    -------
+    bytes
+        UTF-8. An origin of which an uncertainty is known has a column for it as well.
+    """
+    head = ["quantity", "axis", "unit", "condition"]
+    for origin in table.origins:
+        head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]
+    lines = []
+    for row in table.rows:
+        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity], row.condition]
+        for origin in table.origins:
+            cell = row.cells.get(origin)
+            line.append(None if cell is None else cell.value)
+            if origin in table.uncertain:
+                line.append(None if cell is None else cell.uncertainty)
+        lines.append(line)
+    return _csv(head, lines)
+
+
+def _csv(head: list[str], lines: Iterable[list[object]]) -> bytes:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\r\n")
+    rows.writerow(head)
+    for line in lines:
+        # repr gives back the same bits
+        rows.writerow(
+            ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
+        )
+    return text.getvalue().encode()

@@ -1,0 +1,92 @@
+"""Tables of characteristics in every format at once."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import flexstage
+from flexstage.characteristic import Characteristic
+from flexstage.errors import ModelError
+from flexstage.export.file_names import file_name
+from flexstage.export.tables.comma import comparison_csv, values_csv
+from flexstage.export.tables.latex import latex
+from flexstage.export.tables.shown import Shown, shown
+from flexstage.export.tables.side_by_side import side_by_side
+from flexstage.export.tables.workbook import workbook
+from flexstage.provenance import Provenance
+
+__all__ = ["table_files"]
+
+
+def table_files(
+    characteristics: Iterable[Characteristic],
+    *,
+    name: str,
+    title: str = "",
+    display: Callable[[str], Shown] = shown,
+    provenance: Provenance | Sequence[Provenance] = (),
+    notes: Sequence[str] = (),
+) -> dict[str, bytes]:
+    """Return characteristics as tables for spreadsheets, scripts and papers.
+
+    Parameters
+    ----------
+    characteristics : iterable of Characteristic
+        Rows of any origin: what was published of a stage, what models say, what was measured.
+    name : str
+        Name of the stage.
+    title : str
+        One line that says what it is; its name where not given.
+    display : callable
+        How a quantity is shown in Excel and LaTeX: its name, unit and factor, such as
+        `flexstage.report.display`; by its unit alone where not given.
+    provenance : Provenance or sequence of Provenance
+        Where the values come from.
+    notes : sequence of str
+        Where they stop being valid.
+
+    Returns
+    -------
+    dict of str to bytes
+        ``NAME-values.csv``: one line for each value, SI, all digits, with unit, standard
+        uncertainty, origin and note. ``NAME-comparison.csv``: the same with a column for each
+        origin. ``NAME-tables.xlsx``: both, in the units that people use and in SI, and a sheet of
+        provenance. ``NAME-table.tex``: side by side, four digits, for ``booktabs``.
+
+    Raises
+    ------
+    ModelError
+        There is no value.
+
+    Notes
+    -----
+    Validity: CSV holds notes as they are: a spreadsheet that opens it may take one that begins with
+    ``=`` for a formula, which the workbook never does. Excel cannot hold infinity, which is text
+    there.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> stage = design("vgtu-piezo")
+    >>> files = table_files(stage.published, name=stage.name)
+    >>> print(files["vgtu-piezo-values.csv"].decode().splitlines()[7])
+    natural_frequency_hz,x,published-analytic,339.0,Hz,,,
+    """
+    rows = tuple(characteristics)
+    if not rows:
+        raise ModelError(f"there are no characteristics of '{name}' to write: give one at least")
+    told = title or name
+    sources = (provenance,) if isinstance(provenance, Provenance) else tuple(provenance)
+    about = {"stage": name, "written by": f"flexstage {flexstage.__version__}"}
+    for k, source in enumerate(sources, start=1):
+        mark = f" {k}" if len(sources) > 1 else ""
+        about[f"computed by{mark}"] = f"flexstage {source.version}, Python {source.python}"
+        about[f"on{mark}"] = f"{source.created}, {source.machine}"
+        about[f"from the description{mark}"] = source.input_hash
+        about |= {f"{key}{mark}": value for key, value in source.settings.items()}
+    table, plain = side_by_side(rows), file_name(name)
+    notes = tuple(dict.fromkeys(notes))
+    return {
+        f"{plain}-values.csv": values_csv(rows),
+        f"{plain}-comparison.csv": comparison_csv(table),
+        f"{plain}-tables.xlsx": workbook(told, rows, table, display, about, notes),
+        f"{plain}-table.tex": latex(name, told, table, display, about, notes),
+    }

@@ -1,0 +1,161 @@
+"""Characteristics as a LaTeX table."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+import flexstage
+from flexstage.characteristic import Characteristic
+from flexstage.export.tables.shown import Shown, plain_number, with_uncertainty
+from flexstage.export.tables.side_by_side import SideBySide, SideBySideRow
+
+__all__ = ["escaped", "latex"]
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "µ": r"$\mu$",
+    "μ": r"$\mu$",
+    "²": r"\textsuperscript{2}",
+    "³": r"\textsuperscript{3}",
+    "°": r"\textdegree{}",
+    "±": r"$\pm$",
+    "≈": r"$\approx$",
+    "−": "$-$",
+    "·": r"$\cdot$",
+    "–": "--",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+} | {c: f"\\{c}" for c in "&%$#_{}"}
+
+
+def escaped(text: str) -> str:
+    r"""Return text that LaTeX prints as it is.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The same with characters that mean something to LaTeX, and units' symbols, replaced.
+
+    Examples
+    --------
+    >>> print(escaped("5 µm & 3_x"))
+    5 $\mu$m \& 3\_x
+    """
+    return "".join(_SPECIAL.get(c, c if c.isprintable() else " ") for c in text)
+
+
+def latex(
+    name: str,
+    title: str,
+    table: SideBySide,
+    display: Callable[[str], Shown],
+    about: Mapping[str, str],
+    notes: Sequence[str],
+) -> bytes:
+    r"""Write a table to be included by ``\input``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the table, for its label.
+    title : str
+        What the figures are of.
+    table : SideBySide
+        The table.
+    display : callable
+        How a quantity is shown.
+    about : Mapping
+        Where the values come from; written as comments, as the notes are.
+    notes : sequence of str
+        Where they stop being valid.
+
+    Returns
+    -------
+    bytes
+        UTF-8. It needs the package booktabs.
+    """
+    lines = [
+        f"% {title}; written by flexstage {flexstage.__version__}",
+        r"% needs \usepackage{booktabs}; LaTeX of 2020 or later (else also textcomp)",
+        *(f"% {key}: {value}" for key, value in about.items()),
+        *(f"% validity: {note}" for note in notes),
+    ]
+    # a comment ends with its line
+    lines = [" ".join(line.split()) for line in lines]
+    caption = f"Characteristics of {escaped(title)}."
+    known = any(c.uncertainty is not None for r in table.rows for c in r.cells.values())
+    if known:
+        caption += r" Figures after $\pm$ are standard uncertainties."
+    label = re.sub(r"[^A-Za-z0-9-]", "-", name)
+    lines += [
+        r"\begin{table}",
+        r"  \centering",
+        f"  \\caption{{{caption}}}",
+        f"  \\label{{tab:{label}}}",
+        f"  \\begin{{tabular}}{{ll{'r' * len(table.origins)}}}",
+        r"    \toprule",
+        *(f"    {line}" for line in _head(table)),
+        r"    \midrule",
+    ]
+    before = ""
+    for row in table.rows:
+        if before and row.quantity != before:
+            lines.append(r"    \addlinespace")
+        lines.append("    " + _row(row, row.quantity != before, table, display(row.quantity)))
+        before = row.quantity
+    lines += [r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""]
+    return "\n".join(lines).encode()
+
+
+def _head(table: SideBySide) -> list[str]:
+    """Write the titles of the columns, published ones below a common one."""
+    published = [o for o in table.origins if o.startswith("published")]
+    titles = [escaped(table.title(o).removeprefix("published, ")) for o in table.origins]
+    lines = [" & ".join(("Quantity", "Axis", *titles)) + r" \\"]
+    if published:
+        last = 2 + len(published)
+        rest = " &" * (len(table.origins) - len(published))
+        lines.insert(0, rf" & & \multicolumn{{{len(published)}}}{{c}}{{published}}{rest} \\")
+        lines.insert(1, rf"\cmidrule(lr){{3-{last}}}")
+    return lines
+
+
+def _row(row: SideBySideRow, first: bool, table: SideBySide, how: Shown) -> str:
+    label = f"{how.label} [{how.unit}]" if how.unit else how.label
+    words = [label] if first else []
+    if row.condition:
+        words.append(f"({row.condition})")
+    cells = [escaped(" ".join(words)), escaped(row.axis)]
+    cells += [_cell(row.cells.get(origin), how) for origin in table.origins]
+    return " & ".join(cells) + r" \\"
+
+
+def _cell(cell: Characteristic | None, how: Shown) -> str:
+    if cell is None:
+        return "--"
+    if abs(cell.value) < how.zero:
+        return r"$\approx 0$"
+    if cell.origin.startswith("published") and cell.uncertainty is None:
+        return _number(f"{cell.value * how.factor:.6g}")  # with the digits that were printed
+    if cell.uncertainty is None:
+        return _number(plain_number(cell.value * how.factor))
+    value, spread = with_uncertainty(cell.value * how.factor, cell.uncertainty * abs(how.factor))
+    return rf"{_number(value)} $\pm$ {_number(spread)}"
+
+
+def _number(text: str) -> str:
+    """Write a number with a true minus, and an exponent as a power of ten."""
+    mantissa, _, exponent = text.partition("e")
+    if mantissa.lstrip("-") == "inf":
+        return rf"${mantissa.replace('inf', '')}\infty$"
+    if exponent:
+        return rf"${mantissa} \times 10^{{{int(exponent)}}}$"
+    return f"${mantissa}$" if mantissa.startswith("-") else mantissa

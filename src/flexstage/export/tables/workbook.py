@@ -1,0 +1,209 @@
+"""Characteristics as an Excel workbook."""
+
+import datetime
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import flexstage
+from flexstage.characteristic import Characteristic
+from flexstage.export.tables.shown import Shown
+from flexstage.export.tables.side_by_side import SideBySide
+
+if TYPE_CHECKING:
+    from xlsxwriter.workbook import Workbook
+    from xlsxwriter.worksheet import Worksheet
+
+__all__ = ["workbook"]
+
+_MADE = datetime.datetime(1980, 1, 1)  # the same table gives the same file
+_WIDEST = 60  # characters
+_FULL = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "degrees of freedom", "note")
+
+
+def workbook(
+    title: str,
+    characteristics: Sequence[Characteristic],
+    table: SideBySide,
+    display: Callable[[str], Shown],
+    about: Mapping[str, str],
+    notes: Sequence[str],
+) -> bytes:
+    """Write a workbook of three sheets.
+
+    Parameters
+    ----------
+    title : str
+        What the figures are of.
+    characteristics : sequence of Characteristic
+        The values.
+    table : SideBySide
+        The same side by side.
+    display : callable
+        How a quantity is shown.
+    about : Mapping
+        Where the values come from.
+    notes : sequence of str
+        Where they stop being valid.
+
+    Returns
+    -------
+    bytes
+        The workbook: ``Figures`` side by side in the units that people use, ``Values`` one a row in
+        SI with all digits, ``Provenance``. No text is ever a formula, a link or a number.
+    """
+    from xlsxwriter import Workbook as Book
+
+    content = io.BytesIO()
+    # texts are written as such, never by what they look like
+    with Book(content, {"in_memory": True}) as book:
+        book.set_properties(
+            {
+                "title": title,
+                "comments": f"Written by flexstage {flexstage.__version__}",
+                "created": _MADE,
+            }
+        )
+        styles = _styles(book)
+        _figures(book.add_worksheet("Figures"), title, table, display, styles)
+        _values(book.add_worksheet("Values"), characteristics, styles)
+        _provenance(book.add_worksheet("Provenance"), title, about, notes, styles)
+    return content.getvalue()
+
+
+def _styles(book: "Workbook") -> dict[str, Any]:
+    return {
+        "title": book.add_format({"bold": True, "font_size": 14}),
+        "head": book.add_format(
+            {"bold": True, "bottom": 1, "text_wrap": True, "valign": "top", "bg_color": "#E8EDF2"}
+        ),
+        "text": book.add_format({"valign": "top"}),
+        "wrap": book.add_format({"valign": "top", "text_wrap": True}),
+        "right": book.add_format({"valign": "top", "align": "right"}),
+        "full": book.add_format({"valign": "top", "num_format": "0.000000E+00"}),
+        "percent": book.add_format({"valign": "top", "num_format": "+0.0;\\-0.0;0.0"}),
+        "book": book,
+        "numbers": {},
+    }
+
+
+def _number_style(styles: dict[str, Any], value: float, digits: int) -> Any:
+    """Some significant digits, as people read them; the cell itself keeps all."""
+    exponent = math.floor(math.log10(abs(value))) if value and math.isfinite(value) else 0
+    form = f"0.{'0' * (digits - 1)}E+00"
+    if -3 <= exponent < 6:
+        decimals = max(digits - 1 - exponent, 0)
+        form = "0" if decimals == 0 else "0." + "0" * decimals
+    if form not in styles["numbers"]:
+        styles["numbers"][form] = styles["book"].add_format({"valign": "top", "num_format": form})
+    return styles["numbers"][form]
+
+
+def _put(sheet: "Worksheet", row: int, column: int, value: object, style: Any) -> None:
+    if value is None:
+        sheet.write_blank(row, column, None, style)
+    elif isinstance(value, float) and math.isfinite(value):
+        sheet.write_number(row, column, value, style)
+    else:  # a cell cannot hold what is not finite
+        sheet.write_string(row, column, str(value), style)
+
+
+def _figures(
+    sheet: "Worksheet",
+    title: str,
+    table: SideBySide,
+    display: Callable[[str], Shown],
+    styles: dict[str, Any],
+) -> None:
+    sheet.write_string(0, 0, title, styles["title"])
+    columns: list[tuple[str, str]] = []
+    for origin in table.origins:
+        columns.append(("value", origin))
+        if origin in table.uncertain:
+            columns.append(("uncertainty", origin))
+    head = ["Quantity", "Axis", "Unit", "Condition"]
+    for kind, origin in columns:
+        name = table.title(origin)
+        head.append(name if kind == "value" else f"± {name} (standard)")
+    head += [f"{table.title(a)} against {table.title(b)} [%]" for a, b in table.pairs]
+    for column, name in enumerate(head):
+        sheet.write_string(2, column, name, styles["head"])
+    for line, row in enumerate(table.rows, start=3):
+        how = display(row.quantity)
+        for column, text in enumerate((how.label, row.axis, how.unit, row.condition)):
+            sheet.write_string(line, column, text, styles["wrap" if column == 3 else "text"])
+        for column, (kind, origin) in enumerate(columns, start=4):
+            cell = row.cells.get(origin)
+            value = None if cell is None else getattr(cell, kind)
+            if value is None:
+                continue
+            seen = value * how.factor
+            if kind == "value" and abs(value) < how.zero:
+                sheet.write_string(line, column, "≈ 0", styles["right"])
+            else:
+                style = _number_style(styles, seen, 4 if kind == "value" else 2)
+                _put(sheet, line, column, seen, style)
+            if kind == "value" and cell is not None and cell.note:
+                sheet.write_comment(line, column, cell.note, {"x_scale": 2.0})
+        for column, (ours, other) in enumerate(table.pairs, start=4 + len(columns)):
+            if (more := _difference(row.cells, ours, other, how.zero)) is not None:
+                sheet.write_number(line, column, more, styles["percent"])
+    sheet.freeze_panes(3, 2)
+    conditions = any(row.condition for row in table.rows)
+    for column, width in enumerate((34, 8, 8, 40 if conditions else 11)):
+        sheet.set_column(column, column, width)
+    sheet.set_column(4, len(head) - 1, 15)
+    sheet.set_landscape()
+    sheet.fit_to_pages(1, 0)
+    sheet.repeat_rows(2)
+
+
+def _difference(
+    cells: Mapping[str, Characteristic], ours: str, other: str, zero: float
+) -> float | None:
+    """Percent by which one is above another; None where that says nothing."""
+    a, b = cells.get(ours), cells.get(other)
+    if a is None or b is None or b.value == 0.0 or abs(a.value) < zero:
+        return None
+    found = 100.0 * (a.value - b.value) / abs(b.value)
+    return found if math.isfinite(found) else None
+
+
+def _values(
+    sheet: "Worksheet", characteristics: Iterable[Characteristic], styles: dict[str, Any]
+) -> None:
+    for column, name in enumerate(_FULL):
+        sheet.write_string(0, column, name, styles["head"])
+    last = 0
+    for line, c in enumerate(characteristics, start=1):
+        row = (c.quantity, c.axis, c.origin, c.value, c.unit, c.uncertainty)
+        for column, value in enumerate((*row, c.degrees_of_freedom, c.note)):
+            style = styles["full" if column in (3, 5) else "wrap" if column == 7 else "text"]
+            if value is not None:
+                _put(sheet, line, column, value, style)
+        last = line
+    sheet.freeze_panes(1, 0)
+    sheet.autofilter(0, 0, last, len(_FULL) - 1)
+    for column, width in enumerate((28, 8, 20, 16, 8, 16, 12, _WIDEST)):
+        sheet.set_column(column, column, width)
+
+
+def _provenance(
+    sheet: "Worksheet",
+    title: str,
+    about: Mapping[str, str],
+    notes: Sequence[str],
+    styles: dict[str, Any],
+) -> None:
+    sheet.write_string(0, 0, title, styles["title"])
+    line = 2
+    for name, value in about.items():
+        sheet.write_string(line, 0, name, styles["text"])
+        sheet.write_string(line, 1, value, styles["wrap"])
+        line += 1
+    for k, note in enumerate(notes):
+        sheet.write_string(line + 1 + k, 0, "validity" if k == 0 else "", styles["text"])
+        sheet.write_string(line + 1 + k, 1, note, styles["wrap"])
+    sheet.set_column(0, 0, 24)
+    sheet.set_column(1, 1, 100)

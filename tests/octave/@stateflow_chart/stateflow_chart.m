@@ -1,0 +1,3 @@
+function chart = stateflow_chart(path)
+chart = class(struct('path', path), 'stateflow_chart');
+end

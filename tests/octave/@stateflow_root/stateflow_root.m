@@ -1,0 +1,3 @@
+function root = stateflow_root()
+root = class(struct('nothing', 0), 'stateflow_root');
+end
