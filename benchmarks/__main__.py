@@ -9,6 +9,7 @@ from itertools import groupby
 from benchmarks import (
     cases,
     centring,
+    exported,
     finite_elements,
     frequency_response,
     hysteresis,
@@ -33,6 +34,7 @@ CASES = {
     "centring": centring.centring,
     "characterise": measuring.characterise,
     "twin": twin.twin,
+    "exported": exported.exported,
 }
 
 

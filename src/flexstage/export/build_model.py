@@ -20,6 +20,7 @@ from flexstage.hysteresis import DriveModel, HysteresisModel, LogCreep, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import DrivePort, MechanicalSystem, Modes, modes
+from flexstage.system.imposed import imposed_shape
 
 __all__ = ["dynamic_model"]
 
@@ -157,12 +158,7 @@ def _modal_gain(
     if port.stiffness is not None:
         force = port.stiffness or 1.0
         return force * (port.vector @ found.shapes) / found.omega**2, None
-    added, vectors = system.drive_springs("in place")
-    n, m = vectors.shape
-    saddle = np.block([[system.K + added, vectors], [vectors.T, np.zeros((m, m))]])
-    right = np.zeros(n + m)
-    right[n + int(np.argmax([np.array_equal(v, port.vector) for v in vectors.T]))] = 1.0
-    shape = np.asarray(np.linalg.solve(saddle, right)[:n], dtype=np.float64)
+    shape = imposed_shape(system, port)
     return np.asarray(found.shapes.T @ system.M @ shape, dtype=np.float64), shape
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
-from flexstage.system.mechanical import DriveCondition, MechanicalSystem
+from flexstage.system.imposed import imposed_shape
+from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
 
 __all__ = [
@@ -154,7 +155,7 @@ def frequency_response(
     port, reader = system.drive(drive), system.probe(probe)
     result = modes(system, drives=drives, count=None)
     if drives == "in place" and port.stiffness is None:
-        value = _imposed(system, port.vector, reader.vector, f, result)
+        value = _imposed(system, port, reader.vector, f, result)
         kind, unit = "free displacement", f"{reader.unit}/m"
     else:
         gain = 1.0
@@ -182,16 +183,10 @@ def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex1
 
 
 def _imposed(
-    system: MechanicalSystem, drive: Array, probe: Array, f: Array, held: Modes
+    system: MechanicalSystem, drive: DrivePort, probe: Array, f: Array, held: Modes
 ) -> NDArray[np.complex128]:
     """Response to an imposed elongation: its static shape, and modes that hold the drive."""
-    added, vectors = system.drive_springs("in place")
-    # static shape of a unit elongation with every held drive at its length but this one
-    n, m = vectors.shape
-    saddle = np.block([[system.K + added, vectors], [vectors.T, np.zeros((m, m))]])
-    right = np.zeros(n + m)
-    right[n + int(np.argmax([np.array_equal(v, drive) for v in vectors.T]))] = 1.0
-    shape = np.linalg.solve(saddle, right)[:n]
+    shape = imposed_shape(system, drive)
     omega = 2.0 * np.pi * f
     weight = (probe @ held.shapes) * (held.shapes.T @ system.M @ shape)
     return probe @ shape + omega**2 * _sum_of_modes(held, weight, f)

@@ -1,0 +1,223 @@
+"""Write a diagram down block by block."""
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+from flexstage.errors import ModelError
+from flexstage.export.diagram.graph import Block, BlockKind, Diagram, Group, Line
+from flexstage.system.mechanical import Array
+
+__all__ = ["DiagramBuilder", "identifier"]
+
+# MATLAB cuts names after 63 characters; some room is left for what is put before or after one
+_LONGEST = 48
+
+
+def identifier(text: str) -> str:
+    """Return a text as the name of a block: letters, digits and underscores.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The name, which begins with a letter and has at most 48 characters.
+
+    Examples
+    --------
+    >>> identifier("left-leg 2"), identifier("3rd")
+    ('left_leg_2', 'n3rd')
+    """
+    letters = "".join(c if c.isascii() and c.isalnum() else "_" for c in text).strip("_")
+    if not letters or not letters[0].isalpha():
+        letters = f"n{letters}"
+    return letters[:_LONGEST]
+
+
+class DiagramBuilder:
+    """Collects blocks, lines and groups; names are made unlike each other."""
+
+    __slots__ = ("_blocks", "_groups", "_late", "_lines", "_names", "_terms", "_units")
+
+    def __init__(self) -> None:
+        self._blocks: list[Block] = []
+        self._lines: list[Line] = []
+        self._groups: list[Group] = []
+        self._names: set[str] = set()
+        self._terms: dict[str, list[tuple[str, int, str]]] = {}
+        self._late: dict[str, list[tuple[str, int, str]]] = {}
+        self._units: dict[str, str] = {}
+
+    def group(self, wanted: str, **described: Any) -> str:
+        """Add a group and return its name.
+
+        Parameters
+        ----------
+        wanted : str
+            Its name; changed where it is no identifier, or taken.
+        **described
+            What `Group` takes besides.
+
+        Returns
+        -------
+        str
+            The name.
+        """
+        name = self._free(wanted)
+        self._groups.append(Group(name=name, **described))
+        return name
+
+    def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
+        """Add a block and return its name.
+
+        Parameters
+        ----------
+        wanted : str
+            Its name; changed where it is no identifier, or taken.
+        kind : str
+            What it does.
+        label : str
+            What is written in it.
+        meaning : str
+            What it is, in words.
+        **described
+            What `Block` takes besides; ``unit`` for an input or output.
+
+        Returns
+        -------
+        str
+            The name.
+        """
+        name = self._free(wanted)
+        if "unit" in described:
+            self._units[name] = described.pop("unit")
+        self._blocks.append(Block(name=name, kind=kind, label=label, meaning=meaning, **described))
+        return name
+
+    def connect(self, source: str, target: str, signal: str = "", *, port: int = 0) -> None:
+        """Add a line from one block to an input of another.
+
+        Parameters
+        ----------
+        source, target : str
+            Names of the blocks.
+        signal : str
+            What the line carries.
+        port : int
+            Input of the target.
+        """
+        self._lines.append(Line(source=source, target=target, port=port, signal=signal))
+
+    def matrix(self, name: str) -> Array:
+        """Return the matrix of a gain.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        numpy.ndarray
+            Its matrix.
+
+        Raises
+        ------
+        ModelError
+            There is no such gain.
+        """
+        for block in self._blocks:
+            if block.name == name and block.matrix is not None:
+                return block.matrix
+        raise ModelError(f"there is no gain '{name}' yet")
+
+    def chain(self, *names: str) -> str:
+        """Connect blocks one behind the other and return the last.
+
+        Parameters
+        ----------
+        *names : str
+            Names of the blocks.
+
+        Returns
+        -------
+        str
+            The last of them.
+        """
+        for source, target in pairwise(names):
+            self.connect(source, target)
+        return names[-1]
+
+    def term(
+        self, total: str, source: str, sign: int, signal: str = "", *, last: bool = False
+    ) -> None:
+        """Lead a block to a sum that was added without signs.
+
+        Parameters
+        ----------
+        total, source : str
+            Names of the sum and of the block.
+        sign : int
+            1 or -1.
+        signal : str
+            What the line carries.
+        last : bool
+            Whether it comes behind all others, as the feedbacks of a body do.
+        """
+        held = self._late if last else self._terms
+        held.setdefault(total, []).append((source, sign, signal))
+
+    def diagram(self, title: str, notes: tuple[str, ...]) -> Diagram:
+        """Return the diagram.
+
+        Parameters
+        ----------
+        title : str
+            What it shows.
+        notes : tuple of str
+            What was simplified.
+
+        Returns
+        -------
+        Diagram
+            The diagram.
+
+        Raises
+        ------
+        ModelError
+            It does not fit together.
+        """
+        blocks, lines = [], list(self._lines)
+        for block in self._blocks:
+            made = block
+            if block.kind == "sum":
+                terms = self._terms.get(block.name, []) + self._late.get(block.name, [])
+                if not terms:
+                    raise ModelError(f"nothing is added in '{block.name}': {block.meaning}")
+                made = replace(block, signs=tuple(sign for _, sign, _ in terms))
+                lines += [
+                    Line(source=source, target=block.name, port=port, signal=signal)
+                    for port, (source, _, signal) in enumerate(terms)
+                ]
+            blocks.append(made)
+        return Diagram(
+            title=title,
+            blocks=tuple(blocks),
+            lines=tuple(lines),
+            groups=tuple(self._groups),
+            notes=notes,
+            units=self._units,
+        )
+
+    def _free(self, wanted: str) -> str:
+        name = base = identifier(wanted)
+        count = 1
+        while name in self._names:
+            count += 1
+            name = f"{base}_{count}"
+        self._names.add(name)
+        return name

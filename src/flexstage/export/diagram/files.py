@@ -1,0 +1,51 @@
+"""The diagrams of a stage as files."""
+
+from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.diagram.svg import diagram_svg
+from flexstage.export.dynamic_model import DynamicModel
+from flexstage.stage import Stage
+from flexstage.system import RayleighDamping
+
+__all__ = ["diagram_files"]
+
+
+def diagram_files(
+    stage: Stage,
+    *,
+    model: DynamicModel | None = None,
+    damping: RayleighDamping | None = None,
+) -> dict[str, bytes]:
+    """Draw a stage and each of its axes.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : DynamicModel, optional
+        Amplifiers, hysteresis, creep and sensors; those of `flexstage.export.dynamic_model` where
+        not given.
+    damping : RayleighDamping, optional
+        Damping; fitted to the two lowest modes where not given.
+
+    Returns
+    -------
+    dict
+        Content by file name: ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``.
+
+    Raises
+    ------
+    ModelError
+        The stage has no equations: nothing moves, or something moves without stiffness.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> sorted(diagram_files(design("parallelogram")))
+    ['diagram-x.svg', 'diagram.svg']
+    """
+    out = {"diagram.svg": diagram_svg(stage_diagram(stage, model=model, damping=damping))}
+    for axis in stage.axes:
+        made = stage_diagram(stage, model=model, axis=axis.name, damping=damping)
+        safe = "".join(c if c.isalnum() else "-" for c in axis.name)
+        out[f"diagram-{safe}.svg"] = diagram_svg(made)
+    return out

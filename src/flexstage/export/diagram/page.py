@@ -1,0 +1,210 @@
+"""Where the groups of a diagram stand on a page, and the lines between them."""
+
+from dataclasses import dataclass
+
+from flexstage.export.diagram.cells import Cell, Net, Pin, Segment
+from flexstage.export.diagram.graph import Block, Diagram, Group
+from flexstage.export.diagram.grid import route
+from flexstage.export.diagram.placing import Thing, place_groups
+from flexstage.export.diagram.tile import Tile, make_tile
+
+__all__ = ["Frame", "Layout", "PlacedBlock", "PlacedLabel", "Wire", "layout"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedBlock:
+    """A block on the page.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    x, y : float
+        Left top corner of its cell [px].
+    cell : Cell
+        Its size and pins.
+    flipped : bool
+        Whether it is drawn from right to left.
+    """
+
+    block: Block
+    x: float
+    y: float
+    cell: Cell
+    flipped: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedLabel:
+    """Name of a signal on the page.
+
+    Parameters
+    ----------
+    text : str
+        The name.
+    x, y : float
+        Where its base line begins, or ends [px].
+    end : bool
+        Whether it ends there.
+    """
+
+    text: str
+    x: float
+    y: float
+    end: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """A group on the page.
+
+    Parameters
+    ----------
+    group : Group
+        The group.
+    x, y, width, height : float
+        Left top corner and size [px].
+    subtitle : tuple of str
+        Lines below its title.
+    """
+
+    group: Group
+    x: float
+    y: float
+    width: float
+    height: float
+    subtitle: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wire:
+    """A line from one block to others.
+
+    Parameters
+    ----------
+    source : str
+        The block that it comes from.
+    segments : tuple
+        Its segments, level or upright.
+    """
+
+    source: str
+    segments: tuple[Segment, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """A diagram on a page.
+
+    Parameters
+    ----------
+    width, height : float
+        Size [px].
+    frames : tuple of Frame
+        The groups.
+    blocks : tuple of PlacedBlock
+        The blocks.
+    wires : tuple of Wire
+        The lines.
+    labels : tuple of PlacedLabel
+        Names of signals where lines enter and leave groups.
+    """
+
+    width: float
+    height: float
+    frames: tuple[Frame, ...]
+    blocks: tuple[PlacedBlock, ...]
+    wires: tuple[Wire, ...]
+    labels: tuple[PlacedLabel, ...]
+
+
+def layout(diagram: Diagram) -> Layout:
+    """Place a diagram on a page.
+
+    Groups stand in a grid, near to those that they are joined with; lines between them run in the
+    channels between.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+
+    Returns
+    -------
+    Layout
+        Positions of groups and blocks, and the lines. The same diagram gives the same layout.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.export.diagram import stage_diagram
+    >>> found = layout(stage_diagram(design("parallelogram")))
+    >>> len(found.frames), len(found.blocks)
+    (6, 34)
+    """
+    groups = list(diagram.groups)
+    if any(not b.group for b in diagram.blocks):
+        groups.append(Group(name="", title="", kind=""))
+    filled = {b.group for b in diagram.blocks}
+    tiles = {g.name: make_tile(diagram, g) for g in groups if g.name in filled}
+    nets = _nets(diagram)
+    places = place_groups(
+        {n: Thing(kind=t.group.kind, width=t.width, height=t.height) for n, t in tiles.items()},
+        [(net.source[0], tuple(g for g, _ in net.targets)) for net in nets.values()],
+    )
+    cells = {n: _cell(t) for n, t in tiles.items()}
+    routed = route(cells, places, nets, apart=True, outer=False)
+    by_name = {b.name: b for b in diagram.blocks}
+    frames, blocks, labels = [], [], []
+    wires: dict[str, list[Segment]] = {n: list(s) for n, s in routed.lines.items()}
+    for name, tile in tiles.items():
+        x, y = routed.cells[name]
+        frames.append(
+            Frame(
+                group=tile.group, x=x, y=y, width=tile.width, height=tile.height,
+                subtitle=tile.subtitle,
+            )
+        )  # fmt: skip
+        for block, (dx, dy) in tile.cells.items():
+            blocks.append(
+                PlacedBlock(
+                    block=by_name[block], x=x + dx, y=y + dy, cell=tile.shapes[block],
+                    flipped=block in tile.flipped,
+                )
+            )  # fmt: skip
+        for source, segments in tile.lines.items():
+            wires.setdefault(source, []).extend(
+                ((x1 + x, y1 + y), (x2 + x, y2 + y)) for (x1, y1), (x2, y2) in segments
+            )
+        for port in tile.ports:
+            right = port.side == "R"
+            at = x + (tile.width - 5.0 if right else 5.0)
+            labels.append(PlacedLabel(text=port.label, x=at, y=y + port.y - 5.0, end=right))
+        labels += [PlacedLabel(text=t, x=x + dx, y=y + dy) for t, dx, dy in tile.names]
+    return Layout(
+        width=routed.size[0],
+        height=routed.size[1],
+        frames=tuple(frames),
+        blocks=tuple(blocks),
+        wires=tuple(Wire(source=n, segments=tuple(s)) for n, s in wires.items()),
+        labels=tuple(labels),
+    )
+
+
+def _cell(tile: Tile) -> Cell:
+    pins = {f"{p.side}:{p.block}": Pin(p.side, p.y) for p in tile.ports}
+    return Cell(width=tile.width, height=tile.height, axis=0.0, pins=pins)
+
+
+def _nets(diagram: Diagram) -> dict[str, Net]:
+    of = {b.name: b.group for b in diagram.blocks}
+    targets: dict[str, list[str]] = {}
+    for line in diagram.lines:
+        if of[line.source] != of[line.target]:
+            found = targets.setdefault(line.source, [])
+            if of[line.target] not in found:
+                found.append(of[line.target])
+    return {
+        s: Net(source=(of[s], f"R:{s}"), targets=tuple((g, f"L:{s}") for g in found))
+        for s, found in targets.items()
+    }

@@ -1,0 +1,206 @@
+"""The structural diagram of a stage: from the equations of its bodies and hinges."""
+
+from typing import Literal
+
+import numpy as np
+
+from flexstage.errors import ModelError
+from flexstage.export.build_model import dynamic_model
+from flexstage.export.diagram.axis_chain import axis_chain
+from flexstage.export.diagram.axis_diagram import axis_blocks
+from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.springs import DriveSpring, drive_springs, fitted_damping
+from flexstage.export.diagram.twins import Twins, find_twins
+from flexstage.export.diagram.whole_stage import whole_stage
+from flexstage.export.dynamic_model import DynamicModel
+from flexstage.lumped import Mechanism, lumped_system, mechanism
+from flexstage.stage import Stage
+from flexstage.system import MechanicalSystem, RayleighDamping, modes
+
+__all__ = ["stage_diagram"]
+
+
+def stage_diagram(
+    stage: Stage,
+    *,
+    model: DynamicModel | None = None,
+    axis: str | None = None,
+    collapse: bool = True,
+    damping: RayleighDamping | None = None,
+) -> Diagram:
+    """Return the structural diagram of a stage, from commands to readings.
+
+    Bodies are rigid, with three coordinates each; hinges are springs of two translations and a
+    rotation (`flexstage.lumped`). Damping is proportional: beta K in each hinge, alpha M at each
+    body. A displacement that a drive imposes acts through a stiff spring that stands in for it.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : DynamicModel, optional
+        Amplifiers, hysteresis, creep and sensors; those of `flexstage.export.dynamic_model` where
+        not given.
+    axis : str, optional
+        Name of an axis: two masses with springs and a lever, on one page, instead of the whole
+        stage.
+    collapse : bool
+        Whether bodies and hinges that do the same, such as mirror images, are drawn once, with
+        their signals below one another in one line. The equations are the same either way.
+    damping : RayleighDamping, optional
+        Damping; fitted to the two lowest modes, drives in place, where not given.
+
+    Returns
+    -------
+    Diagram
+        The diagram.
+
+    Raises
+    ------
+    ModelError
+        Every body is held, the stage can move without deforming a hinge, it has no drive, or there
+        is no such axis.
+
+    Notes
+    -----
+    Validity: that of the lumped model (small motion, rigid bodies), and damping that is right at
+    two modes only: higher modes are damped more strongly in the diagram. A model that comes from
+    finite elements gives its drive chains, sensors and damping; bodies and hinges of the diagram
+    are those of the lumped model all the same. Two masses for an axis keep its statics and one
+    mode exactly, and have no others.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> diagram = stage_diagram(design("vgtu-piezo"))
+    >>> len(diagram.groups), sum(b.kind == "integrator" for b in diagram.blocks)
+    (26, 20)
+    """
+    method, plane = _hinge_choice(model)
+    system = lumped_system(stage, method=method, plane=plane)
+    if model is None:
+        model = dynamic_model(stage, system)
+    system = system.with_damping(model.system.damping)
+    parts = mechanism(stage, method=method, plane=plane)
+    rayleigh = fitted_damping(system) if damping is None else damping
+    springs = drive_springs(system)
+    notes = _notes(system, rayleigh, springs)
+    if axis is not None:
+        return _axis(parts, system, model, axis, springs, rayleigh)
+    twins = find_twins(parts, tolerance=0.02 if collapse else None)
+    return whole_stage(
+        parts,
+        model,
+        twins=twins,
+        springs=springs,
+        damping=rayleigh,
+        title=f"Structural diagram of {stage.name}" + (f": {stage.title}" if stage.title else ""),
+        notes=(*_twin_notes(parts, twins), *notes, *_model_notes(model)),
+    )
+
+
+def _axis(
+    parts: Mechanism,
+    system: MechanicalSystem,
+    model: DynamicModel,
+    name: str,
+    springs: dict[str, DriveSpring],
+    damping: RayleighDamping,
+) -> Diagram:
+    """Draw one axis."""
+    ports = {port.name: port for port in system.axes}
+    if name not in ports:
+        raise ModelError(
+            f"stage '{system.name}' has no axis '{name}': it has {', '.join(ports) or 'none'}"
+        )
+    port = ports[name]
+    pushed = parts.bodies[parts.drive(port.drive).bodies[1]]
+    chain = axis_chain(system, port, pushed_mass=pushed.mass)
+    held = (
+        f"Two masses stand for the axis: they keep its statics and the mode at "
+        f"{chain.frequency_hz:.5g} Hz (drives in place) with its shape; modes above it, motion "
+        "across and rotation are left out."
+    )
+    if chain.output_mass == 0.0:
+        held = (
+            f"One mass stands for the axis, with a natural frequency of {chain.frequency_hz:.5g} "
+            f"Hz ({'drives removed' if springs[port.drive].stands_in else 'drives in place'}); "
+            "other modes, motion across and rotation are left out."
+        )
+    return axis_blocks(
+        model,
+        model.drive(port.drive),
+        next(p for p in model.probes if p.name == port.probe),
+        chain,
+        spring=springs[port.drive],
+        damping=damping,
+        title=f"Structural diagram of {system.name}, axis {name}",
+        notes=(held, *_notes(system, damping, springs, only=port.drive), *_model_notes(model)),
+    )
+
+
+def _hinge_choice(
+    model: DynamicModel | None,
+) -> tuple[str, Literal["stress", "strain", "auto"]]:
+    """How the hinges were found, where the model is a lumped one too."""
+    if model is None or model.system.model != "lumped":
+        return "wedge", "auto"
+    settings = model.system.settings
+    planes: dict[str, Literal["stress", "strain"]] = {"stress": "stress", "strain": "strain"}
+    return str(settings.get("method", "wedge")), planes.get(str(settings.get("plane")), "auto")
+
+
+def _notes(
+    system: MechanicalSystem,
+    damping: RayleighDamping,
+    springs: dict[str, DriveSpring],
+    only: str | None = None,
+) -> tuple[str, ...]:
+    found = modes(system, drives="in place", count=min(2, system.order))
+    ratios = ", ".join(
+        f"{100.0 * z:.3g} % at {w / (2.0 * np.pi):.5g} Hz"
+        for w, z in zip(
+            found.omega, damping.ratios(found.omega, np.ones_like(found.omega)), strict=True
+        )
+    )
+    notes = [
+        "Lumped model: bodies are rigid, motion is small and in the plane.",
+        f"Damping is proportional, alpha = {damping.alpha:.4g} 1/s at the bodies and beta = "
+        f"{damping.beta:.4g} s in the hinges and stacks: {ratios}, drives in place; higher modes "
+        "are damped more strongly than in the state-space form, which holds the damping of each.",
+    ]
+    stiff = {n: s for n, s in springs.items() if s.stands_in and only in (None, n)}
+    if stiff:
+        each = ", ".join(
+            f"{1e-6 * s.stiffness:.4g} N/um in {n}, with a motion of its own near "
+            f"{1e-3 * s.own_frequency_hz:.3g} kHz"
+            for n, s in stiff.items()
+        )
+        notes.append(
+            f"Imposed displacements act through stiff springs without dampers ({each}), which "
+            "change the six lowest frequencies by less than 0.1 %: take a solver for stiff "
+            "equations."
+        )
+    return tuple(notes)
+
+
+def _twin_notes(parts: Mechanism, twins: Twins) -> tuple[str, ...]:
+    if len(twins.hinges) == len(parts.hinges) and len(twins.bodies) == len(parts.free):
+        return ()
+    return (
+        "Bodies and hinges of like mass, stiffness and place (within 2 %) share a group, marked "
+        "with their number; their signals stand below one another in one line, each with its own "
+        "matrix, so that nothing is left out.",
+    )
+
+
+def _model_notes(model: DynamicModel) -> tuple[str, ...]:
+    """Return what the model says of its stacks and sensors: of its modes the diagram has none."""
+    of_drives = ("The hysteresis", "Stacks without", "Of identified drives", "The noise")
+    notes = [note for note in model.notes if note.startswith(of_drives)]
+    if model.system.model != "lumped":
+        notes.append(
+            f"Drive chains, sensors and damping are those of the {model.system.model} model; "
+            "bodies and hinges are lumped."
+        )
+    return tuple(notes)

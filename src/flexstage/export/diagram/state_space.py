@@ -1,0 +1,189 @@
+"""The equations that a diagram holds, by walking along its lines."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import ModelError
+from flexstage.export.diagram.graph import Block, Diagram
+
+__all__ = ["StateSpace", "diagram_state_space"]
+
+Array = NDArray[np.float64]
+
+_NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateSpace:
+    """Linear equations x' = A x + B u, y = C x + D u.
+
+    Parameters
+    ----------
+    A, B, C, D : numpy.ndarray
+        The matrices.
+    states : tuple of str
+        Integrators that the states belong to, one entry for each state.
+    inputs, outputs : tuple of str
+        Names of blocks that the inputs and outputs belong to, one entry for each signal.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        """Iterate over A, B, C, D."""
+        return iter((self.A, self.B, self.C, self.D))
+
+
+def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> StateSpace:
+    """Return the linear equations that a diagram holds.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    nonlinear : str
+        What to do with hysteresis, amplifiers, creep and sensors: ``refuse`` them, let their input
+        pass (``pass``), or ``cut`` there, so that the output of the last of them is an input.
+
+    Returns
+    -------
+    StateSpace
+        The equations.
+
+    Raises
+    ------
+    ModelError
+        A block is not linear, or lines form a loop without an integrator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flexstage.export.diagram.graph import Block, Diagram, Line
+    >>> blocks = (
+    ...     Block(name="u", kind="input", label="u", meaning="force [N]"),
+    ...     Block(name="a", kind="sum", label="+", meaning="sum", signs=(1, -1)),
+    ...     Block(name="i", kind="integrator", label="1/s", meaning="rate"),
+    ...     Block(name="k", kind="gain", label="k", meaning="gain", matrix=np.array([[3.0]])),
+    ...     Block(name="y", kind="output", label="y", meaning="reading"),
+    ... )
+    >>> pairs = (("u", "a", 0), ("k", "a", 1), ("a", "i", 0), ("i", "k", 0), ("i", "y", 0))
+    >>> lines = tuple(Line(source=s, target=t, port=p) for s, t, p in pairs)
+    >>> diagram_state_space(Diagram(title="lag", blocks=blocks, lines=lines)).A
+    array([[-3.]])
+    """
+    if nonlinear not in ("refuse", "pass", "cut"):
+        raise ModelError(f"nonlinear is refuse, pass or cut, got '{nonlinear}'")
+    if nonlinear == "refuse":
+        for b in diagram.blocks:
+            if b.kind in _NONLINEAR:
+                raise ModelError(
+                    f"block '{b.name}' is no linear one but a {b.kind}: let it pass, or cut there"
+                )
+    walk = _Walk(diagram, cut=nonlinear == "cut")
+    integrators = [b for b in diagram.blocks if b.kind == "integrator"]
+    outputs = [b for b in diagram.blocks if b.kind == "output"]
+    n = walk.state_count
+    derivative = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in integrators)])
+    reading = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in outputs)])
+    return StateSpace(
+        A=derivative[:, :n],
+        B=derivative[:, n:],
+        C=reading[:, :n],
+        D=reading[:, n:],
+        states=_each(integrators),
+        inputs=_each(walk.sources),
+        outputs=_each(outputs),
+    )
+
+
+def _each(blocks: list[Block]) -> tuple[str, ...]:
+    return tuple(b.name for b in blocks for _ in range(b.width))
+
+
+class _Walk:
+    """Finds the output of each block as rows over the states and inputs."""
+
+    def __init__(self, diagram: Diagram, *, cut: bool) -> None:
+        self._blocks = {b.name: b for b in diagram.blocks}
+        self._feeds: dict[str, dict[int, str]] = {}
+        for line in diagram.lines:
+            self._feeds.setdefault(line.target, {})[line.port] = line.source
+        readers: dict[str, list[str]] = {}
+        for line in diagram.lines:
+            readers.setdefault(line.source, []).append(line.target)
+        self.sources = [
+            b
+            for b in diagram.blocks
+            if (b.kind == "input" and not (cut and self._only_nonlinear(b, readers)))
+            or (cut and self._last_nonlinear(b, readers))
+        ]
+        own = [b for b in diagram.blocks if b.kind == "integrator"]
+        self.state_count = sum(b.width for b in own)
+        self.size = self.state_count + sum(b.width for b in self.sources)
+        self._known: dict[str, Array] = {}
+        first = 0
+        for b in (*own, *self.sources):
+            rows = np.zeros((b.width, self.size))
+            rows[:, first : first + b.width] = np.eye(b.width)
+            self._known[b.name] = rows
+            first += b.width
+        self._order()
+
+    def _only_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
+        """Whether an input leads to blocks that are not linear only, behind which is the cut."""
+        to = readers.get(block.name, [])
+        return bool(to) and all(self._blocks[t].kind in _NONLINEAR[:3] for t in to)
+
+    def _last_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
+        # a sensor lets its input pass: its lag and offset belong to the reading, not to the stage
+        return block.kind in _NONLINEAR[:3] and not self._only_nonlinear(block, readers)
+
+    def _order(self) -> None:
+        """Fill in all blocks, each after those that feed it."""
+        for start in self._blocks:
+            path, on_path = [start], {start}
+            while path:
+                name = path[-1]
+                block = self._blocks[name]
+                if name in self._known or block.kind == "output":
+                    on_path.discard(path.pop())
+                    continue
+                fed = self._feeds.get(name, {}).values()
+                missing = next((s for s in fed if s not in self._known), None)
+                if missing is None:
+                    self._known[name] = self._value(block)
+                elif missing in on_path:
+                    raise ModelError(
+                        f"the lines through '{missing}' form a loop without an integrator"
+                    )
+                else:
+                    path.append(missing)
+                    on_path.add(missing)
+
+    def _value(self, block: Block) -> Array:
+        if block.kind == "input":
+            # behind the cut: nobody asks for it
+            return np.zeros((block.width, self.size))
+        if block.kind == "sum":
+            feeds = self._feeds[block.name]
+            return sum(
+                (sign * self._known[feeds[port]] for port, sign in enumerate(block.signs)),
+                start=np.zeros((block.width, self.size)),
+            )
+        rows = self._known[self._feeds[block.name][0]]
+        if block.kind == "gain":
+            assert block.matrix is not None
+            return block.matrix @ rows
+        return rows
+
+    def into(self, block: Block) -> Array:
+        """Return what flows into a block, as rows over the states and inputs."""
+        return self._known[self._feeds[block.name][0]]

@@ -1,0 +1,153 @@
+"""A diagram as a drawing that stands by itself: SVG."""
+
+from xml.sax.saxutils import escape
+
+import flexstage
+from flexstage.export.diagram.cells import branches
+from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.legend import LINES, foot
+from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.page import Frame, Layout, PlacedBlock, Wire, layout
+from flexstage.export.diagram.signals import SignalKind, signal_kinds
+from flexstage.export.diagram.symbols import inset, symbol
+from flexstage.export.diagram.text import SMALL, wrapped
+
+__all__ = ["diagram_svg"]
+
+_MARGIN = 24.0
+_FRAMES = {
+    "body": ("#6f4a8e", "#fbf9fc"),
+    "hinge": ("#0072b2", "#f7fbfd"),
+    "drive": ("#a85000", "#fffaf3"),
+    "probe": ("#555555", "#fafafa"),
+}
+_LEAST_WIDTH = 900.0
+
+
+def diagram_svg(diagram: Diagram, *, placed: Layout | None = None) -> bytes:
+    """Draw a diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    placed : Layout, optional
+        Its layout; `flexstage.export.diagram.layout` where not given.
+
+    Returns
+    -------
+    bytes
+        An SVG file on white ground, without outside fonts, scripts or names that could clash with
+        those of another drawing on the same page. No letter is smaller than 9 px.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.export.diagram import stage_diagram
+    >>> diagram_svg(stage_diagram(design("parallelogram")))[:5]
+    b'<?xml'
+    """
+    where = layout(diagram) if placed is None else placed
+    kinds = signal_kinds(diagram)
+    used: set[SignalKind] = {kinds[w.source] for w in where.wires if w.segments}
+    inner = max(where.width, _LEAST_WIDTH)
+    titles = wrapped(diagram.title, inner, 18.0)
+    head = 24.0 * len(titles) + 12.0
+    below, deep = foot(diagram, inner, used)
+    left = 0.5 * (inner - where.width)
+    out = [text(line, 0.0, 18.0 + 24.0 * k, size=18.0, font_weight="bold")
+           for k, line in enumerate(titles)]  # fmt: skip
+    out.append(f'<g transform="translate({left:.6g} {head:.6g})">{_drawing(where, diagram)}</g>')
+    under = head + where.height + 24.0
+    out.append(f'<g transform="translate(0 {under:.6g})">{below}</g>')
+    foot_y = under + deep + 22.0
+    out.append(
+        text(
+            f"flexstage {flexstage.__version__}; equations of the lumped model",
+            0.0, foot_y, size=SMALL, fill="#555555",
+        )
+    )  # fmt: skip
+    width, height = inner + 2.0 * _MARGIN, foot_y + 8.0 + 2.0 * _MARGIN
+    root = attributes(
+        xmlns="http://www.w3.org/2000/svg",
+        width=round(width),
+        height=round(height),
+        viewBox=f"0 0 {round(width)} {round(height)}",
+        role="img",
+        font_family="Arial, Helvetica, Liberation Sans, sans-serif",
+        fill="#1a1a1a",
+    )
+    body = "\n".join(out)
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<svg{root}>\n'
+        f"<title>{escape(diagram.title)}</title>\n"
+        f'<rect width="100%" height="100%" fill="#ffffff"/>\n'
+        f'<g transform="translate({_MARGIN:g} {_MARGIN:g})">\n{body}\n</g>\n</svg>\n'
+    ).encode()
+
+
+def _drawing(where: Layout, diagram: Diagram) -> str:
+    kinds = signal_kinds(diagram)
+    wide = {b.name: b.width > 1 for b in diagram.blocks}
+    out = [_frame(f) for f in where.frames]
+    out += [_wire(w, kinds[w.source], wide[w.source]) for w in where.wires]
+    sources = {(x.target, x.port): x.source for x in diagram.lines}
+    for placed in where.blocks:
+        out.append(symbol(placed))
+        for port in range(placed.block.inputs):
+            out.append(_arrow(placed, port, kinds[sources[(placed.block.name, port)]]))
+    for label in where.labels:
+        out.append(
+            text(label.text, label.x, label.y, size=SMALL, anchor="end" if label.end else "start")
+        )
+    return "\n".join(out)
+
+
+def _frame(frame: Frame) -> str:
+    edge, fill = _FRAMES.get(frame.group.kind, ("#777777", "#ffffff"))
+    if not frame.group.title:
+        return ""
+    out = [
+        f"<rect{attributes(x=frame.x, y=frame.y, width=frame.width, height=frame.height, rx=6, fill=fill, stroke=edge, stroke_width=1.1)}/>",  # noqa: E501
+        text(frame.group.title.replace("_", "\u2009"), frame.x + 10.0, frame.y + 18.0, size=13.0,
+             font_weight="bold", fill=edge),
+    ]  # fmt: skip
+    for k, line in enumerate(frame.subtitle):
+        out.append(
+            text(line.replace("_", "\u2009"), frame.x + 10.0, frame.y + 32.0 + 14.0 * k,
+                 size=SMALL, fill="#555555")
+        )  # fmt: skip
+    return "".join(out)
+
+
+def _wire(wire: Wire, kind: SignalKind, wide: bool) -> str:
+    colour, dashes, _ = LINES[kind]
+    d = "".join(
+        f"M{round(x1, 2):g} {round(y1, 2):g}L{round(x2, 2):g} {round(y2, 2):g}"
+        for (x1, y1), (x2, y2) in wire.segments
+    )
+    style = attributes(
+        d=d, stroke=colour, stroke_width=1.9 if wide else 1.2, stroke_dasharray=dashes,
+        stroke_linecap="square" if dashes is None else None, fill="none",
+    )  # fmt: skip
+    dots = "".join(
+        f"<circle{attributes(cx=round(x, 2), cy=round(y, 2), r=2.8, fill=colour)}/>"
+        for x, y in branches(wire.segments)
+    )
+    return f"<path{style}/>{dots}"
+
+
+def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:
+    colour = LINES[kind][0]
+    pin = placed.cell.pins[f"in{port}"]
+    into = inset(placed, port)
+    y = placed.y + pin.y
+    if pin.side == "L":
+        x, back = placed.x + into, -1.0
+    else:
+        x, back = placed.x + placed.cell.width - into, 1.0
+    stem = path([(x + back * into, y), (x + 4.0 * back, y)], stroke=colour, stroke_width=1.2)
+    head = path(
+        [(x, y), (x + 8.0 * back, y - 3.4), (x + 8.0 * back, y + 3.4)], closed=True, fill=colour
+    )
+    return (stem if into > 4.0 else "") + head

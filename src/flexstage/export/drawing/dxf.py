@@ -1,0 +1,218 @@
+"""A stage as a DXF file for wire cutting: closed contours with arcs, on named layers."""
+
+import contextlib
+import io
+from collections.abc import Iterator
+from typing import Any
+
+from flexstage.export.drawing.contours import Contour, Pair, PlateContours, plate_contours
+from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
+from flexstage.export.drawing.notes import millimetres, notes, title_lines
+from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.stage import Circle, Loop, Stage
+
+__all__ = ["DXF_LAYERS", "dxf_files"]
+
+#: Layers by name: what they hold, colour index, line width in 1/100 mm.
+DXF_LAYERS: dict[str, tuple[str, int, int]] = {
+    "OUTLINE": ("outer contour of the plate", 7, 50),
+    "SLOTS": ("slots between bodies, and openings", 7, 50),
+    "HOLES": ("mounting holes, to be drilled", 4, 35),
+    "HINGES": ("necks of the hinges, from surface to surface, and their names", 3, 18),
+    "WIRE_PATH": ("centre of the wire", 1, 25),
+    "START_HOLES": ("holes for threading the wire", 5, 25),
+    "LEAD_IN": ("from each start hole to the wire path", 6, 18),
+    "CUT_ORDER": ("number of each cut", 2, 18),
+    "NOTES": ("title and notes", 8, 18),
+}
+
+_MM = 1e3
+
+
+def dxf_files(
+    stage: Stage, *, kerf: float | None = None, start_hole: float = 1e-3
+) -> dict[str, bytes]:
+    """Return the drawing of a stage for wire cutting.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    kerf : float, optional
+        Width of the cut [m]: diameter of the wire and both spark gaps. Where given, the path of the
+        wire's centre is drawn as well, with start holes, lead-in lines and order of cutting.
+    start_hole : float
+        Diameter of the start holes [m].
+
+    Returns
+    -------
+    dict
+        Content by file name: ``NAME.dxf``, of version R2010, in millimetres, with the layers of
+        `DXF_LAYERS`. Contours are closed polylines whose arcs are bulges, full circles are circles.
+
+    Raises
+    ------
+    StageError
+        The plate is not of one piece, or the cut or a start hole does not fit into it.
+
+    Notes
+    -----
+    Validity: coordinates carry all digits of a double. Profiles that are neither lines nor arcs are
+    drawn as arcs with common tangents within 10 nm (`smooth_notches`). The same stage gives the
+    same bytes; the dates in the file are fixed.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> files = dxf_files(design("parallelogram"), kerf=0.3e-3)
+    >>> list(files), b"WIRE_PATH" in files["parallelogram.dxf"]
+    (['parallelogram.dxf'], True)
+    """
+    plate = plate_contours(smooth_notches(stage))
+    made: tuple[Cut, ...] = ()
+    if kerf is not None:
+        paths = offset_contours(plate, 0.5 * kerf)
+        made = cuts(plate, paths, 0.5 * kerf, start_hole)
+    with _fixed_dates():
+        document = _document()
+        space = document.modelspace()
+        for contour in plate.contours:
+            layer = {"outline": "OUTLINE", "slot": "SLOTS", "hole": "HOLES"}[contour.kind]
+            _closed(space, contour, layer)
+        size = _extent(plate)
+        _hinges(space, plate, 0.006 * size)
+        for cut in made:
+            _cut(space, cut, start_hole, 0.012 * size)
+        _words(space, stage, plate, kerf, start_hole)
+        content = _written(document)
+    return {f"{file_name(stage.name)}.dxf": content}
+
+
+def file_name(name: str) -> str:
+    """Return a name without what a file system minds.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+
+    Returns
+    -------
+    str
+        The same with ``_`` in place of other characters.
+    """
+    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_+") else "_" for c in name)
+    return plain or "_"
+
+
+def _document() -> Any:
+    from ezdxf import units
+    from ezdxf.filemanagement import new
+
+    document = new("R2010", units=units.MM)
+    document.header["$MEASUREMENT"] = 1
+    document.header["$LUNITS"] = 2
+    document.header["$LUPREC"] = 6
+    document.header["$LWDISPLAY"] = 1
+    for name, (description, colour, width) in DXF_LAYERS.items():
+        layer = document.layers.add(name, color=colour, lineweight=width)
+        layer.description = description
+    return document
+
+
+def _mm(p: Pair) -> Pair:
+    return p[0] * _MM, p[1] * _MM
+
+
+def _closed(space: Any, contour: Contour, layer: str) -> None:
+    _polyline(space, contour.loop, contour.circle, layer)
+
+
+def _polyline(space: Any, loop: Loop, circle: Circle | None, layer: str) -> None:
+    attributes = {"layer": layer}
+    if circle is not None:
+        space.add_circle(_mm(circle.centre), circle.radius * _MM, dxfattribs=attributes)
+        return
+    points = [(*_mm(start), bulge) for start, _, bulge in loop.segments()]
+    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs=attributes)
+
+
+def _text(space: Any, text: str, at: Pair, height: float, layer: str) -> None:
+    """Write a line of text; `at` and `height` in millimetres."""
+    # a percent sign twice would start a special character
+    plain = text.replace("%%", "% %")
+    space.add_text(plain, height=height, dxfattribs={"layer": layer, "insert": at})
+
+
+def _extent(plate: PlateContours) -> float:
+    """Larger side of the plate [mm]."""
+    (x0, y0), (x1, y1) = _bounds(plate)
+    return max(x1 - x0, y1 - y0)
+
+
+def _bounds(plate: PlateContours) -> tuple[Pair, Pair]:
+    """Corners of the plate [mm]."""
+    points = plate.outline.loop.polyline(1e-6) * _MM
+    (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return (x0, y0), (x1, y1)
+
+
+def _hinges(space: Any, plate: PlateContours, height: float) -> None:
+    for neck in plate.necks:
+        right, left = _mm(neck.right), _mm(neck.left)
+        space.add_line(right, left, dxfattribs={"layer": "HINGES"})
+        _text(space, neck.hinge, (left[0] + 0.3 * height, left[1]), height, "HINGES")
+
+
+def _cut(space: Any, cut: Cut, start_hole: float, height: float) -> None:
+    _polyline(space, cut.path.loop, cut.path.circle, "WIRE_PATH")
+    start = _mm(cut.start)
+    radius = 0.5 * start_hole * _MM
+    space.add_circle(start, radius, dxfattribs={"layer": "START_HOLES"})
+    space.add_line(start, _mm(cut.entry), dxfattribs={"layer": "LEAD_IN"})
+    _text(
+        space,
+        str(cut.number),
+        (start[0] + 1.3 * radius, start[1] - 0.5 * height),
+        height,
+        "CUT_ORDER",
+    )
+
+
+def _words(
+    space: Any, stage: Stage, plate: PlateContours, kerf: float | None, start_hole: float
+) -> None:
+    """Write title and notes below the plate."""
+    (x0, y0), _ = _bounds(plate)
+    height = 0.012 * _extent(plate)
+    lines = [f"{label}: {text}" for label, text in title_lines(stage)]
+    if kerf is not None:
+        lines.append(f"Cut: {millimetres(kerf)} mm wide")
+    lines += notes(stage, kerf=kerf, start_hole=start_hole, order=CUT_ORDER_RULE)
+    y = y0 - 4.0 * height
+    for line in lines:
+        _text(space, line, (x0, y), height, "NOTES")
+        y -= 1.7 * height
+
+
+@contextlib.contextmanager
+def _fixed_dates() -> Iterator[None]:
+    """Keep the time and random identifiers, which the library would write, out of the file."""
+    from ezdxf import options  # pyright: ignore[reportPrivateImportUsage]
+
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before
+
+
+def _written(document: Any) -> bytes:
+    # the library registers what is used in the order of a set, which differs from run to run
+    for kind in sorted(document.entitydb.dxf_types_in_use()):
+        document.classes.add_class(kind)
+    stream = io.StringIO()
+    document.write(stream)
+    return document.encode(stream.getvalue())

@@ -1,0 +1,314 @@
+"""A sheet of paper that lines, arcs and words are drawn on, written as SVG in millimetres."""
+
+import math
+from collections.abc import Callable, Iterable
+from html import escape
+from typing import Literal, NamedTuple
+
+from flexstage.stage import Loop
+
+__all__ = ["MEDIUM", "THICK", "THIN", "Box", "Canvas", "text_width"]
+
+Pair = tuple[float, float]
+
+#: Widths of lines on technical drawings [mm].
+THICK, MEDIUM, THIN = 0.5, 0.25, 0.18
+
+#: Height of the box of a line of text, in font sizes; and how far it reaches below the baseline.
+_RISE, _FALL = 0.78, 0.24
+_NARROW, _WIDE = set("iljtfrI.,:;'|!()[]/ -"), set("mwMW%@")
+
+
+class Box(NamedTuple):
+    """A rectangle on the sheet, y downwards [mm].
+
+    Parameters
+    ----------
+    left, top, right, bottom : float
+        Its edges [mm].
+    """
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def meets(self, other: "Box", gap: float = 0.0) -> bool:
+        """Tell whether two boxes overlap, or come nearer than a gap.
+
+        Parameters
+        ----------
+        other : Box
+            The other one.
+        gap : float
+            The gap [mm].
+
+        Returns
+        -------
+        bool
+            Whether they do.
+        """
+        return (
+            self.left < other.right + gap
+            and other.left < self.right + gap
+            and self.top < other.bottom + gap
+            and other.top < self.bottom + gap
+        )
+
+
+def text_width(text: str, size: float) -> float:
+    """Return about how wide a line of text is in a sans-serif face, rather too much.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    size : float
+        Font size [mm].
+
+    Returns
+    -------
+    float
+        Its width [mm].
+
+    Examples
+    --------
+    >>> round(text_width("R1.5", 2.8), 2)
+    6.83
+    """
+    return size * sum(
+        0.42 if c in _NARROW else 1.0 if c in _WIDE else 0.65 if c.isdigit() else 0.72 for c in text
+    )
+
+
+class Canvas:
+    """Collects the elements of a drawing; y points down, lengths in millimetres.
+
+    Parameters
+    ----------
+    width, height : float
+        Size of the sheet [mm].
+    """
+
+    def __init__(self, width: float, height: float) -> None:
+        self.width, self.height = width, height
+        self.boxes: list[Box] = []
+        self._parts: list[str] = []
+
+    def line(
+        self, a: Pair, b: Pair, width: float = THIN, *, colour: str = "#000", dash: str = ""
+    ) -> None:
+        """Draw a straight line.
+
+        Parameters
+        ----------
+        a, b : tuple of float
+            Its ends [mm].
+        width : float
+            Its width [mm].
+        colour : str
+            Its colour.
+        dash : str
+            Lengths of dashes and gaps [mm], with spaces between.
+        """
+        dashed = f' stroke-dasharray="{dash}"' if dash else ""
+        self._parts.append(
+            f'<line x1="{_n(a[0])}" y1="{_n(a[1])}" x2="{_n(b[0])}" y2="{_n(b[1])}" '
+            f'stroke="{colour}" stroke-width="{width}"{dashed}/>'
+        )
+
+    def circle(
+        self, centre: Pair, radius: float, width: float = THIN, *, fill: str = "none"
+    ) -> None:
+        """Draw a circle.
+
+        Parameters
+        ----------
+        centre : tuple of float
+            Its centre [mm].
+        radius : float
+            Its radius [mm].
+        width : float
+            Width of the line [mm].
+        fill : str
+            Colour of its inside.
+        """
+        self._parts.append(
+            f'<circle cx="{_n(centre[0])}" cy="{_n(centre[1])}" r="{_n(radius)}" fill="{fill}" '
+            f'stroke="#000" stroke-width="{width}"/>'
+        )
+
+    def loops(
+        self,
+        loops: Iterable[tuple[Loop, bool]],
+        place: Callable[[Pair], Pair],
+        width: float,
+        *,
+        fill: str = "none",
+    ) -> None:
+        """Draw lines of segments and arcs as one shape; holes in it stay empty.
+
+        Parameters
+        ----------
+        loops : iterable of tuple
+            Each a loop, y upwards, and whether it is closed; the last segment of an open one is
+            left out.
+        place : callable
+            Maps their points to the sheet, which turns y over.
+        width : float
+            Width of the line [mm]; 0 for none.
+        fill : str
+            Colour of the inside.
+        """
+        d = " ".join(_path(loop, place, closed) for loop, closed in loops)
+        stroke = f'stroke="#000" stroke-width="{width}"' if width else 'stroke="none"'
+        self._parts.append(
+            f'<path d="{d}" fill="{fill}" fill-rule="evenodd" {stroke} stroke-linejoin="round"/>'
+        )
+
+    def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
+        """Draw the head of an arrow.
+
+        Parameters
+        ----------
+        tip : tuple of float
+            Its tip [mm].
+        towards : tuple of float
+            Direction in which it points, of any length.
+        size : float
+            Its length [mm].
+        colour : str
+            Its colour.
+        """
+        length = math.hypot(*towards)
+        ux, uy = towards[0] / length, towards[1] / length
+        back = (tip[0] - size * ux, tip[1] - size * uy)
+        w = size / 6.0
+        points = (tip, (back[0] - w * uy, back[1] + w * ux), (back[0] + w * uy, back[1] - w * ux))
+        text = " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
+        self._parts.append(f'<polygon points="{text}" fill="{colour}"/>')
+
+    def text(
+        self,
+        at: Pair,
+        text: str,
+        size: float,
+        *,
+        anchor: Literal["start", "middle", "end"] = "start",
+        upright: bool = False,
+        bold: bool = False,
+        colour: str = "#000",
+    ) -> Box:
+        """Write a line of text.
+
+        Parameters
+        ----------
+        at : tuple of float
+            Where its baseline begins, has its middle or ends [mm].
+        text : str
+            The text.
+        size : float
+            Font size [mm].
+        anchor : str
+            What of the text is at that point.
+        upright : bool
+            Whether it is turned to be read from the right.
+        bold : bool
+            Whether it is bold.
+        colour : str
+            Its colour.
+
+        Returns
+        -------
+        Box
+            The room that it takes, which is remembered in `boxes`.
+        """
+        box = self.text_box(at, text, size, anchor=anchor, upright=upright)
+        if not text:
+            return box
+        self.boxes.append(box)
+        turned = f' transform="rotate(-90 {_n(at[0])} {_n(at[1])})"' if upright else ""
+        weight = ' font-weight="bold"' if bold else ""
+        ink = f' fill="{colour}"' if colour != "#000" else ""
+        self._parts.append(
+            f'<text x="{_n(at[0])}" y="{_n(at[1])}" font-size="{_n(size)}" '
+            f'text-anchor="{anchor}"{weight}{ink}{turned}>{escape(text)}</text>'
+        )
+        return box
+
+    def text_box(
+        self, at: Pair, text: str, size: float, *, anchor: str = "start", upright: bool = False
+    ) -> Box:
+        """Return the room that a line of text would take.
+
+        Parameters
+        ----------
+        at : tuple of float
+            Where its baseline begins, has its middle or ends [mm].
+        text : str
+            The text.
+        size : float
+            Font size [mm].
+        anchor : str
+            What of the text is at that point.
+        upright : bool
+            Whether it is turned to be read from the right.
+
+        Returns
+        -------
+        Box
+            The room.
+        """
+        width = text_width(text, size)
+        before = {"start": 0.0, "middle": 0.5 * width, "end": width}[anchor]
+        x, y = at
+        if upright:
+            return Box(x - _RISE * size, y - width + before, x + _FALL * size, y + before)
+        return Box(x - before, y - _RISE * size, x - before + width, y + _FALL * size)
+
+    def svg(self, title: str, description: str) -> bytes:
+        """Return the drawing.
+
+        Parameters
+        ----------
+        title : str
+            Its title.
+        description : str
+            What it is and where it comes from.
+
+        Returns
+        -------
+        bytes
+            An SVG document.
+        """
+        w, h = _n(self.width), _n(self.height)
+        head = (
+            '<?xml version="1.0" encoding="UTF-8"?>\n'
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{w}mm" height="{h}mm" '
+            f'viewBox="0 0 {w} {h}" font-family="Liberation Sans, Arial, Helvetica, sans-serif">\n'
+            f"<title>{escape(title)}</title>\n<desc>{escape(description)}</desc>\n"
+            f'<rect width="{w}" height="{h}" fill="#fff"/>\n'
+        )
+        return (head + "\n".join(self._parts) + "\n</svg>\n").encode()
+
+
+def _n(value: float) -> str:
+    """Write a length to a tenth of a micrometre of paper."""
+    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def _path(loop: Loop, place: Callable[[Pair], Pair], closed: bool) -> str:
+    segments = loop.segments()
+    x, y = place(segments[0][0])
+    parts = [f"M{_n(x)} {_n(y)}"]
+    for first, last, bulge in segments if closed else segments[:-1]:
+        start, end = place(first), place(last)
+        if bulge:
+            radius = math.dist(start, end) * (1.0 + bulge**2) / (4.0 * abs(bulge))
+            # what turns left with y upwards turns right with y downwards
+            large, sweep = int(abs(bulge) > 1.0), int(bulge < 0.0)
+            parts.append(f"A{_n(radius)} {_n(radius)} 0 {large} {sweep} {_n(end[0])} {_n(end[1])}")
+        else:
+            parts.append(f"L{_n(end[0])} {_n(end[1])}")
+    return " ".join(parts) + ("Z" if closed else "")

@@ -1,0 +1,260 @@
+"""What a .mat file of a stage holds."""
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import flexstage
+from flexstage.export.control_object import linear_part, rest_shape, state_names
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.matlab.sampled import sampled_form
+from flexstage.hysteresis import Amplifier
+from flexstage.hysteresis.model import Array
+from flexstage.stage import Stage
+from flexstage.system import DrivePort, MechanicalSystem, modes
+from flexstage.system.imposed import imposed_shape
+
+__all__ = ["contents", "damping_matrix", "mat_file"]
+
+_HEADER = 116  # bytes of text at the start of a .mat file, level 5
+
+
+def mat_file(variables: Mapping[str, Any]) -> bytes:
+    """Return the bytes of a .mat file, level 5; the same variables give the same bytes.
+
+    Parameters
+    ----------
+    variables : Mapping
+        Values by name; a dict becomes a struct.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
+    from scipy.io import savemat
+
+    buffer = io.BytesIO()
+    savemat(buffer, dict(variables), long_field_names=True, oned_as="column")
+    made = bytearray(buffer.getvalue())
+    # scipy writes the date here
+    made[:_HEADER] = f"MATLAB 5.0 MAT-file, written by flexstage {flexstage.__version__}".ljust(
+        _HEADER
+    ).encode()
+    return bytes(made)
+
+
+def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
+    """Return the variables of the .mat file of a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    model : DynamicModel
+        Its model; the matrices are those of its mechanical system.
+
+    Returns
+    -------
+    dict
+        Variables by name, as `scipy.io.savemat` takes them.
+    """
+    system = model.system
+    form, step, k = linear_part(model), sampled_form(model), model.omega.size
+    found = modes(system, drives="in place", count=None)
+    added, held = system.drive_springs("in place")
+    return {
+        "name": stage.name,
+        "title": stage.title,
+        "mechanical_model": system.model,
+        "version": f"flexstage {flexstage.__version__}",
+        "notes": _cell(_notes(model)),
+        "step": model.step,
+        # first order, continuous
+        "A": form.A,
+        "B": form.B,
+        "C": form.C,
+        "D": form.D,
+        "rest": rest_shape(model),
+        # from sample to sample, straight lines between the samples (first-order hold)
+        "Ad": step.transition,
+        "Bd": step.shifted,
+        "Cd": form.C,
+        "Dd": form.D + form.C @ step.end,
+        "Bd_start": step.start,
+        "Bd_end": step.end,
+        # held between the samples (zero-order hold); A, C and D are those above
+        "Bd_held": step.held,
+        "Dd_held": form.D,
+        "inputs": _cell(form.inputs),
+        "outputs": _cell(form.outputs),
+        "states": _cell(state_names(model)),
+        # second order, in the coordinates of the model
+        "M": system.M,
+        "K": system.K,
+        "K_in_place": system.K + added,
+        "C_damping": damping_matrix(system),
+        "drive_vectors": _columns([d.vector for d in system.drives], system.order),
+        "held_vectors": held,
+        "probe_vectors": _columns([p.vector for p in system.probes], system.order).T,
+        "coordinates": _cell(system.coordinates),
+        "shapes": found.shapes[:, :k],
+        "omega": model.omega,
+        "frequency_hz": model.omega / (2.0 * np.pi),
+        "zeta": model.damping_ratio,
+        "drives": _structs([_drive(d, system.drive(d.name)) for d in model.drives]),
+        "probes": _structs([_probe(p, model) for p in model.probes]),
+    }
+
+
+def damping_matrix(system: MechanicalSystem) -> Array:
+    r"""Return the viscous damping matrix that gives every mode its damping ratio.
+
+    .. math:: C = N^T \mathrm{diag}(2\zeta_i\omega_i) N, \qquad
+              N = \Phi^T M \left(I - \sum_j T_j v_j^T\right)
+
+    with the modes :math:`\Phi` of the drives in place, of unit modal mass. T is the static shape of
+    a rigid drive and v its vector, so that a motion that follows the rigid drives slowly is not
+    damped; without rigid drives there is none.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+
+    Returns
+    -------
+    numpy.ndarray
+        Damping of the coordinates [N s/m and so on], shape (n, n).
+    """
+    found = modes(system, drives="in place", count=None)
+    reader = found.shapes.T @ system.M
+    rigid = [d for d in system.drives if d.stiffness is None]
+    reader = reader - sum(np.outer(reader @ imposed_shape(system, d), d.vector) for d in rigid)
+    made = (reader.T * (2.0 * found.damping_ratio * found.omega)) @ reader
+    return np.asarray(0.5 * (made + made.T), dtype=np.float64)
+
+
+def _notes(model: DynamicModel) -> tuple[str, ...]:
+    return (
+        "A, B, C, D: from the free displacements of the drives [m] (forces [N]) to the readings; "
+        "amplifier, hysteresis or gain, and sensors are in the structs drives and probes",
+        "Ad, Bd, Cd, Dd: x(n+1) = Ad x(n) + Bd w(n), y(n) = Cd x(n) + Dd w(n), exact for inputs of "
+        "straight lines between samples; the state is that of A, B, C, D less Bd_end w(n)",
+        "Bd_start, Bd_end: x(n+1) = Ad x(n) + Bd_start w(n) + Bd_end w(n+1), y = C x + D w, the "
+        "same with the state of A, B, C, D",
+        "Bd_held, Dd_held: x(n+1) = Ad x(n) + Bd_held w(n), y(n) = C x(n) + Dd_held w(n), for "
+        "inputs that are held between samples",
+        "M, K: bare stage; K_in_place: with the springs of the drives; C_damping: the damping "
+        "ratios of all modes, drives in place",
+        "rest: states for a unit of each input that has stood still for long",
+        *model.notes,
+    )
+
+
+def _drive(drive: ModelDrive, port: DrivePort) -> dict[str, Any]:
+    return {
+        "name": drive.name,
+        "kind": drive.kind,
+        "unit": drive.unit,
+        "gain": drive.gain,
+        # a rigid drive imposes its displacement
+        "stiffness": np.inf if drive.stiffness is None else drive.stiffness,
+        "stroke": _number(port.stroke),
+        "input_range": _pair(drive.input_range),
+        "hysteresis": _hysteresis(drive),
+        "amplifier": _amplifier(drive.amplifier),
+        "creep": _creep(drive),
+        "modal_gain": drive.modal_gain,
+        "rate_time": drive.rate_time,
+        "mode_weights": drive.mode_weights,
+        "lag_weights": drive.lag_weights,
+        "feedthrough": drive.feedthrough,
+    }
+
+
+def _hysteresis(drive: ModelDrive) -> dict[str, Any]:
+    if drive.hysteresis is None:
+        return {"kind": "none"}
+    values: dict[str, Any] = {"kind": drive.hysteresis.kind}
+    for name, value in drive.hysteresis.parameters().items():
+        values[name] = value if isinstance(value, str) else np.asarray(value, dtype=np.float64)
+    values["rest"] = drive.hysteresis.rest()
+    return values
+
+
+def _amplifier(amplifier: Amplifier | None) -> dict[str, Any]:
+    if amplifier is None:
+        return {"present": 0.0}
+    return {
+        "present": 1.0,
+        "gain": amplifier.gain,
+        "bandwidth_hz": amplifier.bandwidth_hz,
+        "time_constant": amplifier.time_constant,
+        "largest_rate": amplifier.largest_rate,
+        "voltage_range": _pair(amplifier.voltage_range),
+    }
+
+
+def _creep(drive: ModelDrive) -> dict[str, Any]:
+    if drive.creep is None:
+        return {"lag_gain": 0.0, "time_constants": np.zeros((0, 1))}
+    return {
+        "lag_gain": drive.creep.lag_gain,
+        "time_constants": drive.creep.time_constants,
+        "rate_per_decade": drive.creep.rate_per_decade,
+    }
+
+
+def _probe(probe: ModelProbe, model: DynamicModel) -> dict[str, Any]:
+    made: dict[str, Any] = {
+        "name": probe.name,
+        "unit": probe.unit,
+        "shape": model.probe_shapes[[p.name for p in model.probes].index(probe.name)],
+    }
+    sensor = probe.sensor
+    if sensor is None:
+        return made | {"sensor": {"present": 0.0}}
+    bandwidth = sensor.bandwidth_hz
+    return made | {
+        "sensor": {
+            "present": 1.0,
+            "gain": sensor.gain,
+            "offset": sensor.offset,
+            "time_constant": 0.0 if bandwidth is None else 1.0 / (2.0 * np.pi * bandwidth),
+            "quantisation": sensor.quantisation,
+            "mains_amplitude": sensor.mains_amplitude,
+            "mains_frequency_hz": sensor.mains_frequency_hz,
+            "mains_phase": sensor.mains_phase,
+        }
+    }
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _pair(value: tuple[float, float] | None) -> Array:
+    """One row: the ends, or infinities."""
+    return np.array([(-np.inf, np.inf) if value is None else value])
+
+
+def _columns(vectors: list[Array], order: int) -> Array:
+    return np.array(vectors).reshape(len(vectors), order).T
+
+
+def _cell(texts: tuple[str, ...]) -> Any:
+    made = np.empty((len(texts), 1), dtype=object)
+    made[:, 0] = texts
+    return made
+
+
+def _structs(rows: list[dict[str, Any]]) -> Any:
+    """A struct array, one row of dicts with the same fields each."""
+    made = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
+    for i, row in enumerate(rows):
+        for name, value in row.items():
+            made[i, 0][name] = value
+    return made

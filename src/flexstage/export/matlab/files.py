@@ -1,0 +1,116 @@
+"""The files for MATLAB and Octave."""
+
+import re
+from importlib import resources
+
+import flexstage
+from flexstage.errors import ModelError
+from flexstage.export.build_model import dynamic_model
+from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.matlab.contents import contents, mat_file
+from flexstage.stage import Stage
+from flexstage.system import MechanicalSystem
+
+__all__ = ["matlab_files", "matlab_name"]
+
+_LONGEST = 63 - len("_step")  # of a name in MATLAB
+
+
+def matlab_files(
+    stage: Stage,
+    system: MechanicalSystem,
+    *,
+    model: DynamicModel | None = None,
+    name: str | None = None,
+) -> dict[str, bytes]:
+    """Return a stage for MATLAB and Octave.
+
+    ``NAME.mat`` (level 5) holds the matrices in first-order form, continuous and from sample to
+    sample, mass, damping and stiffness, modes, and the drives with hysteresis, amplifier and creep;
+    ``NAME.m`` loads it, makes state spaces where the control toolbox is, draws Bode diagrams and
+    runs the stage in time; ``NAME_step.m`` is one exact step of the whole model.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    system : MechanicalSystem
+        A model of the stage.
+    model : DynamicModel, optional
+        Its dynamic model, whose mechanical system is taken; with the usual hysteresis where not
+        given.
+    name : str, optional
+        Name of the files, a name in MATLAB; from the stage where not given.
+
+    Returns
+    -------
+    dict
+        Content by file name.
+
+    Raises
+    ------
+    ModelError
+        The name is none, or the stage cannot be made into a dynamic model.
+
+    Notes
+    -----
+    Validity: ``NAME_step.m`` steps linear drives and Bouc-Wen hysteresis of exponent 1, with modes
+    of a damping ratio below 1; of other hysteresis the file holds the parameters alone.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> list(matlab_files(stage, lumped_system(stage)))
+    ['vgtu_piezo.mat', 'vgtu_piezo.m', 'vgtu_piezo_step.m']
+    """
+    made = dynamic_model(stage, system) if model is None else model
+    called = matlab_name(made.name) if name is None else name
+    if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", called, re.ASCII):
+        raise ModelError(
+            f"'{called}' is no name in MATLAB: begin with a letter, then letters, digits and _, "
+            f"{_LONGEST} in all"
+        )
+    return {
+        f"{called}.mat": mat_file(contents(stage, made)),
+        f"{called}.m": _text("stage_script.m", called, made.title),
+        f"{called}_step.m": _text("stage_step.m", called, made.title),
+    }
+
+
+def matlab_name(text: str) -> str:
+    """Return the nearest name that MATLAB and C allow.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        Letters, digits and underscores, beginning with a letter, at most 58.
+
+    Examples
+    --------
+    >>> matlab_name("2-axis stage")
+    'stage_2_axis_stage'
+    """
+    made = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
+    if not made or not made[0].isalpha():
+        made = f"stage_{made}".rstrip("_")
+    return made[:_LONGEST]
+
+
+def _text(file: str, name: str, title: str) -> bytes:
+    raw = resources.files("flexstage.export.matlab").joinpath(file).read_text(encoding="utf-8")
+    # MATLAB on some systems reads files in its own encoding: nothing but ASCII there
+    plain = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
+    for token, value in (
+        ("STAGE_NAME", name),
+        ("STAGE_TITLE", plain),
+        ("FLEXSTAGE_VERSION", flexstage.__version__),
+    ):
+        raw = raw.replace(token, value)
+    return raw.encode("ascii")

@@ -1,0 +1,142 @@
+"""The opening comment of a header for real time."""
+
+import textwrap
+
+import numpy as np
+
+import flexstage
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.realtime.accuracy import ROUNDINGS, rounding_bound
+from flexstage.export.realtime.cost import operations, state_numbers
+from flexstage.export.source.arrays import c_comment
+
+__all__ = ["opening"]
+
+
+def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
+    """Return the comment that a header begins with.
+
+    Parameters
+    ----------
+    model : DynamicModel
+        The model.
+    prefix : str
+        Prefix of all names.
+    single : bool
+        Whether it is in single precision.
+
+    Returns
+    -------
+    str
+        The comment.
+    """
+    big = prefix.upper()
+    lines = [
+        f"{prefix}.h: flexure stage {model.name}, stepped in real time.",
+        "",
+        *_wrapped(model.title),
+        f"Written by flexstage {flexstage.__version__}.",
+        "",
+        f"Commands, in this order ({big}_DRIVES = {len(model.drives)}):",
+        *(f"  [{i}] {line}" for i, d in enumerate(model.drives) for line in [_drive(d)]),
+        "",
+        f"Readings, in this order ({big}_PROBES = {len(model.probes)}):",
+        *(f"  [{i}] {line}" for i, p in enumerate(model.probes) for line in [_probe(p)]),
+        "",
+        f"Step: {model.step:.9g} s ({1.0 / model.step:.6g} Hz), fixed; commands move on straight "
+        "lines.",
+        f"Modes: {model.omega.size}, {model.omega[0] / (2.0 * np.pi):.4g} to "
+        f"{model.omega[-1] / (2.0 * np.pi):.4g} Hz, drives in place.",
+        "",
+        "How to call it:",
+        f'  #include "{prefix}.h"',
+        f"  static {prefix}_stage stage;",
+        f"  {prefix}_real commands[{big}_DRIVES], readings[{big}_PROBES];",
+        f"  {prefix}_init(&stage);                            once; at rest at zero commands",
+        f"  {prefix}_settle(&stage, commands);                where it stands elsewhere",
+        f"  {prefix}_step(&stage, commands, readings);        once a step; 0, or a message",
+        f"  {prefix}_self_test(&stage);                       then init or settle again",
+        "",
+        *_wrapped(
+            "No allocation, no input or output, no recursion, no library but libm; nothing global "
+            "that changes, so that instances are independent. A copy of an instance's bytes is a "
+            "saved state. C99, or C++11."
+        ),
+        "",
+        *_wrapped(
+            f"Cost of a step: about {operations(model)} additions and multiplications; "
+            f"{state_numbers(model)} numbers are remembered. An instance takes "
+            f"sizeof({prefix}_stage) bytes with its tables, the constants about as many again. At "
+            "rest at exactly zero the modes die away to numbers below the smallest normal one; "
+            "where the processor is slow at these, let it flush them to zero."
+        ),
+        "",
+        *_accuracy(model, single=single),
+        "",
+        "Validity:",
+        *(line for note in model.notes for line in _wrapped(note, first="- ", rest="  ")),
+    ]
+    return (
+        "/* " + "\n * ".join(c_comment(line) for line in lines).replace(" * \n", " *\n") + "\n */\n"
+    )
+
+
+def _wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
+    return textwrap.wrap(
+        text, 92, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False
+    ) or [""]
+
+
+def _drive(d: ModelDrive) -> str:
+    words = []
+    if d.input_range is not None:
+        words.append(f"{d.input_range[0]:g} to {d.input_range[1]:g} {d.unit}")
+    if d.amplifier is not None:
+        words.append(f"amplifier {d.amplifier.bandwidth_hz:g} Hz")
+    if d.hysteresis is not None:
+        words.append(f"hysteresis {d.hysteresis.kind}")
+    elif d.unit == "V":
+        words.append(f"{d.gain:.6g} m/V")
+    if d.creep is not None and d.hysteresis is not None:
+        words.append(f"creep {100.0 * d.creep.rate_per_decade:.3g} % a decade")
+    if d.stiffness is None:
+        words.append("displacement imposed")
+    return f"{d.name} [{d.unit}], {d.kind}" + (": " + ", ".join(words) if words else "")
+
+
+def _probe(p: ModelProbe) -> str:
+    if p.sensor is None:
+        return f"{p.name} [{p.unit}], true motion"
+    words = [f"gain {p.sensor.gain:g}", f"offset {p.sensor.offset:g}"]
+    if p.sensor.bandwidth_hz is not None:
+        words.append(f"{p.sensor.bandwidth_hz:g} Hz")
+    if p.sensor.quantisation > 0.0:
+        words.append(f"steps of {p.sensor.quantisation:g}")
+    return f"{p.name} [{p.unit}], sensor: " + ", ".join(words)
+
+
+def _accuracy(model: DynamicModel, *, single: bool) -> list[str]:
+    if not single:
+        return _wrapped(
+            "Accuracy: double precision. Compiled without contraction of products and sums "
+            "(-ffp-contract=off) and without fast mathematics, and with the libm of the same "
+            "system, readings are those of flexstage stepped one sample at a time, bit for bit "
+            "where the hysteresis has a closed form; else to about 1e-12 of the stroke."
+        )
+    bound = rounding_bound(model)
+    said = ", ".join(
+        f"{p.name} {b:.2g} {p.unit}" for p, b in zip(model.probes, bound.tolist(), strict=True)
+    )
+    words = (
+        "Accuracy: single precision. Rounding errors of all steps together stay below "
+        f"{said}: {ROUNDINGS:g} u/(1 - exp(-zeta omega h)) of each mode's part, u = 6e-8; what is "
+        "seen is some hundred times less. Not for commands that excite a mode of small damping for "
+        "long (its amplification comes on top). Compile without fast mathematics."
+    )
+    if any(d.hysteresis is not None for d in model.drives):
+        words += (
+            " A hysteresis also rounds its memory in every step: N steps all one way put it off by "
+            "up to N u/2 of itself; seen is a twentieth of that, 1e-3 of the stroke in a ramp of "
+            "2.5 million steps. For ramps of minutes take double precision."
+        )
+    return _wrapped(words)

@@ -1,0 +1,224 @@
+"""The files for a real-time target."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+from importlib import resources
+from typing import Literal
+
+import numpy as np
+
+import flexstage
+from flexstage.errors import ModelError
+from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.realtime.accuracy import rounding_bound
+from flexstage.export.realtime.amalgamate import amalgamated, in_single, prefixed
+from flexstage.export.realtime.check_samples import CheckSamples, check_samples, command_span
+from flexstage.export.realtime.comment import opening
+from flexstage.export.source import render_source
+from flexstage.export.source.arrays import c_array, c_comment, c_number
+
+__all__ = ["c_prefix", "realtime_files"]
+
+_LONGEST = 40
+# A weight that is this much smaller than the largest is far below what single precision resolves;
+# its products would fall below the smallest normal number, which slows many processors down.
+_NOTHING = 1e-20
+# What a self test may show in double precision: another libm, another order of products.
+_DOUBLE_LIMIT = 1e-9
+
+
+def realtime_files(
+    model: DynamicModel,
+    *,
+    precision: Literal["double", "single"] = "double",
+    name: str | None = None,
+) -> dict[str, bytes]:
+    """Return a stage as one header of C for a real-time target.
+
+    ``NAME.h`` steps the model with a fixed step: no allocation, no input or output, no library but
+    libm, all names under the prefix NAME. ``NAME_example.c`` is a main loop; ``NAME_check.csv``
+    holds the commands and readings that ``NAME_self_test`` steps through.
+
+    Parameters
+    ----------
+    model : DynamicModel
+        The model.
+    precision : str
+        ``double`` or ``single``.
+    name : str, optional
+        Name of the files and prefix of the names in C; from the stage where not given.
+
+    Returns
+    -------
+    dict
+        Content by file name.
+
+    Raises
+    ------
+    ModelError
+        The precision or the name is none, or the model cannot be written as C.
+
+    Notes
+    -----
+    Validity: in double precision the readings are those of `DynamicModel.simulate` stepped one
+    sample at a time, bit for bit where hysteresis has a closed form; in single precision within
+    `rounding_bound`.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.export import dynamic_model
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> list(realtime_files(dynamic_model(stage, lumped_system(stage))))
+    ['vgtu_piezo.h', 'vgtu_piezo_example.c', 'vgtu_piezo_check.csv']
+    """
+    if precision not in ("double", "single"):
+        raise ModelError(f"the precision is double or single, got '{precision}'")
+    single = precision == "single"
+    prefix = c_prefix(model.name) if name is None else name
+    if not re.fullmatch(rf"[A-Za-z][A-Za-z0-9_]{{0,{_LONGEST - 1}}}", prefix):
+        raise ModelError(
+            f"'{prefix}' is no prefix of names in C: begin with a letter, then letters, digits and "
+            f"_, {_LONGEST} in all"
+        )
+    samples = check_samples(model)
+    written = _without_nothing(model) if single else model
+    guard = f"{prefix.upper()}_HEADER"
+    body = amalgamated(render_source(written)) + _self_test(model, samples)
+    body = prefixed(in_single(body) if single else body, prefix)
+    header = (
+        opening(model, prefix, single=single)
+        + f"#ifndef {guard}\n#define {guard}\n\n"
+        + (f"#define {prefix.upper()}_SINGLE\n" if single else "")
+        + body
+        + "\n#endif\n"
+    )
+    limit = _single_limit(model, samples) if single else _DOUBLE_LIMIT
+    return {
+        f"{prefix}.h": header.encode("ascii"),
+        f"{prefix}_example.c": _example(model, prefix, limit).encode("ascii"),
+        f"{prefix}_check.csv": _table(model, samples),
+    }
+
+
+def c_prefix(text: str) -> str:
+    """Return the nearest prefix of names that C allows.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        Small letters, digits and single underscores, beginning with a letter, at most 40.
+
+    Examples
+    --------
+    >>> c_prefix("VGTU -- piezo"), c_prefix("2-axis")
+    ('vgtu_piezo', 'stage_2_axis')
+    """
+    made = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
+    if not made or not made[0].isalpha():
+        made = f"stage_{made}".rstrip("_")
+    return made[:_LONGEST].rstrip("_")
+
+
+def _without_nothing(model: DynamicModel) -> DynamicModel:
+    """The model without weights that single precision cannot tell from nothing."""
+
+    def cleared(d: ModelDrive) -> ModelDrive:
+        weights = d.mode_weights.copy()
+        k = weights.shape[1] // 2
+        for part, scale in ((weights[:, :k], 1.0), (weights[:, k:], 1.0 / model.step)):
+            largest = np.abs(weights[:, :k]).max(initial=0.0)
+            part[np.abs(part) * scale < _NOTHING * largest] = 0.0
+        return replace(d, mode_weights=weights)
+
+    return replace(model, drives=tuple(cleared(d) for d in model.drives))
+
+
+def _swing(samples: CheckSamples) -> list[float]:
+    return [float(s) or 1.0 for s in np.ptp(samples.readings, axis=0)]
+
+
+def _single_limit(model: DynamicModel, samples: CheckSamples) -> float:
+    return float(np.max(rounding_bound(model) / _swing(samples)))
+
+
+def _self_test(model: DynamicModel, samples: CheckSamples) -> str:
+    """The function that steps through the samples, with the samples."""
+    count = str(len(samples.commands))
+    arrays = "\n".join(
+        (
+            c_array("commands", (count, "FS_DRIVES"), samples.commands, "commands, a row a step"),
+            c_array("expected", (count, "FS_PROBES"), samples.readings, "readings by flexstage"),
+            c_array("swing", ("FS_PROBES",), _swing(samples), "largest less smallest reading"),
+        )
+    )
+    indented = "".join(f"    {line}\n" if line else "" for line in arrays.splitlines())
+    return f"""
+/* Step through {count} samples that flexstage computed, from rest, and return the largest deviation
+ * of a reading over the swing of that reading [1]; infinite where a step fails. The stage is left
+ * where they end. */
+static inline fs_real fs_self_test(fs_stage *s)
+{{
+{indented}    fs_real largest = FS_R(0.0), readings[FS_PROBES];
+    int i, p;
+    fs_init(s);
+    for (i = 0; i < {count}; i++) {{
+        if (fs_step(s, commands[i], readings))
+            return (fs_real)INFINITY;
+        for (p = 0; p < FS_PROBES; p++) {{
+            const fs_real off = FS_ABS(readings[p] - expected[i][p]) / swing[p];
+            if (!(off <= largest))
+                largest = off;
+        }}
+    }}
+    return largest;
+}}
+"""
+
+
+def _example(model: DynamicModel, prefix: str, limit: float) -> str:
+    text = (
+        resources.files("flexstage.export.realtime")
+        .joinpath("example.c")
+        .read_text(encoding="ascii")
+    )
+    spans = [command_span(model, d) for d in model.drives]
+    names = ", ".join(f"{d.name} [{d.unit}]" for d in model.drives)
+    for token, value in (
+        ("STAGE_NAME", c_comment(model.name)),
+        ("COMMAND_NAMES", c_comment(names)),
+        ("FLEXSTAGE_VERSION", flexstage.__version__),
+        ("LOWEST", ", ".join(c_number(low) for low, _ in spans)),
+        ("HIGHEST", ", ".join(c_number(high) for _, high in spans)),
+        ("SELF_TEST_LIMIT", f"{limit:.2g}"),
+        ("CSV_HEAD", ",".join(_columns(model)).replace("%", "%%").replace('"', "")),
+        ("fs_.h", f"{prefix}.h"),
+    ):
+        text = text.replace(token, value)
+    return prefixed(text, prefix)
+
+
+def _columns(model: DynamicModel) -> list[str]:
+    return [
+        "time [s]",
+        *(f"command {c_comment(d.name)} [{d.unit}]" for d in model.drives),
+        *(f"reading {c_comment(p.name)} [{c_comment(p.unit)}]" for p in model.probes),
+    ]
+
+
+def _table(model: DynamicModel, samples: CheckSamples) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_columns(model))
+    for i, (u, y) in enumerate(zip(samples.commands, samples.readings, strict=True)):
+        row = [(i + 1) * model.step, *u.tolist(), *y.tolist()]
+        writer.writerow([f"{value:.17g}" for value in row])
+    return text.getvalue().encode()

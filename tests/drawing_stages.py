@@ -1,0 +1,100 @@
+"""Stages with any notch, for the tests of drawings."""
+
+import math
+from typing import Any
+
+from flexstage.hinges import Profile, RightCircular
+from flexstage.hinges.corner_filleted import CornerFilleted
+from flexstage.hinges.elliptical import Elliptical
+from flexstage.hinges.hyperbolic import Hyperbolic
+from flexstage.hinges.leaf import Leaf
+from flexstage.hinges.parabolic import Parabolic
+from flexstage.hinges.power import PowerFunction
+from flexstage.hinges.v_fillet import VFillet
+from flexstage.material import material
+from flexstage.stage import Body, Circle, Hinge, Loop, Stage
+
+Pair = tuple[float, float]
+
+_SIZES: dict[str, Any] = {"neck_thickness": 0.47e-3, "half_length": 2.3e-3, "notch_depth": 1.1e-3}
+
+#: One of each kind, and some of them cut from one side.
+NOTCHES: dict[str, Profile] = {
+    "circular": RightCircular(neck_thickness=0.53e-3, radius=1.7e-3),
+    "circular-one-sided": RightCircular(neck_thickness=0.53e-3, radius=1.7e-3, one_sided=True),
+    "elliptical": Elliptical(**_SIZES),
+    "elliptical-one-sided": Elliptical(**_SIZES, one_sided=True),
+    "corner-filleted": CornerFilleted(
+        neck_thickness=0.41e-3, notch_length=5.3e-3, fillet_radius=0.9e-3
+    ),
+    "leaf": Leaf(neck_thickness=0.37e-3, leaf_length=6.1e-3, notch_depth=1.3e-3),
+    "leaf-one-sided": Leaf(
+        neck_thickness=0.37e-3, leaf_length=6.1e-3, notch_depth=1.3e-3, one_sided=True
+    ),
+    "parabolic": Parabolic(**_SIZES),
+    "hyperbolic": Hyperbolic(**_SIZES),
+    "v": VFillet(
+        neck_thickness=0.61e-3, half_opening_angle=0.6, fillet_radius=0.7e-3, notch_depth=1.9e-3
+    ),
+    "power": PowerFunction(**_SIZES, exponent=3.7),
+}
+
+
+def guide(profile: Profile, turn: float = 0.31, shift: Pair = (7.3e-3, -4.1e-3)) -> Stage:
+    """A platform on two bars with four notches; turned and shifted, with corners in its edges."""
+    length, height = profile.length, profile.root_height
+    c, s = math.cos(turn), math.sin(turn)
+
+    def move(p: Pair) -> Pair:
+        return shift[0] + c * p[0] - s * p[1], shift[1] + s * p[0] + c * p[1]
+
+    bar, apart = 9.7e-3, 2.0 * height + 11.3e-3
+    low, high = length, length + bar
+    top = high + length
+    left, right = height + 0.4e-3, height + 0.9e-3
+
+    def rectangle(x0: float, y0: float, x1: float, y1: float) -> Loop:
+        # a corner within an edge, which a drawing has no use for
+        points = ((x0, y0), (0.3 * x0 + 0.7 * x1, y0), (x1, y0), (x1, y1), (x0, y1))
+        return Loop(points).mapped(move)
+
+    wide = (-left - 6.1e-3, apart + right + 5.3e-3)
+    bodies = (
+        Body(
+            name="base",
+            outline=rectangle(wide[0], -8.3e-3, wide[1], 0.0),
+            mounting_holes=(Circle(move((0.7e-3, -4.4e-3)), 1.6e-3),),
+            fixed=True,
+        ),
+        *(
+            Body(name=f"bar{k}", outline=rectangle(x - left, low, x + right, high))
+            for k, x in enumerate((0.0, apart))
+        ),
+        Body(
+            name="platform",
+            outline=rectangle(wide[0], top, wide[1], top + 7.7e-3),
+            holes=(Circle(move((5.9e-3, top + 3.6e-3)), 2.1e-3),),
+        ),
+    )
+    hinges = []
+    for k, x in enumerate((0.0, apart)):
+        ends = ((0.5 * length, ("base", f"bar{k}")), (high + 0.5 * length, (f"bar{k}", "platform")))
+        for n, (y, pair) in enumerate(ends):
+            flip = bool((k + n) % 2)
+            hinges.append(
+                Hinge(
+                    name=f"h{k}{n}",
+                    bodies=(pair[1], pair[0]) if flip else pair,
+                    at=move((x, y)),
+                    direction=turn + (-0.5 if flip else 0.5) * math.pi,
+                    profile=profile,
+                )
+            )
+    return Stage(
+        name="guide",
+        title="Guide <with> any notch & corners",
+        thickness=6.3e-3,
+        material=material("Al 7075-T6"),
+        bodies=bodies,
+        hinges=tuple(hinges),
+    )
