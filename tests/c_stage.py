@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.export.dynamic_model import DynamicModel, ModelMemory
+from flexstage.export.model import DynamicModel, ModelMemory
 from flexstage.export.source import c_variables, render_source
 from tests.c_compiler import EXACT, load_library
 

@@ -46,7 +46,12 @@ def _fmu(request: ExportRequest) -> Files:
 
     files: Files = {}
     for version in request.fmi:
-        made = fmu_files(request.dynamic, version=version, binary=not request.source_only)
+        made = fmu_files(
+            request.dynamic,
+            version=version,
+            binary=False if request.source_only else None,
+            stage=request.stage,
+        )
         for name, content in made.items():
             # both versions may be asked for at once
             stem, dot, suffix = name.rpartition(".")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.export.build_model import dynamic_model
 from flexstage.export.drive_models import usual_hysteresis
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelMemory, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelMemory, ModelProbe
 
 if TYPE_CHECKING:
     from flexstage.export.control_object import control_system

@@ -15,7 +15,7 @@ from flexstage.export.drive_models import (
     refuse_stroke,
     scale_of,
 )
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import DriveModel, HysteresisModel, LogCreep, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.stage import PiezoStack, Stage

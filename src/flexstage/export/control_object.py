@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.hysteresis.model import Array
 from flexstage.system import MechanicalSystem, StateSpace, state_space
 

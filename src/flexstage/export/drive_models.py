@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from flexstage.errors import ModelError
-from flexstage.export.dynamic_model import ModelDrive
+from flexstage.export.model import ModelDrive
 from flexstage.hysteresis import (
     Amplifier,
     BoucWen,

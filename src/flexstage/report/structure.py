@@ -66,7 +66,7 @@ def diagram_section(study: "Study") -> str:
     except FlexstageError as error:
         return f"<p>No diagram could be drawn: {escape(str(error))}</p>"
     whole = files.pop("diagram.svg")
-    axes = "".join(_drawing(svg, "plot narrow") for svg in files.values())
+    axes = "".join(_drawing(svg, "plot") for svg in files.values())
     return (
         "<p>Lagrange's equations as blocks and lines, each axis by itself. "
         "<code>flexstage export STAGE --to simulink</code> builds that of the whole stage.</p>"

@@ -9,7 +9,7 @@ from flexstage.export.diagram.builder import DiagramBuilder
 from flexstage.export.diagram.drive_chain import add_drive_chain, add_probe_chain
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.springs import DriveSpring
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import RayleighDamping
 
 __all__ = ["axis_blocks"]

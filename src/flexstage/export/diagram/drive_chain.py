@@ -3,7 +3,7 @@
 import numpy as np
 
 from flexstage.export.diagram.builder import DiagramBuilder
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import modes
 
 __all__ = ["add_drive_chain", "add_probe_chain", "output_scale"]

@@ -2,7 +2,7 @@
 
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_svg
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
 

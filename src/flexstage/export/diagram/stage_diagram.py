@@ -12,7 +12,7 @@ from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.springs import DriveSpring, drive_springs, fitted_damping
 from flexstage.export.diagram.twins import Twins, find_twins
 from flexstage.export.diagram.whole_stage import whole_stage
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.lumped import Mechanism, lumped_system, mechanism
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, RayleighDamping, modes

@@ -8,7 +8,7 @@ from flexstage.export.diagram.hinge_blocks import add_hinge
 from flexstage.export.diagram.sight_blocks import add_drive, add_reading
 from flexstage.export.diagram.springs import DriveSpring
 from flexstage.export.diagram.twins import Twins
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.lumped import Mechanism
 from flexstage.system import RayleighDamping
 

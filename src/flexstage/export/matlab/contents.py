@@ -8,8 +8,8 @@ import numpy as np
 
 import flexstage
 from flexstage.export.control_object import linear_part, rest_shape, state_names
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.matlab.sampled import sampled_form
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage

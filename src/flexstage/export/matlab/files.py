@@ -6,8 +6,8 @@ from importlib import resources
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
-from flexstage.export.dynamic_model import DynamicModel
 from flexstage.export.matlab.contents import contents, mat_file
+from flexstage.export.model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.export.control_object import linear_part
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.hysteresis.model import Array
 
 __all__ = ["SampledForm", "sampled_form"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.export.realtime.check_samples import command_span
 from flexstage.hysteresis.model import Array
 

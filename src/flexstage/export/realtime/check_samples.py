@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.hysteresis.model import Array
 
 __all__ = ["CheckSamples", "check_samples", "command_span"]

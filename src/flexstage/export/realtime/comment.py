@@ -5,7 +5,7 @@ import textwrap
 import numpy as np
 
 import flexstage
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.realtime.accuracy import ROUNDINGS, rounding_bound
 from flexstage.export.realtime.cost import operations, state_numbers
 from flexstage.export.source.arrays import c_comment

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.export.source.model_numbers import lag_rates
 
 __all__ = ["operations", "state_numbers"]

@@ -11,7 +11,7 @@ import numpy as np
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.realtime.accuracy import rounding_bound
 from flexstage.export.realtime.amalgamate import amalgamated, in_single, prefixed
 from flexstage.export.realtime.check_samples import CheckSamples, check_samples, command_span

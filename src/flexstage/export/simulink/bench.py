@@ -7,7 +7,7 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.modal import modal
 from flexstage.export.simulink.structure import structure

@@ -8,7 +8,7 @@ from flexstage import __version__
 from flexstage.errors import ModelError
 from flexstage.export.diagram import diagram_state_space
 from flexstage.export.diagram.graph import Diagram
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import identifier, plain, valid_name

@@ -1,7 +1,7 @@
 """The modes of a stage as a system of Simulink: drive chains, then one State-Space block."""
 
 from flexstage.export.control_object import linear_part
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.simulink import chains
 from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import identifiers

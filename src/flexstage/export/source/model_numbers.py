@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive
+from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
 from flexstage.export.source.hysteresis_code import HysteresisCode
 from flexstage.hysteresis import Sensor

@@ -3,7 +3,7 @@
 from importlib.resources import files
 
 from flexstage.errors import ModelError
-from flexstage.export.dynamic_model import DynamicModel
+from flexstage.export.model import DynamicModel
 from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
 from flexstage.export.source.model_numbers import form_of, model_data
 

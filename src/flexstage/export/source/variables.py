@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from flexstage.export.dynamic_model import DynamicModel, ModelDrive, ModelProbe
+from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import Sensor
 
