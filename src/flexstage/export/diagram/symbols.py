@@ -89,8 +89,10 @@ def _sum(placed: PlacedBlock, x: float, style: dict[str, object]) -> list[str]:
     for k, sign in enumerate(block.signs):
         pin = cell.pins[f"in{k}"]
         shown = "+" if sign > 0 else "−"
-        y = placed.y + pin.y
-        near = 8.0 + 0.6 * inset(placed, k)
+        # a line that meets the rim low or high is told by a sign a little towards the middle
+        inner = min(max(pin.y, 7.0), cell.height - 7.0)
+        y = placed.y + inner
+        near = (8.0 if inner == pin.y else 9.5) + 0.6 * inset(placed, k)
         at = x + near if pin.side == "L" else x + 2.0 * SUM_RADIUS - near
         out.append(text(shown, at, y + 4.0, size=12.0, anchor="middle", font_weight="bold"))
     return out
@@ -152,10 +154,10 @@ def _gain(placed: PlacedBlock, x: float, width: float, style: dict[str, object])
         ]
     if block.matrix is not None and block.matrix.shape == (1, 1):
         corners = [(x, y), (x + width, middle), (x, y + height)]
-        at = x + 0.4 * width
+        at = x + 0.35 * width
         if placed.flipped:
             corners = [(x + width, y), (x, middle), (x + width, y + height)]
-            at = x + 0.6 * width
+            at = x + 0.65 * width
         return [
             path(corners, closed=True, stroke_linejoin="round", **style),
             text(block.label, at, middle + 4.0, anchor="middle"),
