@@ -117,6 +117,7 @@ def test_full_piezo_stage_gives_the_same_bits(full: DynamicModel, tmp_path: Path
         assert made.get(f"{d.name}.voltage") == memory.amplifiers[d.name][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [("-O0",), ("-O3",), ("-O3", "-march=native")])
 def test_optimisation_does_not_change_a_bit(
     full: DynamicModel, tmp_path: Path, flags: tuple[str, ...]
@@ -184,7 +185,13 @@ def on_panels() -> dict[str, HysteresisModel]:
     }
 
 
-@pytest.mark.parametrize("kind", sorted(on_panels()))
+@pytest.mark.parametrize(
+    "kind",
+    [
+        kind if kind in ("bouc-wen 1.6", "duhem") else pytest.param(kind, marks=pytest.mark.slow)
+        for kind in sorted(on_panels())
+    ],
+)
 def test_hysteresis_on_panels_agrees_to_12_digits(kind: str, tmp_path: Path) -> None:
     # C evaluates the same polynomials by power series, Python by weights of their points
     model = piezo(hysteresis={"x": on_panels()[kind], "y": bouc_wen()}, mode_count=9, sensors=None)

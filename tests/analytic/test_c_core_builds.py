@@ -88,6 +88,7 @@ def test_sanitisers_find_nothing(model: DynamicModel, tmp_path: Path) -> None:
     assert printed(program) == printed(plain)
 
 
+@pytest.mark.slow
 def test_c_plus_plus_gives_the_same(model: DynamicModel, tmp_path: Path) -> None:
     strict = ("-std=c++11", *STRICT[1:])
     program = compile_program(
@@ -97,6 +98,7 @@ def test_c_plus_plus_gives_the_same(model: DynamicModel, tmp_path: Path) -> None
     assert printed(program) == printed(plain)
 
 
+@pytest.mark.slow
 def test_narrow_conversions_are_written_out(model: DynamicModel, tmp_path: Path) -> None:
     more = ("-Wshadow", "-Wconversion", "-Wstrict-prototypes", "-Wmissing-prototypes")
     program = compile_program(tmp_path, _LIFE, files=render_source(model), flags=(*EXACT, *more))

@@ -163,7 +163,7 @@ def test_an_identified_drive_reads_at_rest_what_it_was_identified_to() -> None:
         ({"hysteresis": {"x": _identified(output_unit="V")}}, "must go from V"),
         ({"hysteresis": {"x": _identified(output_unit="mm")}}, "free stroke"),
         ({"hysteresis": "typical"}, "usual or none"),
-        ({"step": 0.0}, "positive"),
+        ({"step": 0.0}, "must be 1e-12 to"),
         ({"mode_count": 0}, "at least one mode"),
         ({"current_limit": 0.1}, "bandwidth"),
         ({"sensors": {"q": Sensor()}}, "no probe 'q'"),

@@ -112,6 +112,7 @@ def test_double_precision_gives_the_readings_bit_for_bit(name: str, tmp_path: Pa
     assert np.array_equal(found, wanted)
 
 
+@pytest.mark.slow
 def test_every_optimisation_gives_the_same_bits(tmp_path: Path) -> None:
     model = _model("vgtu-piezo", mode_count=9)
     files, commands = realtime_files(model, name="st"), _commands(model, 500)
@@ -146,6 +147,7 @@ def test_single_precision_stays_within_its_bound_for_ten_seconds(
     assert np.all(error < 3e-6 * np.ptp(double, axis=0).max())
 
 
+@pytest.mark.slow
 def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
     """A lag that moves by some units of its last digit in a step."""
     creep = LogCreep(rate_per_decade=0.2, shortest=30.0, longest=300.0, per_decade=1)
@@ -160,6 +162,7 @@ def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
     assert found[1] - found[0] == pytest.approx(crept, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
     model = _model("vgtu-piezo", mode_count=2, creep=None, sensors={})
     files = realtime_files(model, name="st") | realtime_files(model, name="sf", precision="single")
@@ -201,7 +204,15 @@ def test_the_bound_grows_as_damping_falls_and_with_the_step() -> None:
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("language", ["c99", "c11", "c++11", "c++17"])
+@pytest.mark.parametrize(
+    "language",
+    [
+        "c99",
+        pytest.param("c11", marks=pytest.mark.slow),
+        pytest.param("c++11", marks=pytest.mark.slow),
+        "c++17",
+    ],
+)
 def test_it_compiles_without_a_warning(
     language: str, precision: Literal["double", "single"], tmp_path: Path
 ) -> None:
@@ -386,6 +397,7 @@ def test_it_opens_with_what_an_engineer_needs() -> None:
     assert f"x {rounding_bound(model)[0]:.2g} m" in single
 
 
+@pytest.mark.slow
 def test_operations_are_counted_about_right(tmp_path: Path) -> None:
     """Count them with a type that counts."""
     model = _model("vgtu-piezo")

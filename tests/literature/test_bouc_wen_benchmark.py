@@ -130,6 +130,7 @@ def identified() -> OscillatorIdentification:
     return identify_oscillator(*read("train.h5", "multisine"), RATE)
 
 
+@pytest.mark.slow
 def test_identified_from_the_training_record_alone() -> None:
     found = identified()
     assert multisine_error(found.model) < -130.0

@@ -82,6 +82,7 @@ def test_analyse_labels_the_condition_of_the_drives(capsys: pytest.CaptureFixtur
         assert text in out
 
 
+@pytest.mark.slow
 def test_every_model_of_a_stage_side_by_side(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -239,9 +240,11 @@ def test_a_place_that_cannot_be_written_is_status_1(
 @pytest.mark.parametrize(
     ("error", "status"),
     [
-        (ConvergenceError("the iteration ended\nafter 20 steps"), 1),
+        pytest.param(
+            ConvergenceError("the iteration ended\nafter 20 steps"), 1, marks=pytest.mark.slow
+        ),
         (KeyboardInterrupt(), 130),
-        (PermissionError(13, "Permission denied", "x.yaml"), 1),
+        pytest.param(PermissionError(13, "Permission denied", "x.yaml"), 1, marks=pytest.mark.slow),
     ],
     ids=["no convergence", "interrupt", "permission"],
 )

@@ -98,6 +98,7 @@ def test_an_axis_without_a_stack_is_refused() -> None:
         virtual_experiment(stage, lumped_system(stage), "x")
 
 
+@pytest.mark.slow
 def test_the_report_shows_it_beside_what_was_published() -> None:
     study = run_study(design("vgtu-piezo"), hysteresis=True)
     page = report_html(study)

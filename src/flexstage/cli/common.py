@@ -135,16 +135,17 @@ def name_for_files(name: str) -> str:
     Returns
     -------
     str
-        The same with every character that is special to some system replaced by a dash.
+        The same with every character that is special to some system replaced by a dash, and none of
+        these at the beginning, where programs take it for an option.
 
     Examples
     --------
     >>> name_for_files("a/b: c")
     'a-b--c'
     """
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".")
-    # no system takes a name of more than 255 bytes
-    return kept[:60] or "stage"
+    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".").lstrip("-.")
+    # no system takes a name of more than 255 bytes, and endings are put behind it
+    return kept[:60].encode()[:180].decode(errors="ignore") or "stage"
 
 
 def count(number: int, noun: str) -> str:

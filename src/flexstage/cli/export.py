@@ -1,5 +1,6 @@
 """`flexstage export`: a stage for other programs."""
 
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +27,7 @@ __all__ = ["export"]
 
 _Fmi = Literal["2.0", "3.0"]
 _FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
+_SHOWN = 8  # files of a format in the table
 _PRECISIONS = ("double", "single")
 
 
@@ -139,9 +141,18 @@ def export(
         for name in wanted:
             made[name] = FORMATS[name].write(request)
     alone = len(made) == 1
-    files = {
-        name: write_files(out if alone else out / name, content) for name, content in made.items()
-    }
+    # all formats at once: where one cannot be written, none is
+    written = iter(
+        write_files(
+            out,
+            {
+                file if alone else f"{name}/{file}": content
+                for name, contents in made.items()
+                for file, content in contents.items()
+            },
+        )
+    )
+    files = {name: list(islice(written, len(contents))) for name, contents in made.items()}
     notes = list(request.notes)
     if json:
         print_json(_results(request, made, files, notes))
@@ -149,7 +160,7 @@ def export(
     screen = console()
     table = make_table(f"{request.stage.name} for other programs", "format", "<what", "<files")
     for name, paths in files.items():
-        table.add_row(name, FORMATS[name].about, "\n".join(str(p) for p in paths))
+        table.add_row(name, FORMATS[name].about, _shown(paths))
     screen.print(table)
     for note in notes:
         screen.print(f"note: {note}", style="dim", markup=False)
@@ -167,6 +178,14 @@ def _formats(text: str) -> list[str]:
                 f"'{name[:40]}'"
             )
     return names
+
+
+def _shown(paths: list[Path]) -> str:
+    """A line for each file, and where there are very many for the first ones."""
+    lines = [str(path) for path in paths]
+    if len(lines) > _SHOWN:
+        lines[_SHOWN - 1 :] = [f"and {len(lines) - _SHOWN + 1} more beside these"]
+    return "\n".join(lines)
 
 
 def _number(option: str, text: str, dimension: str, unit: str) -> float:

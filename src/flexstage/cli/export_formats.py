@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from flexstage.cli.export_request import ExportRequest
+from flexstage.errors import StageError
 
 __all__ = ["FORMATS", "ExportFormat"]
 
@@ -43,7 +44,13 @@ def _simulink(request: ExportRequest) -> Files:
 
 def _fmu(request: ExportRequest) -> Files:
     from flexstage.export.fmu import fmu_files
+    from flexstage.export.fmu.compiled import compiler
 
+    if not request.source_only and compiler() is None:
+        request.remarks.append(
+            "No C compiler was found: the FMU holds its sources alone, which few programs run. "
+            "Install gcc or clang and export again."
+        )
     files: Files = {}
     for version in request.fmi:
         made = fmu_files(
@@ -107,8 +114,14 @@ def _table(suffix: str) -> Callable[[ExportRequest], Files]:
         from flexstage.report import display
 
         analysis = request.run.analysis
+        figures = (*request.stage.published, *analysis.characteristics)
+        if not figures:
+            raise StageError(
+                f"stage '{request.stage.name}' has no axis and so no characteristics: name a drive "
+                "and a probe under 'axes' in the stage file"
+            )
         files = table_files(
-            (*request.stage.published, *analysis.characteristics),
+            figures,
             name=request.name,
             title=request.stage.title,
             display=display,

@@ -1,7 +1,7 @@
 """What `flexstage export` was asked for: models are made once, where a format needs them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
@@ -54,6 +54,8 @@ class ExportRequest:
         Whether an FMU holds no compiled library.
     kerf : float or None
         Width of the cut by the wire [m].
+    remarks : list of str
+        What the user should know about the files that were made.
     """
 
     stage: "Stage"
@@ -70,6 +72,7 @@ class ExportRequest:
     fmi: tuple[Literal["2.0", "3.0"], ...]
     source_only: bool
     kerf: float | None
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -102,8 +105,8 @@ class ExportRequest:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the models that were made stop being valid, each note once."""
-        found: dict[str, None] = {}
+        """Remarks, and where the models that were made stop being valid, each note once."""
+        found: dict[str, None] = dict.fromkeys(self.remarks)
         for name in ("dynamic", "dynamic_of_bodies"):
             if name in self.__dict__:
                 found |= dict.fromkeys(getattr(self, name).notes)

@@ -24,6 +24,9 @@ from flexstage.system.imposed import imposed_shape
 
 __all__ = ["dynamic_model"]
 
+# s; far beyond, powers of the step over a period overflow.
+_STEPS = (1e-12, 1e6)
+
 # A lag of the creep and a mode that fall together this closely cannot be told apart.
 _APART = 1e-6
 
@@ -89,8 +92,11 @@ def dynamic_model(
     >>> [d.unit for d in model.drives], model.omega.size
     (['V', 'V'], 60)
     """
-    if not (step > 0.0 and np.isfinite(step)):
-        raise ModelError(f"the step of a model must be positive and finite, got {step!r} s")
+    shortest, longest = _STEPS
+    if not shortest <= step <= longest:
+        raise ModelError(
+            f"the step of a model must be {shortest:g} to {longest:g} s, got {step:g} s"
+        )
     if not stage.drives:
         raise ModelError(
             f"stage '{stage.name}' has no drive: there is nothing to command in another program"

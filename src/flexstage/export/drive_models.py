@@ -79,7 +79,7 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> B
     if stack.voltage_range is None:
         raise ModelError(
             f"drive '{stack.name}' has no voltage range, which its hysteresis needs: add it to the "
-            "stage file"
+            "stage file, or take stacks without hysteresis ('none')"
         )
     if not 0.01 <= width <= 0.2:
         raise ModelError(f"the width of a loop must be 0.01 to 0.2 of the stroke, got {width:g}")

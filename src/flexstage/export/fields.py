@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
 from flexstage.export.body_cells import BodyCells, body_cells
-from flexstage.export.file_names import file_name
+from flexstage.export.file_names import file_names
 from flexstage.export.vtk_format import (
     PackedCells,
     Values,
@@ -189,7 +189,7 @@ def _still(
     """Write statics and modes of rigid bodies, with the names of their regions."""
     files: dict[str, bytes] = {}
     what = f"{analysis.system.model} model of {analysis.stage.name}"
-    for name, axis in zip(_free_names([a.axis for a in analysis.axes]), analysis.axes, strict=True):
+    for name, axis in zip(file_names([a.axis for a in analysis.axes]), analysis.axes, strict=True):
         moved = shape.displacement(axis.static.q)
         stress = cells.hinge_values(axis.static.hinge_stress)
         files[f"static-{name}.vtu"] = grid_file(
@@ -268,18 +268,6 @@ def _part_of_largest(displacement: Array) -> Array:
 
 def _one(value: float, unit: str = "") -> Values:
     return Values(values=np.array([value]), unit=unit)
-
-
-def _free_names(names: list[str]) -> list[str]:
-    """Names of files, each once, whatever the case of their letters."""
-    found: list[str] = []
-    for name in names:
-        plain = file_name(name, "axis")
-        count, free = 2, plain
-        while free.lower() in {f.lower() for f in found}:
-            free, count = f"{plain}-{count}", count + 1
-        found.append(free)
-    return found
 
 
 def _regions(cells: BodyCells) -> bytes:

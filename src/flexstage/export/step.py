@@ -66,14 +66,19 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     10
     """
     when = read_time(time_stamp).isoformat(timespec="seconds")
-    text = _written(_solids(stage))
+    # numbers stand for the names until the text is written: the kernel breaks long lines, within a
+    # letter of several bytes as well
+    names: list[str] = []
+    text = _written(_solids(stage, names))
+    text = re.sub(r"'flexstage(\d+)name'", lambda found: _quoted(names[int(found[1])]), text)
     return {f"{file_name(stage.name)}.step": _headed(text, stage, when).encode("ascii")}
 
 
 # ------------------------------------------------------------------ the shape
 
 
-def _solids(stage: Stage) -> "list[TopoDS_Shape]":
+def _solids(stage: Stage, names: list[str]) -> "list[TopoDS_Shape]":
+    """Return the solids; the names of solids and faces are added to a list."""
     from netgen.occ import Fuse, Z
 
     from flexstage.elasticity import METRE
@@ -99,9 +104,9 @@ def _solids(stage: Stage) -> "list[TopoDS_Shape]":
     for number, plane in enumerate(faces, start=1):
         half = 0.5 * stage.thickness * METRE
         solid = plane.Move((0.0, 0.0, -half)).Extrude(2.0 * half, Z).solids[0]
-        solid.name = stage.name if len(faces) == 1 else f"{stage.name} {number}"
+        solid.name = _token(names, stage.name if len(faces) == 1 else f"{stage.name} {number}")
         found.append(solid)
-    _name_necks(stage.hinges, [f for s in found for f in s.faces])
+    _name_necks(stage.hinges, [f for s in found for f in s.faces], names)
     return found
 
 
@@ -122,7 +127,7 @@ def _face(body: str, outline: Loop, holes: Iterable[Loop | Circle]) -> "tuple[To
     return shape.faces[0], area
 
 
-def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]") -> None:
+def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]", names: list[str]) -> None:
     """Name the faces on both sides of each neck, which other programs load and refine."""
     from netgen.occ import Pnt, Vertex
 
@@ -140,7 +145,13 @@ def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]") -> None:
                     for c, lo, hi in ((x, low.x, high.x), (y, low.y, high.y))
                 )
                 if inside and at.Distance(shape) < _ON_FACE:
-                    shape.name = f"{hinge.name} neck {side}"
+                    shape.name = _token(names, f"{hinge.name} neck {side}")
+
+
+def _token(names: list[str], name: str) -> str:
+    """Put a name down, and return what stands for it in the text of the kernel."""
+    names.append(name)
+    return f"flexstage{len(names) - 1}name"
 
 
 # ------------------------------------------------------------------ the text

@@ -43,7 +43,7 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
     directory : pathlib.Path
         The directory; made where it does not exist.
     contents : Mapping
-        Bytes by file name.
+        Bytes by file name, with folders inside the directory as ``FOLDER/NAME``.
 
     Returns
     -------
@@ -55,14 +55,16 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
     OSError
         The directory or a file cannot be written.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     drafts: list[tuple[Path, Path]] = []
+    made: list[Path] = []
     try:
+        _make(directory, made)
         for name, content in contents.items():
             target = directory / name
             if target.is_dir():
                 raise IsADirectoryError(f"'{target}' is a directory")
-            draft = _draft(directory, target, content)
+            _make(target.parent, made)
+            draft = _draft(target.parent, target, content)
             drafts.append((draft, target))
         for draft, target in drafts:
             draft.replace(target)
@@ -70,7 +72,22 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
         for draft, _ in drafts:
             with contextlib.suppress(FileNotFoundError):
                 draft.unlink()
+        # those that a failure left empty; the others hold files and stay
+        for folder in reversed(made):
+            with contextlib.suppress(OSError):
+                folder.rmdir()
     return [target for _, target in drafts]
+
+
+def _make(directory: Path, made: list[Path]) -> None:
+    """Make a directory and those above it, and put down which were not there."""
+    missing = []
+    while not directory.exists():
+        missing.append(directory)
+        directory = directory.parent
+    for folder in reversed(missing):
+        folder.mkdir(exist_ok=True)
+        made.append(folder)
 
 
 def _draft(directory: Path, target: Path, content: bytes) -> Path:
@@ -82,9 +99,12 @@ def _draft(directory: Path, target: Path, content: bytes) -> Path:
     draft = Path(name)
     try:
         with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
+            try:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+            except OSError as error:
+                raise type(error)(error.errno, error.strerror, str(target)) from error
         # a draft is private to its owner; a result is as readable as any new file
         mask = os.umask(0)
         os.umask(mask)

@@ -79,4 +79,6 @@ def diagram_section(study: "Study") -> str:
 def _drawing(svg: bytes, kind: str) -> str:
     """Return a drawing as a part of the page, without what only a file of its own has."""
     text = re.sub(r"^\s*<\?xml[^>]*\?>\s*", "", svg.decode())
-    return text.replace("<svg ", f'<svg class="{kind}" ', 1)
+    # in a page a drawing needs no name of its format, and a page that names no address loads none
+    text = re.sub(r'\sxmlns="[^"]*"', "", text, count=1)
+    return text.replace("<svg", f'<svg class="{kind}"', 1)

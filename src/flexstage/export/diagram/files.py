@@ -2,6 +2,7 @@
 
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_svg
+from flexstage.export.file_names import file_names
 from flexstage.export.model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
@@ -44,8 +45,8 @@ def diagram_files(
     ['diagram-x.svg', 'diagram.svg']
     """
     out = {"diagram.svg": diagram_svg(stage_diagram(stage, model=model, damping=damping))}
-    for axis in stage.axes:
+    safe = file_names(axis.name for axis in stage.axes)
+    for axis, name in zip(stage.axes, safe, strict=True):
         made = stage_diagram(stage, model=model, axis=axis.name, damping=damping)
-        safe = "".join(c if c.isalnum() else "-" for c in axis.name)
-        out[f"diagram-{safe}.svg"] = diagram_svg(made)
+        out[f"diagram-{name}.svg"] = diagram_svg(made)
     return out

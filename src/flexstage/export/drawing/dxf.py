@@ -10,6 +10,7 @@ from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.notes import millimetres, notes, title_lines
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.export.file_names import file_name
 from flexstage.stage import Circle, Loop, Stage
 
 __all__ = ["DXF_LAYERS", "dxf_files"]
@@ -28,10 +29,11 @@ DXF_LAYERS: dict[str, tuple[str, int, int]] = {
 }
 
 _MM = 1e3
+_START_HOLE = 1e-3  # m
 
 
 def dxf_files(
-    stage: Stage, *, kerf: float | None = None, start_hole: float = 1e-3
+    stage: Stage, *, kerf: float | None = None, start_hole: float | None = None
 ) -> dict[str, bytes]:
     """Return the drawing of a stage for wire cutting.
 
@@ -42,8 +44,8 @@ def dxf_files(
     kerf : float, optional
         Width of the cut [m]: diameter of the wire and both spark gaps. Where given, the path of the
         wire's centre is drawn as well, with start holes, lead-in lines and order of cutting.
-    start_hole : float
-        Diameter of the start holes [m].
+    start_hole : float, optional
+        Diameter of the start holes [m]; 1 mm where not given, or the width of a wider cut.
 
     Returns
     -------
@@ -70,6 +72,8 @@ def dxf_files(
     (['parallelogram.dxf'], True)
     """
     plate = plate_contours(smooth_notches(stage))
+    if start_hole is None:
+        start_hole = max(_START_HOLE, kerf or 0.0)
     made: tuple[Cut, ...] = ()
     if kerf is not None:
         paths = offset_contours(plate, 0.5 * kerf)
@@ -87,23 +91,6 @@ def dxf_files(
         _words(space, stage, plate, kerf, start_hole)
         content = _written(document)
     return {f"{file_name(stage.name)}.dxf": content}
-
-
-def file_name(name: str) -> str:
-    """Return a name without what a file system minds.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-
-    Returns
-    -------
-    str
-        The same with ``_`` in place of other characters.
-    """
-    plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_+") else "_" for c in name)
-    return plain or "_"
 
 
 def _document() -> Any:

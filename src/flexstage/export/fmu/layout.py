@@ -1,10 +1,10 @@
 """The variables of an FMU, their value references, and the states that a solver sees."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from flexstage.export.fmu.names import identifier, structured
+from flexstage.export.fmu.names import identifier, plain_names, structured
 from flexstage.export.fmu.solver_states import SolverStates, solver_states, usual_command
 from flexstage.export.model import DynamicModel
 from flexstage.export.source import c_variables
@@ -137,8 +137,12 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
         count[kind] = len(found) - first[kind]
 
     _first_two(found, model)
-    given = c_variables(model)
-    ranges = {f"{d.name}.command": d.input_range for d in model.drives}
+    # descriptions have the names of the stage, variables the nearest that FMI takes
+    named = _named(model)
+    given = [
+        replace(v, name=p.name) for v, p in zip(c_variables(model), c_variables(named), strict=True)
+    ]
+    ranges = {f"{d.name}.command": d.input_range for d in named.drives}
     for kind in ("parameter", "input", "output", "local"):
         start(kind)
         for v in given:
@@ -158,7 +162,7 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
                 )
             )
         end(kind)
-    states = solver_states(model)
+    states = _states(model, named)
     start("state")
     for s in states.states:
         found.append(_local(found, s.name, s.unit, s.description, s.nominal))
@@ -169,11 +173,12 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
         found.append(_local(found, name, s.rate_unit, what, state=first["state"] + k))
     end("derivative")
     start("indicator")
-    for d in model.drives:
+    for d, plain in zip(model.drives, named.drives, strict=True):
         if d.amplifier is not None:
             for name, what in INDICATORS:
                 text = f"event of the amplifier of drive {d.name}: {what}"
-                found.append(_local(found, structured(f"{d.name}.amplifier.{name}"), "V", text))
+                called = structured(f"{plain.name}.amplifier.{name}")
+                found.append(_local(found, called, "V", text))
     end("indicator")
     return FmuLayout(
         identifier=identifier(model.name),
@@ -183,6 +188,24 @@ def fmu_layout(model: DynamicModel) -> FmuLayout:
         usual_voltage=tuple(usual_command(d) for d in model.drives),
         states=states,
     )
+
+
+def _named(model: DynamicModel) -> DynamicModel:
+    """The same with drives and probes by names that FMI takes."""
+    drives = plain_names(d.name for d in model.drives)
+    probes = plain_names(p.name for p in model.probes)
+    return replace(
+        model,
+        drives=tuple(replace(d, name=n) for d, n in zip(model.drives, drives, strict=True)),
+        probes=tuple(replace(p, name=n) for p, n in zip(model.probes, probes, strict=True)),
+    )
+
+
+def _states(model: DynamicModel, named: DynamicModel) -> SolverStates:
+    found = solver_states(model)
+    names = [s.name for s in solver_states(named).states]
+    renamed = (replace(s, name=n) for s, n in zip(found.states, names, strict=True))
+    return replace(found, states=tuple(renamed))
 
 
 def _first_two(found: list[FmuVariable], model: DynamicModel) -> None:

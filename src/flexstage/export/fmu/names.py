@@ -1,8 +1,11 @@
 """Names as C and as FMI take them."""
 
 import re
+from collections.abc import Iterable
 
-__all__ = ["identifier", "structured"]
+from flexstage.export.simulink.matlab_text import plain
+
+__all__ = ["identifier", "plain_names", "structured"]
 
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[[0-9]+(,[0-9]+)*\])?")
 
@@ -27,6 +30,36 @@ def identifier(name: str) -> str:
     """
     kept = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
     return kept if re.match(r"[A-Za-z]", kept) else f"stage_{kept}".rstrip("_")
+
+
+def plain_names(names: Iterable[str]) -> list[str]:
+    """Return a name of one part for each name of drives, or of probes, no two alike.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Any names.
+
+    Returns
+    -------
+    list of str
+        ASCII text without dots for each, in their order.
+
+    Examples
+    --------
+    >>> plain_names(["x", "x.1", "x_1", "Kühler"])
+    ['x', 'x_1', 'x_1_2', 'Kuhler']
+    """
+    found: list[str] = []
+    for name in names:
+        base = free = plain(name).replace(".", "_") or "_"
+        count = 1
+        # these two begin names of other variables
+        while free in found or free in ("mode", "sensor"):
+            count += 1
+            free = f"{base}_{count}"
+        found.append(free)
+    return found
 
 
 def structured(name: str) -> str:

@@ -1,6 +1,7 @@
 """The files for MATLAB and Octave."""
 
 import re
+from functools import cache
 from importlib import resources
 
 import flexstage
@@ -8,11 +9,13 @@ from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
 from flexstage.export.matlab.contents import contents, mat_file
 from flexstage.export.model import DynamicModel
+from flexstage.export.simulink.matlab_text import KEYWORDS
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
 __all__ = ["matlab_files", "matlab_name"]
 
+_TEMPLATES = ("stage_script.m", "stage_step.m")
 _LONGEST = 63 - len("_step")  # of a name in MATLAB
 
 
@@ -50,7 +53,7 @@ def matlab_files(
     Raises
     ------
     ModelError
-        The name is none, or the stage cannot be made into a dynamic model.
+        The name is none, or the stage has no probe or cannot be made into a dynamic model.
 
     Notes
     -----
@@ -66,6 +69,8 @@ def matlab_files(
     ['vgtu_piezo.mat', 'vgtu_piezo.m', 'vgtu_piezo_step.m']
     """
     made = dynamic_model(stage, system) if model is None else model
+    if not made.probes:
+        raise ModelError(f"stage '{made.name}' has no probe: there is nothing to read from it")
     called = matlab_name(made.name) if name is None else name
     if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", called, re.ASCII):
         raise ModelError(
@@ -74,8 +79,8 @@ def matlab_files(
         )
     return {
         f"{called}.mat": mat_file(contents(stage, made)),
-        f"{called}.m": _text("stage_script.m", called, made.title),
-        f"{called}_step.m": _text("stage_step.m", called, made.title),
+        f"{called}.m": _text(_TEMPLATES[0], called, made.title),
+        f"{called}_step.m": _text(_TEMPLATES[1], called, made.title),
     }
 
 
@@ -90,21 +95,36 @@ def matlab_name(text: str) -> str:
     Returns
     -------
     str
-        Letters, digits and underscores, beginning with a letter, at most 58.
+        Letters, digits and underscores, beginning with a letter, at most 58; no word of the
+        language, and no function or variable that the files use.
 
     Examples
     --------
-    >>> matlab_name("2-axis stage")
-    'stage_2_axis_stage'
+    >>> matlab_name("2-axis stage"), matlab_name("sin")
+    ('stage_2_axis_stage', 'stage_sin')
     """
     made = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
-    if not made or not made[0].isalpha():
+    # a script called as a function that is used, or as a word of the language, would hide it
+    if not made or not made[0].isalpha() or made.lower() in _used_words():
         made = f"stage_{made}".rstrip("_")
     return made[:_LONGEST]
 
 
+@cache
+def _used_words() -> frozenset[str]:
+    words: set[str] = set(KEYWORDS)
+    for file in _TEMPLATES:
+        code = re.sub(r"^ *%.*", "", _template(file), flags=re.MULTILINE)
+        words |= set(re.findall(r"[A-Za-z]\w*", code, re.ASCII))
+    return frozenset(word.lower() for word in words)
+
+
+def _template(file: str) -> str:
+    return resources.files("flexstage.export.matlab").joinpath(file).read_text(encoding="utf-8")
+
+
 def _text(file: str, name: str, title: str) -> bytes:
-    raw = resources.files("flexstage.export.matlab").joinpath(file).read_text(encoding="utf-8")
+    raw = _template(file)
     # MATLAB on some systems reads files in its own encoding: nothing but ASCII there
     plain = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
     for token, value in (

@@ -9,11 +9,21 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 
-__all__ = ["comment", "identifier", "identifiers", "literal", "plain", "quoted", "valid_name"]
+__all__ = [
+    "KEYWORDS",
+    "comment",
+    "identifier",
+    "identifiers",
+    "literal",
+    "plain",
+    "quoted",
+    "valid_name",
+]
 
 # What MATLAB takes as a name: longer ones are cut without a word.
 _LONGEST = 63
-_KEYWORDS = frozenset(
+#: Words of the language MATLAB, which nothing can be called.
+KEYWORDS = frozenset(
     ["break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function",
      "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try",
      "while"]
@@ -125,7 +135,7 @@ def identifier(text: str, *, longest: int = _LONGEST) -> str:
     name = re.sub(r"[^A-Za-z0-9_]+", "_", plain(text)).strip("_") or "x"
     if not name[0].isalpha():
         name = f"x{name}"
-    if name in _KEYWORDS:
+    if name in KEYWORDS:
         name += "_"
     return name[:longest]
 
@@ -181,7 +191,7 @@ def valid_name(name: str, what: str, *, longest: int = _LONGEST) -> str:
     ModelError
         It is no name of MATLAB.
     """
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII) or name in _KEYWORDS:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII) or name in KEYWORDS:
         raise ModelError(
             f"the {what} must be letters, digits and underscores, beginning with a letter, and no "
             f"word of MATLAB, got '{name}': take '{identifier(name, longest=longest)}'"
