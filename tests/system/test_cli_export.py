@@ -3,15 +3,19 @@
 import hashlib
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from flexstage.characteristic import Characteristics
 from flexstage.cli import main
 from flexstage.cli.export_formats import FORMATS
+from flexstage.designs import design
 from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
+from flexstage.stage.file import write_stage
 
 #: What each format must at least hold: a suffix, and bytes that such a file begins with or holds.
 _HOLDS = {
@@ -125,3 +129,31 @@ def test_bad_input_is_refused_in_a_sentence(words, said, tmp_path: Path, capsys)
     assert captured.err.count("\n") == 1
     assert captured.out == ""
     assert not out.exists()
+
+
+def test_all_leaves_out_what_the_stage_does_not_allow(tmp_path: Path, capsys) -> None:
+    bare = replace(design("parallelogram"), drives=(), axes=(), published=Characteristics(()))
+    file = tmp_path / "bare.yaml"
+    write_stage(bare, file)
+    out = tmp_path / "out"
+    words = [str(file), "--to", "all", "--out", str(out), "--model", "lumped", "--source-only"]
+    assert _run(*words, "--json") == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    left = {note.split(" was left out: ")[0] for note in notes if " was left out: " in note}
+    written = {p.name for p in out.iterdir()}
+    assert left | written == set(FORMATS)
+    assert left & written == set()
+    assert {"fmu", "simulink", "c", "mat"} <= left
+    assert {"step", "dxf", "drawing"} <= written
+    # asked for by name it is refused
+    assert _run(str(file), "--to", "step,fmu", "--out", str(tmp_path / "two")) == 2
+    assert not (tmp_path / "two").exists()
+
+
+def test_notes_of_rigid_bodies_are_told_from_those_of_the_chosen_model(
+    tmp_path: Path, capsys
+) -> None:
+    assert _run("vgtu-piezo", "--to", "mat,diagram", "--out", str(tmp_path), "--json") == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert any(note.startswith("Diagram and Simulink: Lumped model") for note in notes)
+    assert not any(note.startswith("Lumped model") for note in notes)

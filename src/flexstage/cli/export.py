@@ -27,6 +27,7 @@ __all__ = ["export"]
 
 _Fmi = Literal["2.0", "3.0"]
 _FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
+_ALL = "all"
 _SHOWN = 8  # files of a format in the table
 _PRECISIONS = ("double", "single")
 
@@ -38,7 +39,8 @@ def export(
         typer.Option(
             "--to",
             metavar="|".join(FORMATS),
-            help="What to write; several are divided by commas, 'all' is every one.",
+            help="What to write; several are divided by commas, 'all' is every one that the stage "
+            "allows.",
         ),
     ],
     out: Annotated[
@@ -139,7 +141,14 @@ def export(
     made: dict[str, dict[str, bytes]] = {}
     with progress_bar():
         for name in wanted:
-            made[name] = FORMATS[name].write(request)
+            try:
+                made[name] = FORMATS[name].write(request)
+            except (ModelError, StageError) as error:
+                if to.strip() != _ALL:
+                    raise
+                request.remarks.append(f"{name} was left out: {error}.")
+    if not made:
+        raise StageError(f"stage '{request.stage.name}' fits no format: {request.remarks[0]}")
     alone = len(made) == 1
     # all formats at once: where one cannot be written, none is
     written = iter(
@@ -168,7 +177,7 @@ def export(
 
 def _formats(text: str) -> list[str]:
     """The formats of a list, each once, in the order of the list."""
-    if text.strip() == "all":
+    if text.strip() == _ALL:
         return list(FORMATS)
     names = list(dict.fromkeys(part.strip() for part in text.split(",")))
     for name in names:

@@ -106,10 +106,15 @@ class ExportRequest:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks, and where the models that were made stop being valid, each note once."""
-        found: dict[str, None] = dict.fromkeys(self.remarks)
-        for name in ("dynamic", "dynamic_of_bodies"):
-            if name in self.__dict__:
-                found |= dict.fromkeys(getattr(self, name).notes)
+        found = dict.fromkeys(self.remarks)
+        chosen = self.__dict__.get("dynamic")
+        if chosen is not None:
+            found |= dict.fromkeys(chosen.notes)
+        bodies = self.__dict__.get("dynamic_of_bodies")
+        if bodies is not None:
+            # another model than the chosen one, perhaps
+            before = "" if chosen is None else "Diagram and Simulink: "
+            found |= {f"{before}{note}": None for note in bodies.notes if note not in found}
         return tuple(found)
 
     def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
