@@ -126,7 +126,12 @@ def test_every_optimisation_gives_the_same_bits(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "creep"), [("vgtu-piezo", 0.0), ("vgtu-piezo", 0.02), ("vgtu-mechanical", 0.0)]
+    ("name", "creep"),
+    [
+        pytest.param("vgtu-piezo", 0.0, marks=pytest.mark.slow),
+        ("vgtu-piezo", 0.02),
+        ("vgtu-mechanical", 0.0),
+    ],
 )
 def test_single_precision_stays_within_its_bound_for_ten_seconds(
     name: str, creep: float, tmp_path: Path

@@ -142,6 +142,7 @@ def test_identified_from_the_training_record_alone() -> None:
 
 # The errors of Newmark's rule and of the filters shift the best parameters by some 1e-4: beside
 # four standard errors, 5e-4 of the value are allowed.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["mass", "damping", "stiffness", "alpha", "beta_gamma", "beta_delta"]
 )

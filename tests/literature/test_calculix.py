@@ -29,6 +29,7 @@ def test_circular_hinge_in_the_plane(kind: str, strain: str) -> None:
     assert theirs.stress == pytest.approx(ours.stress, rel=TOLERANCE)
 
 
+@pytest.mark.slow
 def test_circular_hinge_in_three_dimensions() -> None:
     theirs = piece.by_calculix(piece.quadrilaterals(8, 3, 4), "C3D20R", levels=LEVELS)
     ours = piece.by_flexstage(4, neck_size=0.8, size=10e-3, grading=0.9, levels=(0.0, 0.8, 1.0))

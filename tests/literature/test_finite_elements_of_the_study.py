@@ -55,6 +55,7 @@ def test_in_three_dimensions(name: str) -> None:
     assert lowest == pytest.approx(expected, rel=0.003)
 
 
+@pytest.mark.slow
 def test_the_frame_gives_way_under_the_drive() -> None:
     stage = design("vgtu-piezo")
     firm, soft = (

@@ -30,6 +30,7 @@ def test_round_trip_of_the_reference_stages(name: str) -> None:
     assert repr(stage_from_text(stage_to_text(stage))) == repr(stage)
 
 
+@pytest.mark.slow
 def test_every_kind_is_in_the_strategies() -> None:
     from hypothesis import find
 

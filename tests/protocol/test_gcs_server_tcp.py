@@ -213,6 +213,7 @@ def test_more_clients_than_there_may_be_are_sent_away(connect, server):
     assert answer(connect(), b"CSV?\n") == b"2.0\n"
 
 
+@pytest.mark.slow
 def test_two_thousand_connections_one_after_another(server):
     for i in range(2000):
         with socket.create_connection(server.address, timeout=PATIENCE) as link:

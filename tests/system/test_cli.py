@@ -50,6 +50,7 @@ def test_study_prints_a_table_and_writes_a_report(
     ]
 
 
+@pytest.mark.slow
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("study", "vgtu-mechanical", "--models", "lumped", "--out", "d", "--json") == 0
     captured = capsys.readouterr()

@@ -234,7 +234,9 @@ def test_every_way_of_an_amplifier(tmp_path: Path) -> None:
     assert np.abs(found - wanted).max() < 1e-11 * np.ptp(wanted)
 
 
-@_BOTH
+@pytest.mark.parametrize(
+    "name", ["vgtu-piezo", pytest.param("vgtu-mechanical", marks=pytest.mark.slow)]
+)
 def test_the_script_runs_and_its_bode_diagram_is_the_response(name: str, tmp_path: Path) -> None:
     from flexstage.system import frequency_response
 

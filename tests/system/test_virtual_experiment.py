@@ -25,6 +25,7 @@ def experiments() -> dict[str, AxisExperiment]:
     return {axis: virtual_experiment(stage, system, axis, seed=5) for axis in ("x", "y")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_virtual_stage_has_the_measured_loop(
     axis: str, experiments: dict[str, AxisExperiment]
@@ -38,6 +39,7 @@ def test_the_virtual_stage_has_the_measured_loop(
     assert 0.97 * width < made.open_loop.loop_width < width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_bouc_wen_is_as_good_as_published(
     axis: str, experiments: dict[str, AxisExperiment]
@@ -51,6 +53,7 @@ def test_bouc_wen_is_as_good_as_published(
     assert run.tracking.rms > 3.0 * run.tracking.loop_width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_best_model_is_far_better(axis: str, experiments: dict[str, AxisExperiment]) -> None:
     first, best = experiments[axis].runs
