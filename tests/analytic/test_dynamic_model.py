@@ -1,5 +1,7 @@
 """What is handed to other programs equals the models that it is made of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -203,3 +205,33 @@ def test_notes_speak_of_the_drives_that_there_are() -> None:
     assert any("usual width" in note for note in usual.notes)
     assert any("without hysteresis: x, y" in note for note in linear.notes)
     assert not any("hysteresis of the stacks" in note for note in (*screws.notes, *linear.notes))
+
+
+def test_what_modes_left_out_add_creeps_too() -> None:
+    creep = LogCreep(rate_per_decade=0.04)
+    full = dynamic_model(_STAGE, _SYSTEM, creep=creep)
+    few = dynamic_model(_STAGE, _SYSTEM, creep=creep, mode_count=2)
+    u = {"x": np.full(2, 71.0), "y": np.full(2, 23.0)}
+    wanted, found = full.simulate(u)[0], few.simulate(u)[0]
+    for probe in wanted:
+        # at rest creep has come to its end, in all modes
+        assert found[probe] == pytest.approx(wanted[probe], rel=1e-9)
+
+
+def test_a_reading_that_falls_with_the_command_falls() -> None:
+    found = [
+        dynamic_model(_STAGE, _SYSTEM, hysteresis={"x": _identified(sign=sign)}).simulate(
+            {"x": np.full(2, 83.0), "y": np.zeros(2)}
+        )[0]["x"][1]
+        for sign in (1.0, -1.0)
+    ]
+    assert found[1] == pytest.approx(-found[0], rel=1e-12)
+
+
+def test_an_amplifier_is_no_faster_than_its_stack_allows() -> None:
+    (x, *others) = _STAGE.drives
+    slow = replace(_STAGE, drives=(replace(x, largest_slew=3100.0), *others))
+    model = dynamic_model(slow, _SYSTEM, bandwidth_hz=9000.0)
+    amplifier = model.drive("x").amplifier
+    assert amplifier is not None
+    assert amplifier.largest_rate == 3100.0
