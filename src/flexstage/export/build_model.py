@@ -12,12 +12,12 @@ from flexstage.export.drive_models import (
     amplifier_of,
     bare_drive,
     models_by_drive,
-    refuse_stroke,
     scale_of,
 )
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import DriveModel, HysteresisModel, LogCreep, Sensor
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import DrivePort, MechanicalSystem, Modes, modes
 from flexstage.system.imposed import imposed_shape
@@ -125,7 +125,8 @@ def dynamic_model(
         if given is not None:
             assert isinstance(drive, PiezoStack)
             scale = scale_of(system, drive, given, probes @ found.shapes @ gain)
-            refuse_stroke(drive, given, scale)
+            assert model is not None
+            refuse_stroke(drive, model, scale)
             gain = scale * gain
         own = own or (creep if model is not None else None)
         made = bare_drive(drive, model, amplifier, own)

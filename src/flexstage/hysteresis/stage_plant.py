@@ -13,7 +13,7 @@ from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
 
-__all__ = ["stage_plant"]
+__all__ = ["refuse_stroke", "stage_plant"]
 
 # A model in um instead of m is a million times off; a stack differs from its data sheet by less.
 _STROKE_FACTOR = 5.0
@@ -74,7 +74,7 @@ def stage_plant(
             raise ModelError(
                 f"drive '{drive.name}' is no piezo stack but a {drive.kind}: it has no hysteresis"
             )
-        _refuse_stroke(drive, model)
+        refuse_stroke(drive, model)
         amplifier = None
         if bandwidth_hz is not None:
             amplifier = _amplifier(drive, bandwidth_hz, current_limit)
@@ -98,12 +98,27 @@ def _amplifier(stack: PiezoStack, bandwidth_hz: float, current_limit: float | No
     )
 
 
-def _refuse_stroke(stack: PiezoStack, model: HysteresisModel) -> None:
-    """Refuse a model whose stroke over the voltage range is far from the free stroke."""
+def refuse_stroke(stack: PiezoStack, model: HysteresisModel, scale: float = 1.0) -> None:
+    """Refuse a model whose stroke over the voltage range is far from the free stroke.
+
+    Parameters
+    ----------
+    stack : PiezoStack
+        The stack.
+    model : HysteresisModel
+        Its hysteresis.
+    scale : float
+        Free displacement over what the model gives [1].
+
+    Raises
+    ------
+    ModelError
+        Its stroke is more than five times larger or smaller.
+    """
     if stack.voltage_range is None:
         return
     ends = model.simulate(np.array(stack.voltage_range)).values
-    stroke = float(abs(ends[1] - ends[0]))
+    stroke = float(abs(scale * (ends[1] - ends[0])))
     if not stack.free_stroke / _STROKE_FACTOR < stroke < stack.free_stroke * _STROKE_FACTOR:
         low, high = stack.voltage_range
         raise ModelError(
