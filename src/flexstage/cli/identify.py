@@ -16,7 +16,12 @@ from flexstage.cli.common import (
     require_image,
     write_file,
 )
-from flexstage.cli.predict import on_records, prediction_result, print_predictions
+from flexstage.cli.predict import (
+    on_records,
+    prediction_result,
+    print_predictions,
+    start_value,
+)
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -174,7 +179,7 @@ def identify(
             temperature=_temperature(temperature),
             train=_train(train, max(r.size for r in read)),
         )
-    tested = on_records(found.model, others, *wanted)
+    tested = on_records(found.model, others, wanted[0], wanted[1])
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
     if tested:
@@ -287,7 +292,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
         "heldout_max_percent": found.heldout_max_percent,
         "heldout_band_percent": found.heldout_band_percent,
-        "start": found.model.start,
+        "start": start_value(found.model.start),
         "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
         "stroke": {"value": found.stroke, "unit": found.model.output_unit},
@@ -361,7 +366,7 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
         },
         "offset": {
             "value": m.offset,
-            "standard_error": errors.get("offset"),
+            "standard_error": found.offset.standard_error,
             "unit": m.output_unit,
         },
         "sign": m.sign,
@@ -369,6 +374,8 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
+    from flexstage.hysteresis.drive_model import start_in_words
+
     percent = "{:.3f}".format
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
@@ -389,8 +396,8 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
         f"about {found.noise_percent:.2f} %; before the record the drive "
-        + ("rested" if found.model.start == "rested" else "moved")
-        + f", by which readings differ by up to {found.settling:.3g} {unit}",
+        f"{start_in_words(found.model.start)}: its settling changes readings by up to "
+        f"{found.settling:.3g} {unit}",
         soft_wrap=True,
     )
     values = make_table("parameters", "name", "value", "standard error", "<unit")

@@ -35,11 +35,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.hysteresis import DriveModel, Prediction
+    from flexstage.hysteresis.drive_model import Start
     from flexstage.records import Record
 
-__all__ = ["on_records", "predict", "prediction_result", "print_predictions"]
-
-_STARTS = ("auto", "rested", "moving")
+__all__ = ["on_records", "predict", "prediction_result", "print_predictions", "start_value"]
 
 
 def predict(
@@ -68,9 +67,10 @@ def predict(
     start: Annotated[
         str,
         typer.Option(
-            metavar="auto|rested|moving",
-            help="What the drive did before the record: it rested at the first command, or moved "
-            "as it does in it; auto takes what comes nearer over the samples that are not counted.",
+            metavar="auto|rested|TIME",
+            help="What the drive did before the record: rest at the first command, or move for so "
+            'long, such as "30 s" or inf, since it left the low end of its range; auto takes what '
+            "comes nearest over the samples that are not counted.",
         ),
     ] = "auto",
     rows: RowsOption = None,
@@ -92,8 +92,7 @@ def predict(
 ) -> None:
     """Tell how well an identified model predicts other records: as it stands, nothing fitted."""
     require_image(figure)
-    if start not in _STARTS:
-        raise ModelError(f"--start is one of {', '.join(_STARTS)}, got '{start}'")
+    before = _start(start)
     file = read_model_file(model)
     wanted = [column(input), column(output)]
     read = read_records(
@@ -109,7 +108,7 @@ def predict(
         delimiter=delimiter,
         decimal=decimal,
     )
-    found = on_records(file.model, read, wanted[0], wanted[1], start)
+    found = on_records(file.model, read, wanted[0], wanted[1], before)
     written = []
     if figure is not None:
         from flexstage.report.figures import draw_prediction, encode
@@ -146,7 +145,7 @@ def on_records(
     records: "Sequence[Record]",
     input_column: str | int,
     output_column: str | int,
-    start: str = "auto",
+    start: "Start | None" = None,
 ) -> "list[Prediction]":
     """Return how a model predicts each of some records, after checking their units.
 
@@ -160,8 +159,8 @@ def on_records(
         The column that drives.
     output_column : str or int
         The column that follows.
-    start : str
-        What the drive did before: auto, rested or moving.
+    start : "rested" or float, optional
+        What the drive did before; found where not given.
 
     Returns
     -------
@@ -188,8 +187,23 @@ def on_records(
                     f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: name "
                     f"the unit with --{side}-unit"
                 )
-    chosen: Any = None if start == "auto" else start
-    return [run(model, r, input_column, output_column, start=chosen) for r in records]
+    return [run(model, r, input_column, output_column, start=start) for r in records]
+
+
+def _start(text: str) -> "Start | None":
+    import math
+
+    from flexstage.units import parse
+
+    word = text.strip().lower()
+    if word in ("auto", "rested"):
+        return None if word == "auto" else "rested"
+    seconds = math.inf if word == "inf" else parse(text, "time", bare_unit="s")
+    if seconds < 0.0:
+        raise ModelError(
+            f"--start must be auto, rested or a time that is not negative, got '{text}'"
+        )
+    return seconds
 
 
 def _total(found: "Sequence[Prediction]") -> dict[str, float]:
@@ -202,6 +216,11 @@ def _total(found: "Sequence[Prediction]") -> dict[str, float]:
         squares = np.array([getattr(p, name) ** 2 for p in found])
         made[name] = float(np.sqrt(np.sum(sizes * squares) / np.sum(sizes)))
     return made
+
+
+def start_value(start: "Start") -> str | float:
+    """Return what a drive did before as JSON can hold it: a time, or a word."""
+    return "long" if start == float("inf") else start
 
 
 def prediction_result(found: "Prediction") -> dict[str, Any]:
@@ -224,7 +243,7 @@ def prediction_result(found: "Prediction") -> dict[str, Any]:
         "constant_percent": found.constant_percent,
         "largest_percent": found.largest_percent,
         "stroke": found.stroke,
-        "start": found.start,
+        "start": start_value(found.start),
         "samples_not_counted": found.warm_up,
         "rates": [
             {
@@ -286,13 +305,14 @@ def print_predictions(
         for rate, many, predicted, free in p.rates if len(p.rates) > 1 else ():
             table.add_row("", f"{rate:.3g}", str(many), f"{predicted:.3f}", f"{free:.3f}", "")
     screen.print(table)
+    from flexstage.hysteresis.drive_model import start_in_words
+
     unit = model.output_unit or "output"
     for p in found:
         screen.print(
             f"{Path(p.source).name or 'record'}: stroke {p.stroke:.5g} {unit}; constant "
             f"{p.constant_percent:+.2f} % of it; before the record the drive "
-            + ("rested" if p.start == "rested" else "moved")
-            + f"; {p.warm_up} samples are not counted",
+            f"{start_in_words(p.start)}; {p.warm_up} samples are not counted",
             markup=False,
             soft_wrap=True,
         )

@@ -1,5 +1,6 @@
 """A drive as it was identified: hysteresis, then the linear chain up to the reading."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,11 +11,11 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
-__all__ = ["DriveModel", "Start", "ValidityRange", "creep_start"]
+__all__ = ["DriveModel", "Start", "ValidityRange", "creep_start", "start_in_words"]
 
-#: What a drive did before the first command: it stood there long, it moved as it does then, or it
-#: stood at the low end of its range and was switched to the first command.
-Start = Literal["rested", "moving", "switched"]
+#: What a drive did before the first command: it rested there for long; or it moved as it does then,
+#: for so many seconds since it stood at the low end of its range, infinitely many for long.
+Start = Literal["rested"] | float
 
 #: Cycles after which the memory of what was before is gone, also where it fades only.
 _CONDITIONING = 4
@@ -45,9 +46,9 @@ class ValidityRange:
 def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
     """Return the state of creep before a sequence, by what the drive did before.
 
-    Creep remembers longer than any record: a drive that has stood at the first command has settled
-    there, one that was moving has settled about the mean of its motion, and one that was switched
-    on has settled at its low end.
+    Creep remembers longer than any record. A drive that has rested at the first command has settled
+    there; one that has moved for a time t since it stood at its low end has come from there to the
+    mean of its motion in each lag by ``1 - exp(-t / tau)``.
 
     Parameters
     ----------
@@ -57,8 +58,8 @@ def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
         What the hysteresis gives, shape (n,).
     dt : float
         Time from one sample to the next [s].
-    start : {"rested", "moving", "switched"}
-        What the drive did before.
+    start : "rested" or float
+        What the drive did before; seconds of motion, or rest.
 
     Returns
     -------
@@ -67,8 +68,20 @@ def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
     """
     state = creep.settled(float(x[0]), dt)
     if start != "rested":
-        state[1:] = float(np.mean(x) if start == "moving" else np.min(x))
+        mean, low = float(np.mean(x)), float(np.min(x))
+        state[1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
     return state
+
+
+def start_in_words(start: Start) -> str:
+    """Return what a drive did before a record, as the end of a sentence about it."""
+    if start == "rested":
+        return "had rested at the first command"
+    if start == 0.0:
+        return "had just left the low end of its range"
+    if start == math.inf:
+        return "had moved for long"
+    return f"had moved for about {start:.2g} s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,7 +110,7 @@ class DriveModel:
         Unit of the reading; empty where nobody has said.
     validity : ValidityRange or None
         What it was identified on.
-    start : {"rested", "moving", "switched"}
+    start : "rested" or float
         What the drive did before the record that it was identified from.
     """
 
@@ -151,20 +164,24 @@ class DriveModel:
         dt : float
             Time from one sample to the next [s].
         state : array_like, optional
-            State of the hysteresis before the first of them; no history where not given.
-        start : {"rested", "moving", "switched"}, optional
+            State of the hysteresis before the first of them; that after conditioning cycles where
+            not given, and no history where the model does not say its range.
+        start : "rested" or float, optional
             What the drive did before, for its creep. Where not given it had settled at the first
-            command if a state is given, and else it did what it did before the record that the
-            model was identified from.
+            command if a state is given, and else did what it did before the record that the model
+            was identified from.
 
         Returns
         -------
         numpy.ndarray
             Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
-        y = self.hysteresis.simulate(samples(u, "command"), state).values
+        given = samples(u, "command")
+        before = start or ("rested" if state is not None else self.start)
+        if state is None and self.validity is not None:
+            state = self.conditioned()
+        y = self.hysteresis.simulate(given, state).values
         if self.creep is not None:
-            before = start or ("rested" if state is not None else self.start)
             y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, before)).values
         for element in (self.modes, self.lag):
             if element is not None:

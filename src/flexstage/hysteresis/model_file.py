@@ -6,13 +6,13 @@ import inspect
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
 
@@ -214,8 +214,10 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
     if sign not in (1.0, -1.0) or not math.isfinite(offset):
         raise ModelError(f"the output needs a sign of 1 or -1 and a finite offset, got {out}")
     start = content.get("start", "rested")
-    if start not in get_args(Start):
-        raise ModelError(f"start must be one of {', '.join(get_args(Start))}, got {start!r}")
+    if start != "rested":
+        if not isinstance(start, (int, float)) or isinstance(start, bool) or not start >= 0.0:
+            raise ModelError(f"start must be rested, or seconds of motion, got {start!r}")
+        start = float(start)
     return DriveModel(
         hysteresis=made,
         **built,

@@ -1,10 +1,11 @@
 """An identified drive beside a record that it was not made from."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start
 from flexstage.hysteresis.identification.cycles import Cycles, cycles
 from flexstage.hysteresis.identification.measurement import (
@@ -19,6 +20,9 @@ from flexstage.records import Record
 
 __all__ = ["CycleError", "Prediction", "predict"]
 
+#: What a drive can have done before a record: to have moved for long, for some seconds since it
+#: left the low end of its range, or to have rested at the first command.
+_STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(), 0.0, "rested")
 #: Samples of a warm-up that can tell what a drive did before.
 _ENOUGH = 20
 
@@ -66,7 +70,7 @@ class Prediction:
         What the model says, shape (n,).
     warm_up : int
         Number of first samples that still know what was before the record; they are not counted.
-    start : {"rested", "moving"}
+    start : "rested" or float
         What the drive is taken to have done before the record.
     stroke : float
         Range of what was measured after the warm-up, in its unit.
@@ -122,10 +126,10 @@ def predict(
     """Compare a model as it stands with a record.
 
     The memory of the hysteresis and the creep of what was before the record are not known. The
-    memory is wiped out where the input has reached both ends of its range, and what comes before is
-    not counted. A drive can have moved as it does in the record, have rested at the first command,
-    or have begun as the model's own record did: what comes nearest over the samples that are not
-    counted is taken.
+    memory is wiped out where the input has reached both ends of its range, and the samples before
+    that are not counted. From them it is estimated what the drive did before, as the start state of
+    any prediction is: it rested at the first command, or had moved for so long since it left the
+    low end of its range.
 
     Parameters
     ----------
@@ -137,7 +141,7 @@ def predict(
         The column that drives.
     output_column : str or int
         The column that follows.
-    start : {"rested", "moving"}, optional
+    start : "rested" or float, optional
         What the drive did before the record; found as said above where not given.
 
     Returns
@@ -149,8 +153,6 @@ def predict(
     ------
     RecordError
         The record cannot serve.
-    ModelError
-        The model has no range of its own.
     """
     given, read = record.channel(input_column), record.channel(output_column)
     for channel in (given, read):
@@ -165,20 +167,16 @@ def predict(
     moves = cycles(u[first:], dt)
     whole = moves.bounds.size > 1
     begin = first + (warm_up(u[first:], moves) if whole else 0)
-    made = _by_start(model, u, dt, start, rests=first > 0)
     # a median, as the first samples after a jump are none of the model
-    before = slice(first, begin) if begin - first >= _ENOUGH else slice(0, 0)
-    nearest = made[0]
-    if before.stop > before.start:
-        nearest = min(made, key=lambda m: float(np.median(np.abs(y - m[1])[before])))
-    start, predicted = nearest
+    before = slice(first, begin) if begin - first >= _ENOUGH else slice(0)
+    start, predicted = _started(model, u, y, dt, before, start)
     stroke = float(np.ptp(y[begin:]))
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:]
     return Prediction(
         source=record.source,
-        time=np.arange(u.size) * dt,
+        time=(np.arange(u.size) * dt).astype(np.float64),
         command=u,
         measured=y,
         predicted=predicted,
@@ -194,20 +192,15 @@ def predict(
     )
 
 
-def _by_start(
-    model: DriveModel, u: Array, dt: float, start: Start | None, *, rests: bool
-) -> list[tuple[Start, Array]]:
-    """Readings for each of what a drive can have done before, the likeliest first."""
-    if model.validity is None:
-        raise ModelError("the model has no range of its own: give it a validity range")
-    after_cycles = model.conditioned()
-    likely: list[Start] = ["rested", "moving"] if rests else ["moving", "rested"]
-    made: list[tuple[Start, Array]] = [
-        (s, model.simulate(u, dt, after_cycles, start=s)) for s in likely
-    ]
-    # and as the record began that the model is from
-    made.append((model.start, model.simulate(u, dt)))
-    return [m for m in made if start in (None, m[0])] or made[:1]
+def _started(
+    model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
+) -> tuple[Start, Array]:
+    """Readings after what the drive did before, by the samples that are not counted."""
+    starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
+    made: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
+    if before.stop == 0:
+        return made[0]
+    return min(made, key=lambda m: float(np.median(np.abs(y - m[1])[before])))
 
 
 def _cycles(

@@ -151,9 +151,11 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     numpy.ndarray
         The columns behind creep, resonance and delay, shape (r, m).
     """
+    # what stands for the time before the record is memory, and no motion
+    columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape
-    behind = np.empty((rows.at.size, m))
-    at = np.clip(rows.at - chain.delay / section.dt, 0.0, n - 1.0)
+    behind = np.empty((first.size, m))
+    at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
     share = (at - before)[:, None]
     for block in _blocks(n, m):

@@ -192,7 +192,7 @@ def _moving_time(part: Array, noise: float) -> float:
     if moving.size < _FEWEST_STEPS:
         return float(steps.size)
     # the time from one movement to the next: 1 where it moves at every sample, more on a staircase
-    between = np.diff(np.concatenate(([-1], moving, [steps.size])))
+    between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
     usual = max(float(np.median(between)), 1.0)
     return float(np.sum(np.where(between > _WAIT * usual, usual, between)))
 

@@ -1,14 +1,19 @@
 """From measured records to a model of the drive, with its errors and its warnings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    Start,
+    ValidityRange,
+    start_in_words,
+)
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
@@ -41,6 +46,9 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
+#: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
+#: is taken to have rested.
+_TELLS = 0.99
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
 _STILL = 0.1
 #: A sample further off than this many times the typical distance is none of the motion.
@@ -106,6 +114,8 @@ class Identification:
         Parameters that mean something by themselves, with standard errors.
     chain : tuple of Estimate
         Values of the linear chain that were found, with standard errors.
+    offset : Estimate
+        The reading at no command without history, with its standard error.
     settling : float
         Largest change of the readings by whether the drive rested or moved before the records, in
         the unit of the output: creep of what was before.
@@ -134,6 +144,7 @@ class Identification:
     noise_percent: float
     parameters: tuple[Estimate, ...]
     chain: tuple[Estimate, ...]
+    offset: Estimate
     settling: float
     warnings: tuple[str, ...]
     candidates: tuple[Candidate, ...]
@@ -252,23 +263,24 @@ def _chain_and_start(
         pairs = zip(data.sections, starts, strict=True)
         return replace(data, sections=tuple(replace(s, start=start) for s, start in pairs))
 
-    # a record that begins with a rest says itself that the drive rested
-    unsure = [i for i, s in enumerate(data.sections) if s.first == 0]
-    starts: list[Start] = ["rested"] * len(data.sections)
-    found = search(data)
-    for other in get_args(Start)[1:] if unsure else ():
-        own: list[Start] = [other if i in unsure else "rested" for i in range(len(starts))]
-        tried = search(started(own))
-        if tried.rms < found.rms:
-            starts, found = own, tried
-    if len(unsure) < 2 or found.values.creep_per_decade == 0.0:
+    def alike(start: Start) -> list[Start]:
+        return [start] * len(data.sections)
+
+    longest = max(s.u.size * s.dt for s in data.sections)
+    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
+    starts, found = alike("rested"), search(data)
+    for other in every[1:]:
+        tried = search(started(alike(other)))
+        if tried.rms < _TELLS * found.rms:
+            starts, found = alike(other), tried
+    if len(starts) < 2 or found.values.creep_per_decade == 0.0:
         return started(starts), found
     before = list(starts)
-    for i in unsure:
-        for other in get_args(Start):
-            own = [other if k == i else s for k, s in enumerate(starts)]
+    for i in range(len(starts)):
+        for other in every:
+            own: list[Start] = [other if k == i else s for k, s in enumerate(starts)]
             rms = find_chain(started(own), found.values, train=train).rms
-            if rms < found.rms:
+            if rms < _TELLS * found.rms:
                 starts, found = own, replace(found, rms=rms)
     return started(starts), found if starts == before else search(started(starts))
 
@@ -440,11 +452,8 @@ def _result(
         stroke=m.stroke,
         noise_percent=max(s.noise for s in m.sections) * percent,
         parameters=parameters[:own],
-        chain=(
-            *parameters[own:],
-            *_resonance(found),
-            replace(offset, value=m.sign * offset.value),
-        ),
+        chain=(*parameters[own:], *_resonance(found)),
+        offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *m.warnings,
             *_no_motion(train, data),
@@ -464,16 +473,16 @@ def _result(
 
 
 def _settling(tried: _Tried, data: Data) -> float:
-    """Largest change of a prediction by whether the drive rested or moved before."""
+    """Largest change of a prediction by whether the drive had rested or had moved before."""
     if data.chain.creep_per_decade == 0.0:
         return 0.0
     quasi = [tried.fit.model.simulate(s.u).values[:, None] for s in data.measurement.sections]
     ends = []
-    for start in ("rested", "moving"):
+    for start in ("rested", 0.0, math.inf):
         sections = tuple(replace(s, start=start) for s in data.measurement.sections)
         own = replace(data, measurement=replace(data.measurement, sections=sections))
-        ends.append(behind_chain(quasi, own))
-    return max(float(np.max(np.abs(a - b))) for a, b in zip(*ends, strict=True))
+        ends.append(np.concatenate(behind_chain(quasi, own)))
+    return float(np.max(np.ptp(ends, axis=0)))
 
 
 def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
@@ -483,11 +492,9 @@ def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
     own = 100.0 * settling / m.stroke
     if own <= held:
         return ()
-    did = {"rested": "rested", "moving": "moved", "switched": "been switched on"}
     return (
-        f"the drive is taken to have {did[m.sections[0].start]} before the record; had it not, creep would change the "
-        f"readings by up to {own:.2g} % of the stroke, and the offset with them: let it rest, or "
-        "move, for as long as the record before each use",
+        f"before the record the drive {start_in_words(m.sections[0].start)}, as it seems: by what "
+        f"it did before, creep changes the readings by up to {own:.2g} % of the stroke",
     )
 
 

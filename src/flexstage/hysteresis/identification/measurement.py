@@ -53,8 +53,11 @@ class Section:
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
     first : int
-        Number of samples of the record before the first of these: those before the input moves.
-    start : {"rested", "moving", "switched"}
+        Sample of the record that the first of these is: a rest before the motion is left out.
+    history : int
+        Number of first samples that stand for what was before the record, and were not measured:
+        both ends of the range, after which the memory is that of cycles over all of it.
+    start : "rested" or float
         What the drive did before, for its creep.
     """
 
@@ -66,6 +69,7 @@ class Section:
     nuisance: Array
     noise: float
     first: int = 0
+    history: int = 0
     start: Start = "rested"
 
 
@@ -262,15 +266,19 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
         )
     # differences of third order pass noise and hardly pass a smooth motion
     noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
+    low, high = moves.range
+    before = np.array([high, low])
+    n = before.size
     return Section(
-        u=np.ascontiguousarray(u),
-        y=np.ascontiguousarray(y),
+        u=np.concatenate((before, u)),
+        y=np.concatenate((np.full(n, y[0]), y)),
         dt=dt,
-        cycles=moves,
-        warm_up=warm_up(u, moves),
-        nuisance=np.ones((u.size, 1)),
+        cycles=replace(moves, bounds=moves.bounds + n, turning=moves.turning + n),
+        warm_up=warm_up(u, moves) + n,
+        nuisance=np.ones((u.size + n, 1)),
         noise=noise,
-        first=first,
+        first=first - n,
+        history=n,
     )
 
 
