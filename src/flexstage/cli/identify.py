@@ -33,7 +33,7 @@ from flexstage.errors import ModelError, RecordError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification import Identification
+    from flexstage.hysteresis.identification import Candidate, Identification
     from flexstage.records import Record
 
 __all__ = ["identify"]
@@ -287,6 +287,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
                 "parameters": c.size,
                 "rms_percent": c.rms_percent,
                 "heldout_rms_percent": c.heldout_rms_percent,
+                "failed": c.failed or None,
             }
             for c in found.candidates
         ],
@@ -294,6 +295,16 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],
     }
+
+
+def _percents(candidate: "Candidate") -> tuple[str, str]:
+    """What a model leaves where it was fitted, and on what was held out, for the table."""
+    fitted, held = candidate.rms_percent, candidate.heldout_rms_percent
+    if fitted is None:
+        return "failed", ""
+    if candidate.failed:
+        return f"{fitted:.3f}", "diverges"
+    return f"{fitted:.3f}", "" if held is None else f"{held:.3f}"
 
 
 def _parameters(found: "Identification") -> dict[str, Any]:
@@ -352,7 +363,6 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
-    percent = "{:.3f}".format
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
         "model",
@@ -361,9 +371,11 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
         "held out, % rms",
     )
     for c in found.candidates:
-        held = "" if c.heldout_rms_percent is None else percent(c.heldout_rms_percent)
-        table.add_row(c.kind, str(c.size), percent(c.rms_percent), held)
+        table.add_row(c.kind, str(c.size), *_percents(c))
     screen.print(table)
+    for c in found.candidates:
+        if c.failed:
+            screen.print(f"{c.kind}: {c.failed}", style="yellow", markup=False)
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "

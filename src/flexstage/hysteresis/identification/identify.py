@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
+#: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
+_NO_PREDICTION = 100.0
+_DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
 #: A sample further off than this many times the typical distance is none of the motion.
 _FAR_OFF = 12.0
 
@@ -46,19 +49,22 @@ class Candidate:
         Name of the model.
     size : int
         Number of its parameters.
-    rms_percent : float
-        Root mean square of what it leaves, over the stroke [%].
+    rms_percent : float or None
+        Root mean square of what it leaves, over the stroke [%]; None where it could not be fitted.
     heldout_rms_percent : float or None
         The same on cycles that it was not fitted to [%].
     heldout_error_percent : float
         How much the held-out figure differs from the best one by chance [%].
+    failed : str
+        Why it cannot serve; empty where it can.
     """
 
     kind: str
     size: int
-    rms_percent: float
+    rms_percent: float | None
     heldout_rms_percent: float | None
     heldout_error_percent: float = 0.0
+    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,18 +203,24 @@ def identify(
         every = _data(_thinned(data, found), found.values, None)
     every = replace(every, chain=found.values)
     tried: dict[str, _Tried] = {}
+    failed: list[Candidate] = []
     for i, name in enumerate(names):
         tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
             tried[name] = _try(FAMILIES[name], every, validate=train is None)
-        except ModelError:
-            if len(names) == 1:
-                raise
+        except ModelError as error:
+            failed.append(_failed(FAMILIES[name], f"it cannot be fitted to this record: {error}"))
     if not tried:
-        raise ModelError("none of the models could be fitted to the records: name one to see why")
+        raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
-    made = _result(tried[chosen], candidates, every, found, train)
+    made = _result(tried[chosen], (*candidates, *failed), every, found, train)
     return made if temperature is None else _at(made, temperature)
+
+
+def _failed(family: Family, why: str) -> Candidate:
+    return Candidate(
+        kind=family.kind, size=family.size, rms_percent=None, heldout_rms_percent=None, failed=why
+    )
 
 
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
@@ -290,6 +302,7 @@ def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candida
             rms_percent=rows[n][0],
             heldout_rms_percent=rows[n][2],
             heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
+            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order
     )
