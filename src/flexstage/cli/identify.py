@@ -1,5 +1,6 @@
 """`flexstage identify`: a model of a drive from measured records."""
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -114,6 +115,18 @@ def identify(
             help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
         ),
     ] = None,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE",
+            help="Description of the stage, whose voltage range and stroke the record is compared "
+            "with: a stage file, or the name of a built-in design.",
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Axis of --stage; the first one where not given."),
+    ] = None,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -140,6 +153,8 @@ def identify(
     from flexstage.hysteresis.identification import identify as run
 
     _require_image(figure)
+    if axis is not None and stage is None:
+        raise ModelError("--axis needs --stage: it names an axis of that")
     wanted = [column(input), column(output)]
     read = read_records(
         records,
@@ -165,6 +180,11 @@ def identify(
             temperature=_temperature(temperature),
             train=_train(train, max(r.size for r in read)),
         )
+    if stage is not None:
+        from flexstage.cli.drive_description import against_description
+
+        said = against_description(found, stage, axis)
+        found = dataclasses.replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
     if json:
@@ -247,8 +267,6 @@ def _require_image(figure: Path | None) -> None:
 
 
 def _file(found: "Identification", read: "list[Record]") -> Any:
-    import dataclasses
-
     from flexstage.hysteresis.model_file import ModelFile
     from flexstage.provenance import content_hash, provenance
 
