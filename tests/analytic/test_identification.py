@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
@@ -33,6 +34,7 @@ from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
 from flexstage.hysteresis.virtual_stack import virtual_stack
@@ -331,6 +333,58 @@ def test_a_model_that_fails_on_one_part_is_not_chosen():
     scores = [c.heldout_rms_percent or 0.0 for c in found.candidates]
     assert max(scores) > 5.0 * min(scores)  # one does fail
     assert scores[0] <= 1.1 * min(scores)
+
+
+def walk(size=4000):
+    """A slow random walk from 0 V to 100 V, and plays of it with noise of 0.05 % of the stroke."""
+    rng = np.random.default_rng(3)
+    u = lfilter([0.1], [1.0, -0.9], np.cumsum(rng.normal(0.0, 0.05, size)))
+    u = 100.0 * (u - u.min()) / np.ptp(u)
+    plays = play_columns(u, np.array([5.0, 10.0, 30.0]))
+    return u, 1e-7 * (u + plays.sum(axis=1)) + rng.normal(0.0, 1e-8, size)
+
+
+def test_no_model_runs_away_on_what_was_held_out():
+    """A shape function that may be negative grew by a factor of a million on such a walk."""
+    u, y = walk()
+    found = identify(
+        record(u, y), "u", "y", model=("generalised-bouc-wen", "dahl"), train=(0, 1000), chain=NONE
+    )
+    by_kind = {c.kind: c for c in found.candidates}
+    steep = by_kind["generalised-bouc-wen"]
+    assert (steep.heldout_rms_percent or 0.0) < 50.0
+    assert steep.failed == ""
+    alone = identify(
+        record(u, y), "u", "y", model="generalised-bouc-wen", train=(0, 1000), chain=NONE
+    )
+    conditions = {c.name: c.holds for c in alone.model.hysteresis.conditions()}
+    assert conditions["bounded"]
+
+
+def test_a_model_that_cannot_be_fitted_stays_with_its_reason(monkeypatch):
+    def fails(self, data, start=None):
+        raise ModelError("the record has no such thing")
+
+    monkeypatch.setattr(type(FAMILIES["bouc-wen"]), "fit", fails)
+    u = drive()
+    given = record(u, noisy(DAHL, u, 3))
+    found = identify(given, "u", "y", model=("bouc-wen", "dahl"), chain=NONE)
+    assert [c.kind for c in found.candidates] == ["dahl", "bouc-wen"]
+    assert found.candidates[0].failed == ""
+    assert "it cannot be fitted to this record: the record has no" in found.candidates[1].failed
+    assert found.candidates[1].rms_percent is None
+    with pytest.raises(ModelError, match=r"bouc-wen: it cannot be fitted to this record: the rec"):
+        identify(given, "u", "y", model="bouc-wen", chain=NONE)
+
+
+def test_a_model_that_predicts_nothing_is_said_to_diverge():
+    """Fitted where the stack creeps only, and held out where it is driven."""
+    u = drive()
+    u[300:700] = u[300] + 1e-3 * np.sin(np.arange(400) / 20.0)
+    found = identify(record(u, noisy(DAHL, u, 3)), "u", "y", model="dahl", chain=NONE,
+                     train=(310, 690))  # fmt: skip
+    assert (found.candidates[0].heldout_rms_percent or 0.0) > 100.0
+    assert "diverges" in found.candidates[0].failed
 
 
 # a gain below the slope of friction, so that the output falls where the input turns

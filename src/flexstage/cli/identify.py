@@ -1,5 +1,6 @@
 """`flexstage identify`: a model of a drive from measured records."""
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -35,12 +36,12 @@ from flexstage.cli.records import (
     read_records,
     row_range,
 )
-from flexstage.errors import RecordError
+from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification import Identification
+    from flexstage.hysteresis.identification import Candidate, Identification
     from flexstage.records import Record
 
 __all__ = ["identify"]
@@ -127,6 +128,18 @@ def identify(
             help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
         ),
     ] = None,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE",
+            help="Description of the stage, whose voltage range and stroke the record is compared "
+            "with: a stage file, or the name of a built-in design.",
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Axis of --stage; the first one where not given."),
+    ] = None,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -153,6 +166,8 @@ def identify(
     from flexstage.hysteresis.identification import identify as run
 
     require_image(figure)
+    if axis is not None and stage is None:
+        raise ModelError("--axis needs --stage: it names an axis of that")
     wanted = [column(input), column(output)]
     given = read_records(
         [*records, *(test or ())],
@@ -180,6 +195,11 @@ def identify(
             train=_train(train, max(r.size for r in read)),
         )
     tested = on_records(found.model, others, wanted[0], wanted[1])
+    if stage is not None:
+        from flexstage.cli.drive_description import against_description
+
+        said = against_description(found, stage, axis)
+        found = dataclasses.replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
     if tested:
@@ -258,8 +278,6 @@ def _write(
 
 
 def _file(found: "Identification", read: "list[Record]") -> Any:
-    import dataclasses
-
     from flexstage.hysteresis.model_file import ModelFile
     from flexstage.provenance import content_hash, provenance
 
@@ -305,6 +323,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
                 "rms_percent": c.rms_percent,
                 "heldout_rms_percent": c.heldout_rms_percent,
                 "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
+                "failed": c.failed or None,
             }
             for c in found.candidates
         ],
@@ -312,6 +331,20 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],
     }
+
+
+def _percents(candidate: "Candidate") -> tuple[str, str, str]:
+    """What a model leaves where it was fitted, and on what was held out, for the table."""
+    c = candidate
+    if c.rms_percent is None:
+        return "failed", "", ""
+    if c.failed:
+        return f"{c.rms_percent:.3f}", "diverges", ""
+    held = [
+        "" if value is None else f"{value:.3f}"
+        for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
+    ]
+    return f"{c.rms_percent:.3f}", held[0], held[1]
 
 
 def _parameters(found: "Identification") -> dict[str, Any]:
@@ -376,7 +409,6 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
     from flexstage.hysteresis.drive_model import start_in_words
 
-    percent = "{:.3f}".format
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
         "model",
@@ -386,12 +418,11 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
         "with a free constant, % rms",
     )
     for c in found.candidates:
-        held = [
-            "" if value is None else percent(value)
-            for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
-        ]
-        table.add_row(c.kind, str(c.size), percent(c.rms_percent), *held)
+        table.add_row(c.kind, str(c.size), *_percents(c))
     screen.print(table)
+    for c in found.candidates:
+        if c.failed:
+            screen.print(f"{c.kind}: {c.failed}", style="yellow", markup=False)
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "

@@ -16,6 +16,7 @@ from flexstage.hysteresis.identification.measurement import (
 )
 from flexstage.hysteresis.identification.misfit import root_mean_square
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.suitability import unsuited
 from flexstage.records import Record
 
 __all__ = ["CycleError", "Prediction", "predict"]
@@ -188,7 +189,7 @@ def predict(
         constant_percent=float(np.mean(counted)),
         largest_percent=float(np.max(np.abs(counted))),
         cycles=_cycles(error, moves, first, begin, dt),
-        notes=_notes(model, u, moves),
+        notes=_notes(model, u, y, dt, moves),
     )
 
 
@@ -224,8 +225,8 @@ def _cycles(
     return tuple(made)
 
 
-def _notes(model: DriveModel, u: Array, moves: Cycles) -> tuple[str, ...]:
-    said = [model.outside(u)]
+def _notes(model: DriveModel, u: Array, y: Array, dt: float, moves: Cycles) -> tuple[str, ...]:
+    said = [model.outside(u), *unsuited(model, dt, command=u, reading=y)]
     if moves.bounds.size < 2:
         said.append(
             "the record makes no whole cycle: the memory of what was before it is taken to be that "

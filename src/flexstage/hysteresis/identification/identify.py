@@ -51,6 +51,9 @@ _NOTHING = 1e-5
 _TELLS = 0.99
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
 _STILL = 0.1
+#: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
+_NO_PREDICTION = 100.0
+_DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
 #: A sample further off than this many times the typical distance is none of the motion.
 _FAR_OFF = 12.0
 
@@ -65,22 +68,26 @@ class Candidate:
         Name of the model.
     size : int
         Number of its parameters.
-    rms_percent : float
-        Root mean square error where it was fitted, as the model predicts, over the stroke [%].
+    rms_percent : float or None
+        Root mean square error where it was fitted, as the model predicts, over the stroke [%]; None
+        where it could not be fitted.
     heldout_rms_percent : float or None
         The same on cycles that it was not fitted to [%].
     heldout_free_rms_percent : float or None
         The same, where the constant is fitted again to what was held out [%].
     heldout_error_percent : float
         How much the held-out figure differs from the best one by chance [%].
+    failed : str
+        Why it cannot serve; empty where it can.
     """
 
     kind: str
     size: int
-    rms_percent: float
+    rms_percent: float | None
     heldout_rms_percent: float | None
     heldout_free_rms_percent: float | None = None
     heldout_error_percent: float = 0.0
+    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -234,17 +241,17 @@ def identify(
     every = replace(every, measurement=data, chain=found.values) if train else every
     still = train is not None and _stands_still(every)
     tried: dict[str, _Tried] = {}
+    failed: list[Candidate] = []
     for i, name in enumerate(names):
         tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
             tried[name] = _try(FAMILIES[name], every, validate=train is None or still)
-        except ModelError:
-            if len(names) == 1:
-                raise
+        except ModelError as error:
+            failed.append(_failed(FAMILIES[name], f"it cannot be fitted to this record: {error}"))
     if not tried:
-        raise ModelError("none of the models could be fitted to the records: name one to see why")
+        raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
-    made = _result(tried[chosen], candidates, every, found, train)
+    made = _result(tried[chosen], (*candidates, *failed), every, found, train)
     return made if temperature is None else _at(made, temperature)
 
 
@@ -294,6 +301,12 @@ def _stands_still(data: Data) -> bool:
         if not use.all()
     ]
     return max(moved, default=0.0) < _STILL * (high - low)
+
+
+def _failed(family: Family, why: str) -> Candidate:
+    return Candidate(
+        kind=family.kind, size=family.size, rms_percent=None, heldout_rms_percent=None, failed=why
+    )
 
 
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
@@ -406,6 +419,7 @@ def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candida
             heldout_rms_percent=rows[n].held,
             heldout_free_rms_percent=rows[n].held_free,
             heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
+            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order
     )

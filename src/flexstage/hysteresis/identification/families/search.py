@@ -102,6 +102,22 @@ class SearchFamily(Family):
         del data
         return None
 
+    def penalty(self, data: Data) -> Array | None:
+        """Return the penalty on linear parameters.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Matrix of a quadratic form of them, per sample, shape (m, m); None for none.
+        """
+        del data
+        return None
+
     def starts(self, data: Data) -> list[Array]:
         """Return the points of the coarse search.
 
@@ -137,7 +153,9 @@ class SearchFamily(Family):
         """
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
-        solution = solve(equations(behind, data), free=self.free(data))
+        normal, penalty = equations(behind, data), self.penalty(data)
+        smoothing = None if penalty is None else normal.count * penalty
+        solution = solve(normal, free=self.free(data), smoothing=smoothing)
         return solution, behind, residual(behind, solution, data) / data.measurement.stroke
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
