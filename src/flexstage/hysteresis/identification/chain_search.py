@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize, minimize_scalar
 
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.families.family import (
     Data,
@@ -16,7 +17,7 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section, thinned
+from flexstage.hysteresis.identification.measurement import Measurement, Section
 from flexstage.hysteresis.identification.projection import solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
@@ -28,10 +29,8 @@ Array = NDArray[np.float64]
 _DICTIONARY = (8, 8)
 #: Rows that the search looks at.
 _ROWS = 4000
-#: Samples of a record that the search works with, where cycles keep ...
-_SAMPLES = 50_000
-#: ... this many samples each.
-_CYCLE_SAMPLES = 150
+#: Samples of a record that the search works with.
+_SAMPLES = 25_000
 #: Longest delay that is looked for, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
 #: Largest creep that is looked for [1 per decade].
@@ -162,9 +161,7 @@ class _Search:
     """Misfit of a chain, with the best density of a coarse dictionary."""
 
     def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
-        data = replace(
-            whole, sections=tuple(thinned(s, _SAMPLES, _CYCLE_SAMPLES) for s in whole.sections)
-        )
+        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
+from flexstage.hysteresis.identification.measurement import Measurement, measurement
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, cross_validate, misfit
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
 from flexstage.progress import tell
@@ -22,9 +23,8 @@ __all__ = ["Candidate", "Identification", "identify"]
 
 #: Stages ring at some 100 Hz: faster cycles than these may show it.
 _SHOWS_MODES_HZ = 10.0
-#: Samples of all records that models are fitted with, where the cycles keep so many each.
-_MOST_SAMPLES = 120_000
-_CYCLE_SAMPLES = 400
+#: Samples of all records that models are fitted with; those of longer ones are averaged.
+_MOST_SAMPLES = 40_000
 
 Array = NDArray[np.float64]
 
@@ -92,8 +92,8 @@ class Identification:
     candidates : tuple of Candidate
         All models that were tried, the chosen one first.
     measurement : Measurement
-        What it was identified from. Records of more than 120 000 samples are thinned evenly, as far
-        as the fastest cycle keeps 400 of its samples.
+        What it was identified from. Of records of more than 40 000 samples it holds the means of
+        neighbours, as far as these follow the motion.
     predicted : tuple of numpy.ndarray
         Output of the model beside each section, with its offset and settling, shape (n,).
     settings : Mapping
@@ -194,7 +194,7 @@ def identify(
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     found = find_chain(data, chain, train=train, resonance=resonance)
     if train is None:  # whose samples are counted as they were recorded
-        every = _data(_thinned(data, found), found.values, None)
+        every = _data(_shortened(data), found.values, None)
     every = replace(every, chain=found.values)
     tried: dict[str, _Tried] = {}
     for i, name in enumerate(names):
@@ -222,12 +222,10 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _thinned(data: Measurement, found: FoundChain) -> Measurement:
-    """Leave samples of long records out, which models would take minutes with and gain nothing."""
+def _shortened(data: Measurement) -> Measurement:
+    """Average the samples of long records, which models would take minutes with and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
-    mode = found.values.resonance_hz if found.resonance is not None else 0.0
-    sections = tuple(thinned(s, share, _CYCLE_SAMPLES, mode) for s in data.sections)
-    return replace(data, sections=sections)
+    return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
 def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:

@@ -10,7 +10,7 @@ from flexstage.errors import RecordError
 from flexstage.hysteresis.identification.cycles import Cycles, cycles
 from flexstage.records import Channel, Record
 
-__all__ = ["Measurement", "Section", "measurement", "thinned"]
+__all__ = ["Measurement", "Section", "measurement"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,8 @@ class Section:
         after what was before the record, shape (n, 2).
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
+    straight : numpy.ndarray or None
+        Of means of neighbouring samples those that stand for them, shape (n,); all where None.
     """
 
     u: Array
@@ -57,6 +59,7 @@ class Section:
     warm_up: int
     nuisance: Array
     noise: float
+    straight: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,42 +166,6 @@ def measurement(
         warnings=(),
     )
     return replace(made, warnings=_warnings(made))
-
-
-def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0.0) -> Section:
-    """Leave samples out of a long record, but not so many that it loses its shape.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    most : int
-        Samples that are wanted at most.
-    per_cycle : float
-        Samples that the fastest cycle keeps at least.
-    highest_hz : float
-        Highest frequency that must be followed [Hz]; it keeps 20 samples.
-
-    Returns
-    -------
-    Section
-        The section, thinned evenly; itself where it is short enough.
-    """
-    fastest = max(float(section.cycles.frequency_hz.max(initial=0.0)), 1e-9)
-    by_shape = 1.0 / (per_cycle * fastest * section.dt)
-    by_mode = 1.0 / (20.0 * highest_hz * section.dt) if highest_hz > 0.0 else by_shape
-    every = min(-(-section.u.size // most), int(min(by_shape, by_mode)))
-    if every < 2:
-        return section
-    return replace(
-        section,
-        u=np.ascontiguousarray(section.u[::every]),
-        y=np.ascontiguousarray(section.y[::every]),
-        dt=section.dt * every,
-        cycles=replace(section.cycles, bounds=section.cycles.bounds // every),
-        warm_up=-(-section.warm_up // every),
-        nuisance=section.nuisance[::every],
-    )
 
 
 def _require_usable(record: Record, name: str, values: Array) -> None:
