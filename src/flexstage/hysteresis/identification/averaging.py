@@ -11,16 +11,16 @@ __all__ = ["averaged"]
 
 Array = NDArray[np.float64]
 
-#: Between the middles of two blocks a signal is a straight line, within this share of its range, ...
+#: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
 _STRAIGHT = 3e-4
-#: ... and this many times its noise. Samples where it is not are left out; at most this share.
+#: ... and this many times its noise. Samples where it does not are left out; at most this share.
 _NOISE = 3.0
 _LEFT_OUT = 0.04
 #: Means may miss turning points of the input by this share of its range, rms, beside its noise.
 _BLUNT = 3e-4
 
 
-def averaged(section: Section, most: int) -> Section:
+def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
     """Take the mean of so many neighbouring samples that a long record becomes short.
 
     Input and output are averaged alike, so that a linear chain does not see it and a delay stays
@@ -35,6 +35,8 @@ def averaged(section: Section, most: int) -> Section:
         The section.
     most : int
         Samples that are wanted at most.
+    loose : float
+        How much more than usual means may miss of the motion.
 
     Returns
     -------
@@ -44,25 +46,27 @@ def averaged(section: Section, most: int) -> Section:
     every = -(-section.u.size // most)
     noise = _noise(section.u), section.noise
     while every >= 2:
-        made = _means(section, every, noise)
+        made = _means(section, every, noise, loose)
         if made is not None:
             return made
         every = min(every - 1, int(0.8 * every))
     return section
 
 
-def _means(section: Section, every: int, noise: tuple[float, float]) -> Section | None:
+def _means(
+    section: Section, every: int, noise: tuple[float, float], loose: float
+) -> Section | None:
     """The section of means; None where they would not do."""
     u, y = (_blocks(x, every).mean(axis=1) for x in (section.u, section.y))
     straight = np.ones(u.size, dtype=bool)
     for values, means, own in zip((section.u, section.y), (u, y), noise, strict=True):
-        straight &= _bend(values, means, every) <= (_STRAIGHT * np.ptp(values)) ** 2 + (
-            _NOISE * own
-        ) ** 2
+        bound = (loose * _STRAIGHT * np.ptp(values)) ** 2 + (_NOISE * own) ** 2
+        straight &= _bend(values, means, every) <= bound
     if np.mean(~straight) > _LEFT_OUT:
         return None
     turning = section.cycles.turning
-    if _blunting(section.u, u, turning, every) > _BLUNT * np.ptp(section.u) + _NOISE * noise[0]:
+    bound = loose * _BLUNT * float(np.ptp(section.u)) + _NOISE * noise[0]
+    if _blunting(section.u, u, turning, every) > bound:
         return None
     moves = section.cycles
     nuisance = [_blocks(c, every).mean(axis=1) for c in section.nuisance.T]

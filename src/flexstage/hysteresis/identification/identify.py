@@ -223,7 +223,7 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
 
 
 def _shortened(data: Measurement) -> Measurement:
-    """Average the samples of long records, which models would take minutes with and gain nothing."""
+    """Average samples of long records: models would take minutes with them and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
     return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from flexstage.hysteresis.identification.chain_filter import Rows
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Family,
     Fit,
     behind_chain,
+    coarse,
     equations,
     residual,
 )
@@ -27,10 +27,11 @@ __all__ = ["SearchFamily"]
 
 Array = NDArray[np.float64]
 
-#: Rows that the coarse search looks at.
-_COARSE_ROWS = 2500
 #: Points of the coarse search that are followed to their minimum.
 _FOLLOWED = 3
+#: Steps from the optimum of more samples, at most, and one that is the last.
+_STEPS = 3
+_NEAR = 1e-4
 #: Step of the differences that uncertainties are found with, relative to each parameter.
 _STEP = 1e-4
 #: Fields of models that are chosen and not fitted.
@@ -148,20 +149,20 @@ class SearchFamily(Family):
         data : Data
             The data.
         start : numpy.ndarray, optional
-            Where the search begins, shape (s,), each from 0 to 1; the best points of a grid over
-            all of their range where not given.
+            Where a search over more of the samples ended, shape (s,), each from 0 to 1, from which
+            one step is taken; the best point of a grid over all of their range where not given.
 
         Returns
         -------
         Fit
             The fitted model.
         """
-        begins = [np.asarray(start, dtype=np.float64)] if start is not None else self._best(data)
-        found = [self._follow(begin, data) for begin in begins]
-        cost, place = min(found, key=lambda pair: pair[0])
-        del cost
-        solution, _, _ = self.project(place, data)
+        place = self._found(data) if start is None else self._moved(np.asarray(start), data)
+        solution, behind, _ = self.project(place, data)
         model = self.build(place, solution.coefficients, data)
+        if start is not None:
+            return Fit(model=model, search=place)
+        data.memo[self._key(place)] = self._linearised(place, solution, behind, data)
         names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter ended at the border of its search range",)
@@ -169,21 +170,75 @@ class SearchFamily(Family):
             model=model, search=place, names=names, values=values, jacobian=jacobian, notes=notes
         )
 
-    def _best(self, data: Data) -> list[Array]:
-        coarse = _thinned(data)
+    def _found(self, data: Data) -> Array:
+        """Search a grid on a short record, and end the best of what is found on the whole."""
+        key = f"{self.kind} found"
+        # the generalised model begins with what was found for the plain one
+        if key in data.memo and data.memo[key][0] is data.use:
+            return data.memo[key][1]
+        short = coarse(data)
         points = self.starts(data)
-        costs = []
-        for point in points:
-            _, _, left = self.project(point, coarse)
-            costs.append(float(left @ left))
-        order = np.argsort(costs)
-        return [points[i] for i in order[:_FOLLOWED]]
+        order = np.argsort([self._cost(point, short) for point in points])
+        ends = [self._minimise(points[i], short, 1e-4) for i in order[:_FOLLOWED]]
+        best = min(ends, key=lambda place: self._cost(place, short))
+        place = self._minimise(best, data, 1e-8)
+        data.memo[key] = data.use, place
+        return place
 
-    def _follow(self, begin: Array, data: Data) -> tuple[float, Array]:
-        coarse = self._minimise(begin, _thinned(data), 1e-4)
-        place = self._minimise(coarse, data, 1e-9)
+    def _moved(self, start: Array, data: Data) -> Array:
+        """Go from the optimum of more samples to that of these, by steps of Gauss and Newton.
+
+        The change of the output with all parameters is that at the start: the way is short.
+        """
+        if self._key(start) not in data.memo:
+            solution, columns, _ = self.project(start, data)
+            data.memo[self._key(start)] = self._linearised(start, solution, columns, data)
+        behind = data.memo[self._key(start)]
+        sections, free = data.measurement.sections, self.free(data)
+        m = behind[0].shape[1] - start.size
+        may = np.ones(m + start.size, dtype=bool)
+        may[:m] = False if free is None else free
+        place = start
+        solution, now, left = self.project(start, data)
+        for _ in range(_STEPS):
+            x = solution.coefficients
+            target = [
+                s.y[r.at] + (c[:, :m] - n) @ x
+                for s, r, c, n in zip(sections, data.rows, behind, now, strict=True)
+            ]
+            step = solve(equations(behind, data.with_output(target)), free=may).coefficients[m:]
+            trial = np.clip(place + step, 1e-6, 1.0 - 1e-6)
+            other, moved, remains = self.project(trial, data)
+            if not remains @ remains < left @ left:
+                break
+            place, solution, now, left = trial, other, moved, remains
+            if np.max(np.abs(step)) < _NEAR:
+                break
+        return place
+
+    def _key(self, place: Array) -> str:
+        return f"{self.kind} at {place.tolist()}"
+
+    def _linearised(
+        self, place: Array, solution: Solution, behind: list[Array], data: Data
+    ) -> list[Array]:
+        """The columns behind the chain, and how their sum changes with each searched parameter."""
+        x = solution.coefficients
+        moved = []
+        for k in range(place.size):
+            ends = []
+            for sign in (1.0, -1.0):
+                other = place.copy()
+                other[k] = np.clip(place[k] + sign * _STEP, 0.0, 1.0)
+                quasi = [self.columns(s, other, data) @ x for s in data.measurement.sections]
+                ends.append((other[k], behind_chain([q[:, None] for q in quasi], data)))
+            (up, high), (down, low) = ends
+            moved.append([(a - b) / (up - down) for a, b in zip(high, low, strict=True)])
+        return [np.concatenate(own, axis=1) for own in zip(behind, *moved, strict=True)]
+
+    def _cost(self, place: Array, data: Data) -> float:
         left = self.project(place, data)[2]
-        return float(left @ left), place
+        return float(left @ left)
 
     def _minimise(self, begin: Array, data: Data, tolerance: float) -> Array:
         found = least_squares(
@@ -198,14 +253,6 @@ class SearchFamily(Family):
             max_nfev=60,
         )
         return np.asarray(found.x, dtype=np.float64)
-
-
-def _thinned(data: Data) -> Data:
-    total = sum(r.at.size for r in data.rows)
-    every = max(1, total // _COARSE_ROWS)
-    rows = tuple(Rows(at=r.at[::every], cycle=r.cycle[::every]) for r in data.rows)
-    use = tuple(u[::every] for u in data.use)
-    return replace(data, rows=rows, use=use, memo={})
 
 
 def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...], Array, Array]:
