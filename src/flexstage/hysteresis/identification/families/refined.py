@@ -127,9 +127,8 @@ class RefinedFamily(Family):
         if start is not None:
             p, _ = self._descended(np.asarray(start), data, self._kept(np.asarray(start), data))
             return Fit(model=self.build(p, data), search=p)
-        begin = self.begin(data)
-        begin, _ = self._descended(begin, coarse(data), None)
-        p, J = self._descended(begin, data, None)
+        begin, _ = self._descended(self.begin(data), coarse(data), None)
+        p, J = self._descended(begin, data, self._kept(begin, data))
         data.memo[self._key(p)] = J
         low, _ = self.bounds(data)
         return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))

@@ -29,9 +29,8 @@ Array = NDArray[np.float64]
 
 #: Points of the coarse search that are followed to their minimum.
 _FOLLOWED = 3
-#: Steps from the optimum of more samples, at most, and one that is the last.
-_STEPS = 3
-_NEAR = 1e-4
+#: How far about an optimum costs are looked at to find the one of fewer samples.
+_ABOUT = 0.025
 #: Step of the differences that uncertainties are found with, relative to each parameter.
 _STEP = 1e-4
 #: Fields of models that are chosen and not fitted.
@@ -158,11 +157,9 @@ class SearchFamily(Family):
             The fitted model.
         """
         place = self._found(data) if start is None else self._moved(np.asarray(start), data)
-        solution, behind, _ = self.project(place, data)
-        model = self.build(place, solution.coefficients, data)
+        model = self.build(place, self.project(place, data)[0].coefficients, data)
         if start is not None:
             return Fit(model=model, search=place)
-        data.memo[self._key(place)] = self._linearised(place, solution, behind, data)
         names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter ended at the border of its search range",)
@@ -186,55 +183,46 @@ class SearchFamily(Family):
         return place
 
     def _moved(self, start: Array, data: Data) -> Array:
-        """Go from the optimum of more samples to that of these, by steps of Gauss and Newton.
+        """Go from the optimum of more samples to that of these.
 
-        The change of the output with all parameters is that at the start: the way is short.
+        The first step is on a parabola through costs about the start, whose columns are worked out
+        once for all parts that are held out; the next ones are by the slope where it has led.
         """
-        if self._key(start) not in data.memo:
-            solution, columns, _ = self.project(start, data)
-            data.memo[self._key(start)] = self._linearised(start, solution, columns, data)
-        behind = data.memo[self._key(start)]
-        sections, free = data.measurement.sections, self.free(data)
-        m = behind[0].shape[1] - start.size
-        may = np.ones(m + start.size, dtype=bool)
-        may[:m] = False if free is None else free
-        place = start
-        solution, now, left = self.project(start, data)
-        for _ in range(_STEPS):
-            x = solution.coefficients
-            target = [
-                s.y[r.at] + (c[:, :m] - n) @ x
-                for s, r, c, n in zip(sections, data.rows, behind, now, strict=True)
-            ]
-            step = solve(equations(behind, data.with_output(target)), free=may).coefficients[m:]
-            trial = np.clip(place + step, 1e-6, 1.0 - 1e-6)
-            other, moved, remains = self.project(trial, data)
-            if not remains @ remains < left @ left:
-                break
-            place, solution, now, left = trial, other, moved, remains
-            if np.max(np.abs(step)) < _NEAR:
-                break
+        points = _stencil(start)
+        costs = []
+        for point in points:
+            key = f"{self.kind} at {point.tolist()}"
+            if key not in data.memo:
+                quasi = [self.columns(s, point, data) for s in data.measurement.sections]
+                data.memo[key] = behind_chain(quasi, data)
+            normal = equations(data.memo[key], data, key)
+            found = solve(normal, free=self.free(data))
+            z = np.concatenate((found.coefficients, found.nuisance))
+            costs.append(normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z))
+        slope, bend = _parabola(np.array(costs), start.size)
+        place = _downhill(points[0], slope, bend)
+        for _ in range(place.size):
+            place = _downhill(place, self._slope(place, data), bend)
         return place
 
-    def _key(self, place: Array) -> str:
-        return f"{self.kind} at {place.tolist()}"
+    def _slope(self, place: Array, data: Data) -> Array:
+        """Change of the cost over the stencil's width with each searched parameter.
 
-    def _linearised(
-        self, place: Array, solution: Solution, behind: list[Array], data: Data
-    ) -> list[Array]:
-        """The columns behind the chain, and how their sum changes with each searched parameter."""
+        At the best linear parameters it does not matter how these would change along.
+        """
+        solution, behind, left = self.project(place, data)
         x = solution.coefficients
-        moved = []
+        slope = np.empty(place.size)
         for k in range(place.size):
-            ends = []
-            for sign in (1.0, -1.0):
-                other = place.copy()
-                other[k] = np.clip(place[k] + sign * _STEP, 0.0, 1.0)
-                quasi = [self.columns(s, other, data) @ x for s in data.measurement.sections]
-                ends.append((other[k], behind_chain([q[:, None] for q in quasi], data)))
-            (up, high), (down, low) = ends
-            moved.append([(a - b) / (up - down) for a, b in zip(high, low, strict=True)])
-        return [np.concatenate(own, axis=1) for own in zip(behind, *moved, strict=True)]
+            other = place.copy()
+            other[k] += _STEP if place[k] < 0.5 else -_STEP
+            quasi = [self.columns(s, other, data) @ x for s in data.measurement.sections]
+            moved = behind_chain([q[:, None] for q in quasi], data)
+            change = np.concatenate(
+                [(m[:, 0] - c @ x)[u] for m, c, u in zip(moved, behind, data.use, strict=True)]
+            )
+            slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
+        return slope * data.measurement.stroke
 
     def _cost(self, place: Array, data: Data) -> float:
         left = self.project(place, data)[2]
@@ -253,6 +241,33 @@ class SearchFamily(Family):
             max_nfev=60,
         )
         return np.asarray(found.x, dtype=np.float64)
+
+
+def _stencil(centre: Array) -> list[Array]:
+    """Places that determine a parabola: the middle, one to each side, and one between each two."""
+    middle = np.clip(centre, _ABOUT, 1.0 - _ABOUT)
+    sides = _ABOUT * np.eye(centre.size)
+    pairs = [a + b for a, b in itertools.combinations(sides, 2)]
+    return [middle, *(middle + sides), *(middle - sides), *(middle + pair for pair in pairs)]
+
+
+def _parabola(costs: Array, size: int) -> tuple[Array, Array]:
+    """Slope and bend over the stencil's width, in its middle, of the parabola through its costs."""
+    here, up, down = costs[0], costs[1 : 1 + size], costs[1 + size : 1 + 2 * size]
+    bend = np.diag(up - 2.0 * here + down)
+    pairs = itertools.combinations(range(size), 2)
+    for (j, k), cost in zip(pairs, costs[1 + 2 * size :], strict=True):
+        bend[j, k] = bend[k, j] = cost - up[j] - up[k] + here
+    return 0.5 * (up - down), bend
+
+
+def _downhill(place: Array, slope: Array, bend: Array) -> Array:
+    """The lowest place of a parabola; along a valley without a bottom it stays where it is."""
+    values, vectors = np.linalg.eigh(bend)
+    rising = values > 1e-9 * max(float(values.max()), 1e-300)
+    way = np.where(rising, vectors.T @ slope / np.where(rising, values, 1.0), 0.0)
+    step = _ABOUT * np.clip(vectors @ way, -3.0, 3.0)
+    return np.clip(place - step, 1e-6, 1.0 - 1e-6)
 
 
 def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...], Array, Array]:
