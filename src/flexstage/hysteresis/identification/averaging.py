@@ -92,8 +92,8 @@ def _blocks(values: Array, every: int) -> Array:
 def _bend(values: Array, means: Array, every: int) -> Array:
     """Mean square distance of each block from straight lines between the means of neighbours."""
     place = (np.arange(every) + 0.5) / every - 0.5
-    before = np.concatenate((means[:1], means[:-1]))
-    after = np.concatenate((means[1:], means[-1:]))
+    before = np.concatenate((2.0 * means[:1] - means[1:2], means[:-1]))
+    after = np.concatenate((means[1:], 2.0 * means[-1:] - means[-2:-1]))
     square = np.zeros(means.size)
     for own, column in zip(place, _blocks(values, every).T, strict=True):
         other = before if own < 0.0 else after

@@ -105,7 +105,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     data : Data
         The data; rows that are not in use are left out of all.
     start : numpy.ndarray
-        Where the search over nonlinear parameters begins.
+        Where the search over nonlinear parameters has ended for all cycles.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
-        found = family.fit(part, start if start.size else None)
+        found = family.refit(part, start)
         errors.append(misfit(found.model, part).at(held))
     every = np.concatenate(errors)
     return Folds(

@@ -112,8 +112,7 @@ class Fit:
     notes : tuple of str
         What a reader should know.
     jacobian : numpy.ndarray or None
-        Change of the output with each of them at all rows that are fitted, shape (r, k); None
-        where a search began with a known place, and standard errors are not asked for.
+        Change of the output with each of them at all rows that are fitted, shape (r, k).
     """
 
     model: HysteresisModel
@@ -149,6 +148,23 @@ class Family(ABC):
         Fit
             The fitted model.
         """
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search over nonlinear parameters ended for more samples, shape (s,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        return self.fit(data, optimum if optimum.size else None)
 
     @property
     @abstractmethod

@@ -117,21 +117,37 @@ class RefinedFamily(Family):
         data : Data
             The data.
         start : numpy.ndarray, optional
-            Where a search over more of the samples ended, shape (k,); `begin` where not given.
+            Where the search begins, shape (k,); `begin` where not given.
 
         Returns
         -------
         Fit
             The fitted model.
         """
-        if start is not None:
-            p, _ = self._descended(np.asarray(start), data, self._kept(np.asarray(start), data))
-            return Fit(model=self.build(p, data), search=p)
-        begin, _ = self._descended(self.begin(data), coarse(data), None)
+        begin = self.begin(data) if start is None else np.asarray(start)
+        begin, _ = self._descended(begin, coarse(data), None)
         p, J = self._descended(begin, data, self._kept(begin, data))
         data.memo[self._key(p)] = J
         low, _ = self.bounds(data)
         return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search ended for more samples, shape (k,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        p, _ = self._descended(optimum, data, self._kept(optimum, data))
+        return Fit(model=self.build(p, data), search=p)
 
     def _key(self, p: Array) -> str:
         return f"{self.kind} at {p.tolist()}"

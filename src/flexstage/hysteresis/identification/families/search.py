@@ -148,18 +148,16 @@ class SearchFamily(Family):
         data : Data
             The data.
         start : numpy.ndarray, optional
-            Where a search over more of the samples ended, shape (s,), each from 0 to 1, from which
-            one step is taken; the best point of a grid over all of their range where not given.
+            Where the search begins, shape (s,), each from 0 to 1; the best points of a grid over
+            all of their range where not given.
 
         Returns
         -------
         Fit
             The fitted model.
         """
-        place = self._found(data) if start is None else self._moved(np.asarray(start), data)
+        place = self._found(data) if start is None else self._followed([np.asarray(start)], data)
         model = self.build(place, self.project(place, data)[0].coefficients, data)
-        if start is not None:
-            return Fit(model=model, search=place)
         names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter ended at the border of its search range",)
@@ -173,14 +171,38 @@ class SearchFamily(Family):
         # the generalised model begins with what was found for the plain one
         if key in data.memo and data.memo[key][0] is data.use:
             return data.memo[key][1]
-        short = coarse(data)
         points = self.starts(data)
+        short = coarse(data)
         order = np.argsort([self._cost(point, short) for point in points])
-        ends = [self._minimise(points[i], short, 1e-4) for i in order[:_FOLLOWED]]
-        best = min(ends, key=lambda place: self._cost(place, short))
-        place = self._minimise(best, data, 1e-8)
+        place = self._followed([points[i] for i in order[:_FOLLOWED]], data)
         data.memo[key] = data.use, place
         return place
+
+    def _followed(self, begins: list[Array], data: Data) -> Array:
+        """Follow points to their minimum on a short record, and the best one on the whole."""
+        short = coarse(data)
+        ends = [self._minimise(begin, short, 1e-4) for begin in begins]
+        best = min(ends, key=lambda place: self._cost(place, short))
+        return self._minimise(best, data, 1e-9)
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search ended for more samples, shape (s,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        place = self._moved(optimum, data)
+        solution, _, _ = self.project(place, data)
+        return Fit(model=self.build(place, solution.coefficients, data), search=place)
 
     def _moved(self, start: Array, data: Data) -> Array:
         """Go from the optimum of more samples to that of these.
