@@ -217,10 +217,10 @@ class _Search:
 
 
 def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
-    """Which rows of a thinned section are looked at: what is held out must not be seen here."""
+    """Which rows of an averaged section are looked at: what is held out must not be seen here."""
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
-    return (rows.at * every >= train[0]) & (rows.at * every < train[1])
+    return (rows.at * every >= train[0]) & ((rows.at + 1) * every <= train[1])
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
