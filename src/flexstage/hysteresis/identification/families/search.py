@@ -29,8 +29,10 @@ Array = NDArray[np.float64]
 
 #: Points of the coarse search that are followed to their minimum.
 _FOLLOWED = 3
-#: How far about an optimum costs are looked at to find the one of fewer samples.
+#: How far about an optimum costs are looked at to find the one of fewer samples, and how far off
+#: that is believed.
 _ABOUT = 0.025
+_NEAR = 0.06
 #: Step of the differences that uncertainties are found with, relative to each parameter.
 _STEP = 1e-4
 #: Fields of models that are chosen and not fitted.
@@ -208,7 +210,8 @@ class SearchFamily(Family):
         """Go from the optimum of more samples to that of these.
 
         The first step is on a parabola through costs about the start, whose columns are worked out
-        once for all parts that are held out; the next ones are by the slope where it has led.
+        once for all parts that are held out; the next ones are by the slope where it has led. Where
+        that goes far or uphill, as along a valley, it is searched for.
         """
         points = _stencil(start)
         costs = []
@@ -225,7 +228,10 @@ class SearchFamily(Family):
         place = _downhill(points[0], slope, bend)
         for _ in range(place.size):
             place = _downhill(place, self._slope(place, data), bend)
-        return place
+        near = np.max(np.abs(place - start)) <= _NEAR
+        if near and self._cost(place, data) <= self._cost(start, data):
+            return place
+        return self._minimise(start, data, 1e-6)
 
     def _slope(self, place: Array, data: Data) -> Array:
         """Change of the cost over the stencil's width with each searched parameter.
