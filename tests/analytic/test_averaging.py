@@ -57,7 +57,7 @@ def test_jumps_and_tones_are_left_out_and_nothing_else() -> None:
     assert short.u.size == 9000
     assert short.straight is not None
     middle = (np.arange(short.u.size) + 0.5) * short.dt
-    near = ((middle > 3.998) & (middle < 4.102)) | (np.abs(middle - 6.0303) < 0.003)
+    near = ((middle > 3.997) & (middle < 4.103)) | (np.abs(middle - 6.0303) < 0.004)
     assert short.straight[~near].all()
     assert not short.straight[(middle > 4.002) & (middle < 4.098)].any()
     assert not short.straight[np.argmin(np.abs(middle - 6.0303))]

@@ -64,6 +64,8 @@ def _means(
         straight &= _bend(values, means, every) <= bound
     if np.mean(~straight) > _LEFT_OUT:
         return None
+    # the line to a mean that does not stand for its samples is wrong for the one beside it as well
+    straight[1:-1] &= straight[2:] & straight[:-2]
     turning = section.cycles.turning
     bound = loose * _BLUNT * float(np.ptp(section.u)) + _NOISE * noise[0]
     if _blunting(section.u, u, turning, every) > bound:
