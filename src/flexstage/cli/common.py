@@ -37,6 +37,8 @@ __all__ = [
 ]
 
 _IMAGES = (".svg", ".png", ".pdf")
+#: Time between two lines of progress where standard error is no terminal, and before the first [s].
+_SILENT = 10.0
 
 StageArgument = Annotated[
     str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
@@ -295,7 +297,7 @@ def relative(text: str) -> float:
 def progress_bar() -> "Iterator[None]":
     """Show on standard error how far the work in this block has come, with the time left.
 
-    Nothing is shown where standard error is no terminal.
+    Where standard error is no terminal, work that takes long writes a line there now and then.
 
     Yields
     ------
@@ -303,10 +305,11 @@ def progress_bar() -> "Iterator[None]":
     """
     import sys
 
-    from flexstage.progress import reporting
+    from flexstage.progress import now_and_then, reporting
 
     if not sys.stderr.isatty():
-        yield
+        with reporting(now_and_then(lambda line: typer.echo(line, err=True), _SILENT)):
+            yield
         return
     from rich.console import Console
     from rich.progress import (

@@ -14,11 +14,16 @@ from flexstage.hysteresis.drive_model import (
     ValidityRange,
     start_in_words,
 )
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
-from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
+from flexstage.hysteresis.identification.measurement import (
+    Measurement,
+    measurement,
+    without_history,
+)
 from flexstage.hysteresis.identification.misfit import (
     BAND,
     Folds,
@@ -36,9 +41,8 @@ __all__ = ["Candidate", "Identification", "identify"]
 
 #: Stages ring at some 100 Hz: faster cycles than these may show it.
 _SHOWS_MODES_HZ = 10.0
-#: Samples of all records that models are fitted with, where the cycles keep so many each.
-_MOST_SAMPLES = 120_000
-_CYCLE_SAMPLES = 400
+#: Samples of all records that models are fitted with; those of longer ones are averaged.
+_MOST_SAMPLES = 40_000
 
 Array = NDArray[np.float64]
 
@@ -131,8 +135,8 @@ class Identification:
     candidates : tuple of Candidate
         All models that were tried, the chosen one first.
     measurement : Measurement
-        What it was identified from. Records of more than 120 000 samples are thinned evenly, as far
-        as the fastest cycle keeps 400 of its samples.
+        What it was identified from. Of records of more than 40 000 samples it holds the means of
+        neighbours, as far as these follow the motion.
     predicted : tuple of numpy.ndarray
         Output of the model beside each section, as it is kept, shape (n,).
     settings : Mapping
@@ -237,7 +241,7 @@ def identify(
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
     if train is None:  # whose samples are counted as they were recorded
-        every = _data(_thinned(data, found), found.values, None)
+        every = _data(_shortened(data), found.values, None)
     every = replace(every, measurement=data, chain=found.values) if train else every
     still = train is not None and _stands_still(every)
     tried: dict[str, _Tried] = {}
@@ -320,12 +324,10 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _thinned(data: Measurement, found: FoundChain) -> Measurement:
-    """Leave samples of long records out, which models would take minutes with and gain nothing."""
+def _shortened(data: Measurement) -> Measurement:
+    """Average samples of long records: models would take minutes with them and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
-    mode = found.values.resonance_hz if found.resonance is not None else 0.0
-    sections = tuple(thinned(s, share, _CYCLE_SAMPLES, mode) for s in data.sections)
-    return replace(data, sections=sections)
+    return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
 def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:
@@ -333,7 +335,7 @@ def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) 
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
     else:
-        at = [r.at + s.first for r, s in zip(rows, data.sections, strict=True)]
+        at = [r.at - s.history + s.first for r, s in zip(rows, data.sections, strict=True)]
         use = tuple((a >= train[0]) & (a < train[1]) for a in at)
         fitted, held = sum(int(u.sum()) for u in use), sum(int((~u).sum()) for u in use)
         if fitted < 50 or held < 50:
@@ -480,7 +482,7 @@ def _result(
         ),
         settling=settling,
         candidates=candidates,
-        measurement=m,
+        measurement=replace(m, sections=tuple(map(without_history, m.sections))),
         predicted=_predicted(tried, data),
         settings=settings,
     )
@@ -601,6 +603,6 @@ def _predicted(tried: _Tried, data: Data) -> tuple[Array, ...]:
         at = np.arange(s.u.size)
         rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
-        behind = filtered(quasi, s, rows, data.chain)[:, 0]
+        behind = filtered(quasi, s, rows, data.chain)[s.history :, 0]
         made.append(data.measurement.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -11,7 +11,7 @@ from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.cycles import Cycles, cycles, input_noise
 from flexstage.records import Channel, Record
 
-__all__ = ["Measurement", "Section", "measurement", "thinned"]
+__all__ = ["Measurement", "Section", "measurement"]
 
 Array = NDArray[np.float64]
 
@@ -53,12 +53,14 @@ class Section:
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
     first : int
-        Sample of the record that the first of these is: a rest before the motion is left out.
+        Sample of the record that the first measured one is: a rest before it is left out.
     history : int
         Number of first samples that stand for what was before the record, and were not measured:
         both ends of the range, after which the memory is that of cycles over all of it.
     start : "rested" or float
         What the drive did before, for its creep.
+    straight : numpy.ndarray or None
+        Of means of neighbouring samples those that stand for them, shape (n,); all where None.
     """
 
     u: Array
@@ -71,6 +73,7 @@ class Section:
     first: int = 0
     history: int = 0
     start: Start = "rested"
+    straight: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,42 +187,6 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0.0) -> Section:
-    """Leave samples out of a long record, but not so many that it loses its shape.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    most : int
-        Samples that are wanted at most.
-    per_cycle : float
-        Samples that the fastest cycle keeps at least.
-    highest_hz : float
-        Highest frequency that must be followed [Hz]; it keeps 20 samples.
-
-    Returns
-    -------
-    Section
-        The section, thinned evenly; itself where it is short enough.
-    """
-    fastest = max(float(section.cycles.frequency_hz.max(initial=0.0)), 1e-9)
-    by_shape = 1.0 / (per_cycle * fastest * section.dt)
-    by_mode = 1.0 / (20.0 * highest_hz * section.dt) if highest_hz > 0.0 else by_shape
-    every = min(-(-section.u.size // most), int(min(by_shape, by_mode)))
-    if every < 2:
-        return section
-    return replace(
-        section,
-        u=np.ascontiguousarray(section.u[::every]),
-        y=np.ascontiguousarray(section.y[::every]),
-        dt=section.dt * every,
-        cycles=replace(section.cycles, bounds=section.cycles.bounds // every),
-        warm_up=-(-section.warm_up // every),
-        nuisance=section.nuisance[::every],
-    )
-
-
 def require_usable(record: Record, name: str, values: Array) -> None:
     """Refuse a column that cannot be computed with."""
     where = f"column '{name}' of {record.source or 'the record'}"
@@ -266,19 +233,50 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
         )
     # differences of third order pass noise and hardly pass a smooth motion
     noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
-    low, high = moves.range
-    before = np.array([high, low])
+    return with_history(
+        Section(
+            u=np.ascontiguousarray(u),
+            y=np.ascontiguousarray(y),
+            dt=dt,
+            cycles=moves,
+            warm_up=warm_up(u, moves),
+            nuisance=np.ones((u.size, 1)),
+            noise=noise,
+            first=first,
+        )
+    )
+
+
+def with_history(section: Section) -> Section:
+    """Return a section with both ends of its range before it, which leave their memory."""
+    moves = section.cycles
+    before = np.array([moves.range[1], moves.range[0]])
     n = before.size
-    return Section(
-        u=np.concatenate((before, u)),
-        y=np.concatenate((np.full(n, y[0]), y)),
-        dt=dt,
+    straight = section.straight
+    return replace(
+        section,
+        u=np.concatenate((before, section.u)),
+        y=np.concatenate((np.full(n, section.y[0]), section.y)),
         cycles=replace(moves, bounds=moves.bounds + n, turning=moves.turning + n),
-        warm_up=warm_up(u, moves) + n,
-        nuisance=np.ones((u.size + n, 1)),
-        noise=noise,
-        first=first - n,
+        warm_up=section.warm_up + n,
+        nuisance=np.concatenate((section.nuisance[:1].repeat(n, axis=0), section.nuisance)),
+        straight=None if straight is None else np.concatenate((np.ones(n, dtype=bool), straight)),
         history=n,
+    )
+
+
+def without_history(section: Section) -> Section:
+    """Return a section as it was measured."""
+    n, moves, straight = section.history, section.cycles, section.straight
+    return replace(
+        section,
+        u=section.u[n:],
+        y=section.y[n:],
+        cycles=replace(moves, bounds=moves.bounds - n, turning=moves.turning - n),
+        warm_up=section.warm_up - n,
+        nuisance=section.nuisance[n:],
+        straight=None if straight is None else straight[n:],
+        history=0,
     )
 
 

@@ -168,7 +168,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     data : Data
         The data; rows that are not in use are left out of all.
     start : numpy.ndarray
-        Where the search over nonlinear parameters begins.
+        Where the search over nonlinear parameters has ended for all cycles.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
-        found = family.fit(part, start if start.size else None)
+        found = family.refit(part, start)
         own = misfit(found.model, part).predicted_at(held)
         errors.append(np.concatenate(own))
         free.append(free_constant(own))
