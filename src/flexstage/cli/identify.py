@@ -114,6 +114,14 @@ def identify(
             help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
         ),
     ] = None,
+    drift: Annotated[
+        bool,
+        typer.Option(
+            "--drift",
+            help="Fit a drift of constant speed beside the model, in each record, and throw it "
+            "away.",
+        ),
+    ] = False,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -163,6 +171,7 @@ def identify(
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
             temperature=_temperature(temperature),
+            drift=drift,
             train=_train(train, max(r.size for r in read)),
         )
     files = _write(found, read, out, figure)
@@ -270,6 +279,8 @@ def _file(found: "Identification", read: "list[Record]") -> Any:
 
 
 def _result(found: "Identification", read: "list[Record]", files: list[Path]) -> dict[str, Any]:
+    import dataclasses
+
     return {
         "records": [r.source for r in read],
         "model": found.kind,
@@ -290,6 +301,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
             }
             for c in found.candidates
         ],
+        "verdict": dataclasses.asdict(found.verdict),
         "warnings": list(found.warnings),
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],

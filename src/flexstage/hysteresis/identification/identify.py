@@ -15,6 +15,7 @@ from flexstage.hysteresis.identification.families.family import Data, Family, Fi
 from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, cross_validate, misfit
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
+from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.progress import tell
 from flexstage.records import Record
 
@@ -32,8 +33,6 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
-#: A sample further off than this many times the typical distance is none of the motion.
-_FAR_OFF = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +95,8 @@ class Identification:
         as the fastest cycle keeps 400 of its samples.
     predicted : tuple of numpy.ndarray
         Output of the model beside each section, with its offset and settling, shape (n,).
+    verdict : Verdict
+        Whether the model explains the records, and what in them is not the motion of a drive.
     settings : Mapping
         Choices that change the result.
     """
@@ -114,6 +115,7 @@ class Identification:
     candidates: tuple[Candidate, ...]
     measurement: Measurement
     predicted: tuple[Array, ...]
+    verdict: Verdict
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -137,6 +139,7 @@ def identify(
     train: tuple[int, int] | None = None,
     resonance: tuple[float, float] | None = None,
     temperature: tuple[float, float] | None = None,
+    drift: bool = False,
 ) -> Identification:
     """Identify the hysteresis of a drive and the linear chain behind it.
 
@@ -166,6 +169,9 @@ def identify(
         its drives in place; looked for where not given.
     temperature : tuple of float, optional
         Lowest and highest temperature while it was recorded [K], for the validity of the model.
+    drift : bool
+        Whether the output of each record drifts at a constant speed: it is fitted beside the model,
+        and thrown away.
 
     Returns
     -------
@@ -189,7 +195,7 @@ def identify(
                 f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
             )
     given = [records] if isinstance(records, Record) else list(records)
-    data = measurement(given, input_column, output_column)
+    data = measurement(given, input_column, output_column, drift=drift)
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     found = find_chain(data, chain, train=train, resonance=resonance)
@@ -319,7 +325,9 @@ def _result(
     own = len(tried.fit.names)
     m = data.measurement
     drive = _drive_model(tried, data)
-    percent = 100.0 / m.stroke
+    noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
+    error = rms if held is None else max(rms, held)
+    judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
     settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
     if train is not None:
         settings["fitted samples"] = f"{train[0]} to {train[1]}"
@@ -331,13 +339,13 @@ def _result(
         heldout_rms_percent=held,
         heldout_max_percent=held_largest,
         stroke=m.stroke,
-        noise_percent=max(s.noise for s in m.sections) * percent,
+        noise_percent=noise,
         parameters=parameters[:own],
         chain=(*parameters[own:], *_resonance(found)),
         warnings=(
+            *judged.sentences,
             *m.warnings,
             *_hidden_mode(found, m),
-            *_left_out(tried, data),
             *_broken(tried),
             *tried.fit.notes,
             *said,
@@ -345,21 +353,8 @@ def _result(
         candidates=candidates,
         measurement=m,
         predicted=_predicted(tried, data),
+        verdict=judged,
         settings=settings,
-    )
-
-
-def _left_out(tried: _Tried, data: Data) -> tuple[str, ...]:
-    """Say where samples lie far off, as spikes do: they pull a least-squares fit."""
-    left = np.abs(tried.left.at(data.use))
-    # most samples of a perfect record differ by rounding alone, of which nothing is far off
-    typical = max(1.4826 * float(np.median(left)), 1e-4 * data.measurement.stroke)
-    far = int(np.sum(left > _FAR_OFF * typical))
-    if far == 0 or far > 0.01 * left.size:
-        return ()
-    return (
-        f"{far} samples lie more than {_FAR_OFF:g} times the typical error off the model, as "
-        "spikes do: look at the record, and take them out",
     )
 
 
