@@ -106,8 +106,9 @@ def _clipped_above(
     jitter = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0)
     if inner is None or inner[0] <= 0.0:
         return None
+    step = quantisation_step(y)
     exact = _rests(u, y, rising)
-    if exact is not None and exact * inner[0] > 2.0 * quantisation_step(y):
+    if exact is not None and exact * inner[0] > 2.0 * step:
         return float(y.max()), exact * inner[0], int(np.sum(y == y.max()))
     for share in _END_BANDS:
         band = share * (high - low)
@@ -115,8 +116,9 @@ def _clipped_above(
         outer = _slope(u, y, rising, high - band, high) if band > 10.0 * jitter else None
         if outer is None or outer[1] == 0.0:
             continue
-        ratio, error = outer[0] / inner[0], (noise / outer[1] + 1e-6 * inner[0]) / inner[0]
-        if ratio + 4.0 * error < _FLAT:
+        # a step of the converter is an error of all samples in it
+        error = 4.0 * noise / outer[1] + 2.0 * step / band
+        if outer[0] + error < _FLAT * inner[0]:
             level = float(np.median(np.concatenate([y[s][u[s] > high - band] for s in rising])))
             lost = (inner[0] - outer[0]) * band
             return level, lost, int(np.sum(y > level - max(4.0 * noise, 0.05 * lost)))

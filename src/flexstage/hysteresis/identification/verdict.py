@@ -22,8 +22,11 @@ _SHARE_OF_LINE = 1.0 / 3.0
 _USELESS = 5.0
 #: A jump is this many times larger than the largest step of the misfit elsewhere, ...
 _JUMPS = 3.0
-#: ... and larger than this [% of the stroke] and than what the model leaves anyway.
+#: ... larger than this [% of the stroke], and this many times what is left without it, rms.
 _SMALLEST_JUMP = 0.5
+_ABOVE_REST = 2.0
+#: The input moves over much the same way in the cycle before a jump and in the one after.
+_AS_FAST = 3.0
 #: Jumps that are looked for in a record.
 _MOST_JUMPS = 3
 #: Drift over the record is named from this [% of the stroke] on, ...
@@ -33,6 +36,9 @@ _CERTAIN = 4.0
 #: ... and goes on in the slower half of the record at this share of its speed in the other: creep,
 #: which goes with the logarithm of time, is several times slower there.
 _GOES_ON = 0.5
+#: A trend is taken for drift where it takes this share of the mean square away: where the amplitude
+#: changes with time, what a model lacks looks like a trend and is hardly less with one.
+_WORTH = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +99,7 @@ def verdict(
     found = list(m.findings)
     if not any(f.kind == "butterfly" for f in found):
         rms = float(np.sqrt(np.mean(left.at(data.use) ** 2)))
-        jumps = _jumps(data, left, max(_SMALLEST_JUMP / percent, rms))
+        jumps = _jumps(data, left)
         # a jump makes a trend, and a drift makes no jump
         found += jumps or ([] if m.drift else _drifts(family, fit, data, rms))
     line = _line(data) * percent
@@ -128,18 +134,19 @@ def _line(data: Data) -> float:
     return float(np.sqrt(squares / max(count, 1)))
 
 
-def _jumps(data: Data, left: Misfit, smallest: float) -> list[Finding]:
+def _jumps(data: Data, left: Misfit) -> list[Finding]:
     m = data.measurement
+    least = 0.01 * _SMALLEST_JUMP * m.stroke
     made: list[Finding] = []
     for number, (s, r, e) in enumerate(zip(m.sections, data.rows, left.left, strict=True)):
         cycle = max(int(np.median(np.diff(s.cycles.bounds))), 1)
         every = int(r.at[1] - r.at[0]) if r.at.size > 1 else 1
-        still = np.abs(np.diff(s.u, prepend=s.u[0]))
-        moving = still[still > 0.0]
-        # where the input jumps by itself, an output that jumps too has not lost its zero
-        stepped = still > max(20.0 * float(np.median(moving)), 0.01 * float(np.ptp(s.u)))
-        for k, size in steps_of(e, max(cycle // every, 8), stepped[r.at]):
-            if abs(size) < smallest:
+        steps = steps_of(e, s.u[r.at], max(cycle // every, 8))
+        levels = np.searchsorted(sorted(k for k, _ in steps), np.arange(e.size), side="right")
+        mean = np.bincount(levels, weights=e) / np.bincount(levels)
+        rest = float(np.sqrt(np.mean((e - mean[levels]) ** 2)))
+        for k, size in steps:
+            if abs(size) < max(least, _ABOVE_REST * rest):
                 continue
             at, jump = float(r.at[k] * s.dt), m.sign * size
             percent = 100.0 * jump / m.stroke
@@ -159,17 +166,18 @@ def _jumps(data: Data, left: Misfit, smallest: float) -> list[Finding]:
     return made
 
 
-def steps_of(e: Array, cycle: int, stepped: NDArray[np.bool_]) -> list[tuple[int, float]]:
+def steps_of(e: Array, u: Array, cycle: int) -> list[tuple[int, float]]:
     """Where a misfit jumps for good: on average over few samples and over a whole cycle as well.
 
     Parameters
     ----------
     e : numpy.ndarray
         Output less model, shape (r,).
+    u : numpy.ndarray
+        Input, shape (r,). No jump is looked for where it has a step, nor where it begins or ends to
+        move, as what a model lacks changes there.
     cycle : int
         Samples of a cycle.
-    stepped : numpy.ndarray
-        Where the input has a step, shape (r,).
 
     Returns
     -------
@@ -185,8 +193,14 @@ def steps_of(e: Array, cycle: int, stepped: NDArray[np.bool_]) -> list[tuple[int
     change = np.stack([(total[at + w] - 2.0 * total[at] + total[at - w]) / w for w in widths])
     alike = np.all(change > 0.0, axis=0) | np.all(change < 0.0, axis=0)
     size = np.where(alike, np.abs(change).min(axis=0), 0.0)
-    for k in np.flatnonzero(stepped):
-        size[max(k - 2 * int(widths[0]) - most, 0) : max(k + 2 * int(widths[0]) - most, 0)] = 0.0
+    moved = np.abs(np.diff(u, prepend=u[0]))
+    path = np.concatenate(([0.0], np.cumsum(moved)))
+    before, after = path[at] - path[at - most], path[at + most] - path[at]
+    size[np.maximum(before, after) > _AS_FAST * np.minimum(before, after)] = 0.0
+    usual = float(np.median(moved[moved > 0.0])) if moved.any() else 0.0
+    near = 2 * int(widths[0])
+    for k in np.flatnonzero(moved > max(20.0 * usual, 0.01 * float(np.ptp(u)))) - most:
+        size[max(k - near, 0) : max(k + near, 0)] = 0.0
     peaks: list[tuple[int, float, float]] = []
     for _ in range(_MOST_JUMPS + 1):
         k = int(np.argmax(size))
@@ -209,6 +223,8 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
     # what families keep for all rows knows nothing of the columns beside them
     more = replace(data, measurement=replace(m, sections=sections))
     again = misfit(family.fit(more, fit.search if fit.search.size else None).model, more)
+    if np.mean(again.at(data.use) ** 2) > (1.0 - _WORTH) * rms**2:
+        return []
     made: list[Finding] = []
     for number, (s, r, use) in enumerate(zip(sections, data.rows, data.use, strict=True)):
         if not use.any():
