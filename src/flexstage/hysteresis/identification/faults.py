@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Finding",
     "butterfly",
-    "butterfly_text",
     "clipped",
     "findings_of_record",
 ]
@@ -189,10 +188,13 @@ def butterfly(u: Array, y: Array, moves: Cycles) -> tuple[float, float, float] |
     """
     low, high = moves.range
     middle = low + (high - low) * (np.arange(_INTERVALS) + 0.5) / _INTERVALS
+    large = _swings(u, moves.turning)
     up, down = (
-        _branch(u, y, [s for s in _swings(u, moves.turning) if (u[s.stop - 1] > u[s.start]) == w])
-        for w in (True, False)
+        _branch(u, y, [s for s in large if (u[s.stop - 1] > u[s.start]) == rises])
+        for rises in (True, False)
     )
+    if up is None or down is None:
+        return None
     filled = np.isfinite(up) & np.isfinite(down)
     if filled.sum() < _INTERVALS // 2:
         return None
@@ -206,15 +208,18 @@ def butterfly(u: Array, y: Array, moves: Cycles) -> tuple[float, float, float] |
     return None
 
 
-def _branch(u: Array, y: Array, swings: Sequence[slice]) -> Array:
-    """Mean of the output in intervals of the input, each swing about its own mean."""
-    at = np.concatenate([u[s] for s in swings]) if swings else np.zeros(0)
-    own = np.concatenate([y[s] for s in swings]) if swings else np.zeros(0)
+def _branch(u: Array, y: Array, swings: Sequence[slice]) -> Array | None:
+    """Mean of the output in intervals of the input; None where it does not follow the input."""
+    if not swings:
+        return None
+    at, own = np.concatenate([u[s] for s in swings]), np.concatenate([y[s] for s in swings])
     low, high = float(u.min()), float(u.max())
     which = np.minimum((_INTERVALS * (at - low) / (high - low)).astype(int), _INTERVALS - 1)
     count = np.bincount(which, minlength=_INTERVALS)
     total = np.bincount(which, weights=own, minlength=_INTERVALS)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    # noise has a lowest interval as well
+    return mean if np.var(own - mean[which]) < 0.5 * np.var(own) else None
 
 
 def _turns_back(branch: Array) -> tuple[int, float]:
@@ -225,12 +230,17 @@ def _turns_back(branch: Array) -> tuple[int, float]:
 
 def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
     """Say that the polarity changes, and what to do."""
-    up, down, _ = turned
+    up, down = (with_unit(f"{value:.3g}", unit) for value in turned[:2])
     return (
-        f"butterfly loop: the output turns back where the input rises through {up:.3g} {unit} and "
-        f"where it falls through {down:.3g} {unit}: a piezo drive passes its coercive field there, "
-        "and no model here changes its polarity; keep the drive voltage unipolar"
+        f"butterfly loop: the output turns back where the input rises through {up} and where it "
+        f"falls through {down}: a piezo drive passes its coercive field there, and no model here "
+        "changes its polarity; keep the drive voltage unipolar"
     )
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number with its unit, where somebody has said one."""
+    return f"{number} {unit}" if unit else number
 
 
 def findings_of_record(
@@ -287,8 +297,8 @@ def findings_of_record(
         level, lost, count = flat
         add(
             "clipping", (), lost,
-            f"the output stays at {sign * level:.4g} {units[1]} while the input goes on, in "
-            f"{count} samples ({100.0 * count / y.size:.1f} %), and some "
+            f"the output stays at {with_unit(f'{sign * level:.4g}', units[1])} while the input goes "
+            f"on, in {count} samples ({100.0 * count / y.size:.1f} %), and some "
             f"{100.0 * lost / stroke:.2g} % of the stroke are cut off: is the sensor or the "
             "amplifier saturated, or does the stage touch a stop? Leave that part of the input out",
         )  # fmt: skip

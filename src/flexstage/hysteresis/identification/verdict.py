@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.faults import Finding
+from flexstage.hysteresis.identification.faults import Finding, with_unit
 from flexstage.hysteresis.identification.misfit import Misfit, misfit
 
 __all__ = ["Verdict", "verdict"]
@@ -157,8 +157,8 @@ def _jumps(data: Data, left: Misfit) -> list[Finding]:
                     at=(at,),
                     size=jump,
                     percent=percent,
-                    text=f"the output jumps by {jump:.3g} {m.output_unit} ({percent:.2g} % of the "
-                    f"stroke) at {at:.6g} s and stays there, and the input does not: has the zero "
+                    text=f"the output jumps by {with_unit(f'{jump:.3g}', m.output_unit)} "
+                    f"({percent:.2g} % of the stroke) at {at:.6g} s and stays there, and the input does not: has the zero "
                     "of the sensor changed, or has something slipped? Identify one side of it, by "
                     "--rows",
                 )
@@ -251,8 +251,8 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
                 at=(),
                 size=size,
                 percent=percent,
-                text=f"the output drifts by {size / seconds:.3g} {m.output_unit}/s (standard error "
-                f"{error / seconds:.1g}), {percent:.2g} % of the stroke over the record, and does "
+                text=f"the output drifts by {size / seconds:.3g} {m.output_unit or 'units'}/s "
+                f"(standard error {error / seconds:.1g}), {percent:.2g} % of the stroke over the record, and does "
                 "not slow down as creep does: fit it beside the model by --drift, and look for "
                 "what warms up",
             )
