@@ -295,11 +295,12 @@ def findings_of_record(
     flat = clipped(u, y, section.cycles, section.noise)
     if flat is not None:
         level, lost, count = flat
+        stays = with_unit(f"{sign * level:.4g}", units[1])
         add(
             "clipping", (), lost,
-            f"the output stays at {with_unit(f'{sign * level:.4g}', units[1])} while the input goes "
-            f"on, in {count} samples ({100.0 * count / y.size:.1f} %), and some "
-            f"{100.0 * lost / stroke:.2g} % of the stroke are cut off: is the sensor or the "
-            "amplifier saturated, or does the stage touch a stop? Leave that part of the input out",
+            f"the output stays at {stays} while the input goes on, in {count} samples "
+            f"({100.0 * count / y.size:.1f} %), and some {100.0 * lost / stroke:.2g} % of the stroke "
+            "are cut off: is the sensor or the amplifier saturated, or does the stage touch a stop? "
+            "Leave that part of the input out",
         )  # fmt: skip
     return tuple(made)

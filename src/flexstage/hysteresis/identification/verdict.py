@@ -26,7 +26,7 @@ _JUMPS = 3.0
 _SMALLEST_JUMP = 0.5
 _ABOVE_REST = 2.0
 #: The input moves over much the same way in the cycle before a jump and in the one after.
-_AS_FAST = 3.0
+_AS_FAST = 2.0
 #: Jumps that are looked for in a record.
 _MOST_JUMPS = 3
 #: Drift over the record is named from this [% of the stroke] on, ...
@@ -158,9 +158,9 @@ def _jumps(data: Data, left: Misfit) -> list[Finding]:
                     size=jump,
                     percent=percent,
                     text=f"the output jumps by {with_unit(f'{jump:.3g}', m.output_unit)} "
-                    f"({percent:.2g} % of the stroke) at {at:.6g} s and stays there, and the input does not: has the zero "
-                    "of the sensor changed, or has something slipped? Identify one side of it, by "
-                    "--rows",
+                    f"({percent:.2g} % of the stroke) at {at:.6g} s and stays there, and the input "
+                    "does not: has the zero of the sensor changed, or has something slipped? "
+                    "Identify one side of it, by --rows",
                 )
             )
     return made
@@ -252,9 +252,9 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
                 size=size,
                 percent=percent,
                 text=f"the output drifts by {size / seconds:.3g} {m.output_unit or 'units'}/s "
-                f"(standard error {error / seconds:.1g}), {percent:.2g} % of the stroke over the record, and does "
-                "not slow down as creep does: fit it beside the model by --drift, and look for "
-                "what warms up",
+                f"(standard error {error / seconds:.1g}), {percent:.2g} % of the stroke over the "
+                "record, and does not slow down as creep does: fit it beside the model by --drift, "
+                "and look for what warms up",
             )
         )
     return made
