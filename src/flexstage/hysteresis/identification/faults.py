@@ -299,8 +299,8 @@ def findings_of_record(
         add(
             "clipping", (), lost,
             f"the output stays at {stays} while the input goes on, in {count} samples "
-            f"({100.0 * count / y.size:.1f} %), and some {100.0 * lost / stroke:.2g} % of the stroke "
-            "are cut off: is the sensor or the amplifier saturated, or does the stage touch a stop? "
-            "Leave that part of the input out",
+            f"({100.0 * count / y.size:.1f} %), and some {100.0 * lost / stroke:.2g} % of the "
+            "stroke are cut off: is the sensor or the amplifier saturated, or does the stage touch "
+            "a stop? Leave that part of the input out",
         )  # fmt: skip
     return tuple(made)

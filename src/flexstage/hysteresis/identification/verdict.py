@@ -22,9 +22,11 @@ _SHARE_OF_LINE = 1.0 / 3.0
 _USELESS = 5.0
 #: A jump is this many times larger than the largest step of the misfit elsewhere, ...
 _JUMPS = 3.0
-#: ... larger than this [% of the stroke], and this many times what is left without it, rms.
+#: ... larger than this [% of the stroke], ...
 _SMALLEST_JUMP = 0.5
-_ABOVE_REST = 2.0
+#: ... and this many times what is left without it, rms, in the record and in the cycles beside it:
+#: over so much a misfit of the shape of a sine moves anyway.
+_ABOVE_REST = 2.0 * 2.0**0.5
 #: The input moves over much the same way in the cycle before a jump and in the one after.
 _AS_FAST = 2.0
 #: Jumps that are looked for in a record.
@@ -141,12 +143,14 @@ def _jumps(data: Data, left: Misfit) -> list[Finding]:
     for number, (s, r, e) in enumerate(zip(m.sections, data.rows, left.left, strict=True)):
         cycle = max(int(np.median(np.diff(s.cycles.bounds))), 1)
         every = int(r.at[1] - r.at[0]) if r.at.size > 1 else 1
-        steps = steps_of(e, s.u[r.at], max(cycle // every, 8))
+        rows = max(cycle // every, 8)
+        steps = steps_of(e, s.u[r.at], rows)
         levels = np.searchsorted(sorted(k for k, _ in steps), np.arange(e.size), side="right")
         mean = np.bincount(levels, weights=e) / np.bincount(levels)
-        rest = float(np.sqrt(np.mean((e - mean[levels]) ** 2)))
+        rest = (e - mean[levels]) ** 2
         for k, size in steps:
-            if abs(size) < max(least, _ABOVE_REST * rest):
+            near = float(np.mean(rest[max(k - rows, 0) : k + rows]))
+            if abs(size) < max(least, _ABOVE_REST * max(float(np.mean(rest)), near) ** 0.5):
                 continue
             at, jump = float(r.at[k] * s.dt), m.sign * size
             percent = 100.0 * jump / m.stroke
