@@ -147,10 +147,10 @@ def _jumps(data: Data, left: Misfit) -> list[Finding]:
         steps = steps_of(e, s.u[r.at], rows)
         levels = np.searchsorted(sorted(k for k, _ in steps), np.arange(e.size), side="right")
         mean = np.bincount(levels, weights=e) / np.bincount(levels)
-        rest = (e - mean[levels]) ** 2
+        rest = float(np.var(e - mean[levels]))
         for k, size in steps:
-            near = float(np.mean(rest[max(k - rows, 0) : k + rows]))
-            if abs(size) < max(least, _ABOVE_REST * max(float(np.mean(rest)), near) ** 0.5):
+            beside = 0.5 * float(np.var(e[max(k - rows, 0) : k]) + np.var(e[k : k + rows]))
+            if abs(size) < max(least, _ABOVE_REST * max(rest, beside) ** 0.5):
                 continue
             at, jump = float(r.at[k] * s.dt), m.sign * size
             percent = 100.0 * jump / m.stroke
