@@ -419,3 +419,20 @@ def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_f
     status, _, err = run(capsys, *words[:-3], "--axis", "x")
     assert status == 2
     assert "--axis needs --stage" in err
+
+
+def test_the_verdict_is_told_and_drift_is_fitted_on_demand(capsys, tmp_path, table):
+    moved = table.copy()
+    moved[:, 4] += np.linspace(0.0, 0.3 * STROKE_UM, table.shape[0])
+    moved[[700, 1501], 4] -= 4.0 * STROKE_UM
+    path = tmp_path / "drifts.txt"
+    write_text(path, moved)
+    words = (*COLUMNS, "--model", "bouc-wen", "--delay", "0 s", "--json")
+    blind, told = (json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--drift",)))
+    findings = {f["kind"]: f for f in blind["verdict"]["findings"]}
+    assert set(findings) == {"spikes", "drift"}
+    assert findings["spikes"]["at"] == pytest.approx([700 / RATE, 1501 / RATE])
+    assert blind["verdict"]["fits"] == (blind["verdict"]["reason"] == "")
+    assert any("--drift" in w for w in blind["warnings"])
+    assert [f["kind"] for f in told["verdict"]["findings"]] == ["spikes"]
+    assert told["heldout_rms_percent"] < 0.7 * blind["heldout_rms_percent"]

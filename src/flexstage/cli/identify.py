@@ -140,6 +140,14 @@ def identify(
         str | None,
         typer.Option(metavar="NAME", help="Axis of --stage; the first one where not given."),
     ] = None,
+    drift: Annotated[
+        bool,
+        typer.Option(
+            "--drift",
+            help="Fit a drift of constant speed beside the model, in each record, and throw it "
+            "away.",
+        ),
+    ] = False,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -192,6 +200,7 @@ def identify(
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
             temperature=_temperature(temperature),
+            drift=drift,
             train=_train(train, max(r.size for r in read)),
         )
     tested = on_records(found.model, others, wanted[0], wanted[1])
@@ -301,6 +310,8 @@ def _file(found: "Identification", read: "list[Record]") -> Any:
 
 
 def _result(found: "Identification", read: "list[Record]", files: list[Path]) -> dict[str, Any]:
+    import dataclasses
+
     return {
         "records": [r.source for r in read],
         "model": found.kind,
@@ -327,6 +338,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
             }
             for c in found.candidates
         ],
+        "verdict": dataclasses.asdict(found.verdict),
         "warnings": list(found.warnings),
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],

@@ -34,6 +34,7 @@ from flexstage.hysteresis.identification.misfit import (
     root_mean_square,
 )
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
+from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.progress import tell
 from flexstage.records import Record
 
@@ -58,8 +59,6 @@ _STILL = 0.1
 #: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
 _NO_PREDICTION = 100.0
 _DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
-#: A sample further off than this many times the typical distance is none of the motion.
-_FAR_OFF = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +138,8 @@ class Identification:
         neighbours, as far as these follow the motion.
     predicted : tuple of numpy.ndarray
         Output of the model beside each section, as it is kept, shape (n,).
+    verdict : Verdict
+        Whether the model explains the records, and what in them is not the motion of a drive.
     settings : Mapping
         Choices that change the result.
     """
@@ -161,6 +162,7 @@ class Identification:
     candidates: tuple[Candidate, ...]
     measurement: Measurement
     predicted: tuple[Array, ...]
+    verdict: Verdict
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -184,6 +186,7 @@ def identify(
     train: tuple[int, int] | None = None,
     resonance: tuple[float, float] | None = None,
     temperature: tuple[float, float] | None = None,
+    drift: bool = False,
 ) -> Identification:
     """Identify the hysteresis of a drive and the linear chain behind it.
 
@@ -213,6 +216,9 @@ def identify(
         its drives in place; looked for where not given.
     temperature : tuple of float, optional
         Lowest and highest temperature while it was recorded [K], for the validity of the model.
+    drift : bool
+        Whether the output of each record drifts at a constant speed: it is fitted beside the model,
+        and thrown away.
 
     Returns
     -------
@@ -236,7 +242,7 @@ def identify(
                 f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
             )
     given = [records] if isinstance(records, Record) else list(records)
-    data = measurement(given, input_column, output_column)
+    data = measurement(given, input_column, output_column, drift=drift)
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
@@ -452,7 +458,9 @@ def _result(
     own = len(tried.fit.names)
     m = data.measurement
     drive = _drive_model(tried, data)
-    percent = 100.0 / m.stroke
+    noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
+    error = rms if held is None else max(rms, held)
+    judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
     settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
     if train is not None:
         settings["fitted samples"] = f"{train[0]} to {train[1]}"
@@ -466,16 +474,16 @@ def _result(
         heldout_max_percent=errors.held_largest,
         heldout_band_percent=errors.held_band,
         stroke=m.stroke,
-        noise_percent=max(s.noise for s in m.sections) * percent,
+        noise_percent=noise,
         parameters=parameters[:own],
         chain=(*parameters[own:], *_resonance(found)),
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
+            *judged.sentences,
             *m.warnings,
             *_no_motion(train, data),
             *_history(settling, errors, data),
             *_hidden_mode(found, m),
-            *_left_out(tried, data),
             *_broken(tried),
             *tried.fit.notes,
             *said,
@@ -484,6 +492,7 @@ def _result(
         candidates=candidates,
         measurement=replace(m, sections=tuple(map(without_history, m.sections))),
         predicted=_predicted(tried, data),
+        verdict=judged,
         settings=settings,
     )
 
@@ -521,20 +530,6 @@ def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
         "the input hardly moves over the samples that were held out: their error says nothing of "
         "the hysteresis, and the model was chosen by parts of what was fitted; hold out whole "
         "cycles",
-    )
-
-
-def _left_out(tried: _Tried, data: Data) -> tuple[str, ...]:
-    """Say where samples lie far off, as spikes do: they pull a least-squares fit."""
-    left = np.abs(tried.left.at(data.use))
-    # most samples of a perfect record differ by rounding alone, of which nothing is far off
-    typical = max(1.4826 * float(np.median(left)), 1e-4 * data.measurement.stroke)
-    far = int(np.sum(left > _FAR_OFF * typical))
-    if far == 0 or far > 0.01 * left.size:
-        return ()
-    return (
-        f"{far} samples lie more than {_FAR_OFF:g} times the typical error off the model, as "
-        "spikes do: look at the record, and take them out",
     )
 
 

@@ -9,6 +9,13 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.cycles import Cycles, cycles, input_noise
+from flexstage.hysteresis.identification.faults import (
+    Finding,
+    butterfly,
+    butterfly_text,
+    findings_of_record,
+)
+from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record
 
 __all__ = ["Measurement", "Section", "measurement"]
@@ -54,6 +61,8 @@ class Section:
         Estimated standard deviation of the noise of the output, in its unit.
     first : int
         Sample of the record that the first measured one is: a rest before it is left out.
+    begin : float
+        When that is in the record [s].
     history : int
         Number of first samples that stand for what was before the record, and were not measured:
         both ends of the range, after which the memory is that of cycles over all of it.
@@ -71,6 +80,7 @@ class Section:
     nuisance: Array
     noise: float
     first: int = 0
+    begin: float = 0.0
     history: int = 0
     start: Start = "rested"
     straight: NDArray[np.bool_] | None = None
@@ -94,6 +104,10 @@ class Measurement:
         Range of the output after the warm-up, in its unit.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
+    findings : tuple of Finding
+        Spikes that were taken out, clipping, butterfly loops.
+    drift : bool
+        Whether the last column beside the model is a drift.
     """
 
     sections: tuple[Section, ...]
@@ -102,6 +116,8 @@ class Measurement:
     output_unit: str
     stroke: float
     warnings: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    drift: bool = False
 
     @property
     def input_range(self) -> tuple[float, float]:
@@ -118,7 +134,11 @@ class Measurement:
 
 
 def measurement(
-    records: Sequence[Record], input_column: str | int, output_column: str | int
+    records: Sequence[Record],
+    input_column: str | int,
+    output_column: str | int,
+    *,
+    drift: bool = False,
 ) -> Measurement:
     """Prepare records for identification, after checking that they can serve.
 
@@ -130,6 +150,8 @@ def measurement(
         The column that drives.
     output_column : str or int
         The column that follows.
+    drift : bool
+        Whether the output of each record drifts at a constant speed, to be fitted beside a model.
 
     Returns
     -------
@@ -161,10 +183,14 @@ def measurement(
             raise RecordError(
                 f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
             )
+    mended = [without_spikes(i.values, o.values) for _, i, o in pairs]
+    pairs = [(r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, mended, strict=True)]
     sign = _sign(pairs)
     sections = tuple(
         _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
     )
+    if drift:
+        sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
     made = Measurement(
@@ -174,8 +200,21 @@ def measurement(
         output_unit=pairs[0][2].unit,
         stroke=stroke,
         warnings=(),
+        drift=drift,
     )
-    return replace(made, warnings=_warnings(made))
+    findings = [
+        findings_of_record(k, without_history(s), spikes, sign, (made.input_unit, made.output_unit))
+        for k, (s, (_, spikes)) in enumerate(zip(sections, mended, strict=True))
+    ]
+    return replace(
+        made, warnings=_warnings(made), findings=tuple(f for own in findings for f in own)
+    )
+
+
+def _with_drift(section: Section) -> Section:
+    """Put a column beside the model that rises by 1 over the record."""
+    rise = np.linspace(0.0, 1.0, section.u.size)
+    return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
 
 
 def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
@@ -211,6 +250,10 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     for r, i, o in pairs:
         share = float(np.corrcoef(i.values, o.values)[0, 1])
         if abs(share) < _UNRELATED:
+            moves = cycles(i.values, 1.0 / r.sample_rate_hz)
+            turned = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
+            if turned is not None:
+                raise RecordError(butterfly_text(turned, i.unit))
             raise RecordError(
                 f"column '{o.name}' of {r.source or 'the record'} does not follow '{i.name}' "
                 f"(correlation {share:.3f}): choose the columns that belong together"
@@ -243,6 +286,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             nuisance=np.ones((u.size, 1)),
             noise=noise,
             first=first,
+            begin=first * dt,
         )
     )
 
@@ -358,16 +402,10 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
             "more"
         )
     found += [
-        f"the input rests for {s.first * s.dt:.3g} s before it moves: this is left out"
+        f"the input rests for {s.begin:.3g} s before it moves: this is left out"
         for s in m.sections
         if s.first > 0
     ]
-    for s in m.sections:
-        if _clipped(s):
-            found.append(
-                "the output stays at an end of its range for long: is the sensor saturated?"
-            )
-            break
     if max(_levels(s.u) for s in m.sections) < 10:
         found.append(
             "the input jumps between few levels: what lies between them is not identified; drive "
@@ -376,16 +414,6 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
     if m.sign < 0:
         found.append("the output falls where the input rises: the sign of the output was turned")
     return tuple(found)
-
-
-def _clipped(section: Section) -> bool:
-    """Whether many samples lie at exactly the highest or the lowest value while the input moves."""
-    u, y = section.u, section.y
-    for at_end in (y == y.max(), y == y.min()):
-        many = int(at_end.sum())
-        if many > max(0.02 * y.size, 10) and np.ptp(u[at_end]) > _END * np.ptp(u):
-            return True
-    return False
 
 
 def _levels(u: Array) -> int:
