@@ -643,3 +643,76 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     wrong = Record(channels=(Channel(name="time", values=U, unit="s"),), time=T)
     with pytest.raises(RecordError, match="rename it"):
         record_bytes(wrong, "csv")
+
+
+# ------------------------------------------------------------------ text beside numbers
+
+ROWS = [(0.5, 1.25), (0.625, 1.5), (0.75, -2.0), (0.875, 3.125)]
+
+
+@pytest.mark.parametrize(
+    ("heading", "rows", "left_out"),
+    [
+        ("u,y,status", ["{},{},OK"] * 4, "status ('OK')"),
+        ("u,y,status", ["{},{},OK", "{},{},", "{},{},ERR 7", "{},{},OK"], "status ('OK')"),
+        ("u,y,status", ["{},{},"] * 3 + ["{},{},late"], "status ('late')"),
+        ("u,y,status", ["{},{},OK", "{},{},OK", "{},{},7", "{},{},ERR"], "status ('OK')"),
+        ("u,y,status", ['{},{},"a, b"', '{},{},"c"'] * 2, "status ('a, b')"),
+        ("u;y;Datum", ["{};{};06.05.2024"] * 4, "Datum ('06.05.2024')"),
+        ("u\ty\twhen", ["{}\t{}\t05/06/2024 12:00:01"] * 4, "when ('05/06/2024 12:00:01')"),
+        ("u y note", ["{} {} OK", "{} {}", "{} {} no", "{} {} OK"], "note ('OK')"),
+        ("u,y,load", ["{},{},12 %"] * 4, "load ('12 %')"),
+        ("u,y", ["{},{}", "{},{} # paused, then on", "{},{}", "{},{}"], "'# paused, then on'"),
+        ("u y", ["{} {}", "{} {}  % on", "{} {}", "{} {} jumps here"], "2 rows, such as '% on'"),
+        ("rate,200,Hz\ngain,3,x\nu,y,s", ["{},{},a"] * 4, "s ('a')"),
+    ],
+)
+def test_text_beside_numbers_is_left_out(
+    tmp_path: Path, heading: str, rows: list[str], left_out: str
+) -> None:
+    lines = [heading, *(row.format(*pair) for row, pair in zip(rows, ROWS, strict=True))]
+    record = read_record(
+        text(tmp_path, "\n".join(lines) + "\n"), sample_rate_hz=10.0, columns=["u", "y"]
+    )
+    assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
+    assert any(note.startswith("left out") and left_out in note for note in record.notes)
+
+
+def test_text_in_a_column_that_is_used(tmp_path: Path) -> None:
+    path = text(tmp_path, "t (s),u,y,s\n0,1,2,a\n# \n1,1.5,over,b\n2,2,5,c\nlost,3,7,d\n5,6,7,e\n")
+    said = r"line 4, column 2: 'over' is not a number, and 1 of 5 rows of column 'y' hold text"
+    with pytest.raises(RecordError, match=said):
+        read_record(path, sample_rate_hz=2.0, columns=["u", "y"])
+    with pytest.raises(RecordError, match="is not a number"):
+        read_record(path, sample_rate_hz=2.0)
+    assert values(read_record(path, sample_rate_hz=2.0, columns=["u"]), "u") == [[1, 1.5, 2, 3, 6]]
+    for time in ("t", None):
+        with pytest.raises(RecordError, match="line 6, column 0: 'lost' is not a number"):
+            read_record(path, columns=["u"], time=time)
+    cut = read_record(path, columns=["u", "y"], rows=(2, None), sample_rate_hz=2.0)
+    assert values(cut, "y") == [[5, 7, 7]]
+    # numbers that cannot be read are no text, also where nobody has said which columns are used
+    with pytest.raises(RecordError, match=r"'1\.234,5' is not a number"):
+        read_record(text(tmp_path, "u;y\n1.234,5;2\n1.235,5;3\n"), sample_rate_hz=2.0)
+
+
+def test_rows_with_text_are_told_from_a_heading(tmp_path: Path) -> None:
+    numbers = "".join(f"{u},{y}\n" for u, y in ROWS)
+    for heading in ("rate,200\ngain,3\nu,y\n", "rate,200\ngain,3\nmode,1\nrange,7\n"):
+        record = read_record(text(tmp_path, heading + numbers), sample_rate_hz=2.0)
+        assert list(zip(*values(record, 0, 1), strict=True)) == ROWS
+    # a state that is a word for long and a number at last
+    many = "u,y,s\n" + "1.5,2.5,OK\n" * 40 + "1.5,2.5,0\n" * 3
+    assert read_record(text(tmp_path, many), sample_rate_hz=2.0, columns=["u", "y"]).size == 43
+
+
+def test_many_rows_with_text_are_read_fast(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(*_: object) -> None:
+        raise AssertionError("row by row")
+
+    monkeypatch.setattr("flexstage.records.text._numbers_slowly", slow)
+    rows = "".join(f"{u};x;{y};OK\n".replace(".", ",") for u, y in ROWS)
+    record = read_record(
+        text(tmp_path, "u;none;y;s\n" + rows), sample_rate_hz=2.0, columns=["u", "y"]
+    )
+    assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS

@@ -56,6 +56,7 @@ def timed(
     names = [c.name for c in channels]
     if wanted is not None:
         number = column_number(names, wanted)
+        raw.require_numbers(number)
         channels[number], notes = _as_seconds(channels[number])
         times = channels[number].values
         require_rising(times, names[number])
@@ -85,6 +86,7 @@ def timed(
         return channels, start + np.arange(size) / used, [f"sample rate {used:g} Hz, {source}"]
     number = _own_time(names, sure)
     if number is not None:
+        raw.require_numbers(number)
         times = channels[number].values
         require_rising(times, names[number])
         return channels, times, [f"times from column '{names[number]}'", *_unevenness(times)]
