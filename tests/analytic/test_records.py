@@ -611,7 +611,7 @@ def test_parts_and_their_refusals() -> None:
     for wrong in (0.0, -1.0, np.nan, 1e-3, 1e30):
         with pytest.raises(RecordError):
             resampled(record, wrong)
-    with pytest.raises(RecordError, match="linear or cubic"):
+    with pytest.raises(RecordError, match="linear, cubic or mean"):
         resampled(record, kind="nearest")  # type: ignore[arg-type]
     for bad in (U[:1], np.array([0.1, np.nan, 0.3]), np.zeros((3, 3))):
         for estimate in (noise_estimate, saturation, quantisation_step):

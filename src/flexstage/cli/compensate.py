@@ -18,6 +18,7 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
@@ -49,6 +50,7 @@ def compensate(
     ] = "0",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
     ] = None,
@@ -130,6 +132,8 @@ def compensate(
         skip_lines=skip_lines,
         delimiter=delimiter,
         decimal=decimal,
+        resample=resample,
+        even=True,
     )[0]
     channel = record.channel(wanted)
     if drive.output_unit and channel.unit and channel.unit != drive.output_unit:
@@ -142,9 +146,6 @@ def compensate(
             f"the reference has no unit and the model gives {drive.output_unit}: name it with "
             '--unit, such as --unit "um"'
         )
-    from flexstage.records import require_uniform
-
-    require_uniform(record)
     if start not in ("conditioned", "rest"):
         raise ModelError(f"--start is conditioned or rest, got '{start}'")
     bounds = _limits(limits)

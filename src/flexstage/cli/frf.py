@@ -20,6 +20,7 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
@@ -115,6 +116,7 @@ def frf(
     ] = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -174,6 +176,7 @@ def frf(
             delimiter=delimiter,
             decimal=decimal,
             over="any",
+            resample=resample,
         )
         if ring_down:
             result, draw = _decayed(read, outputs, count)

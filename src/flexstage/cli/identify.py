@@ -15,20 +15,19 @@ from flexstage.cli.common import (
     progress_bar,
     write_file,
 )
+from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
     TimeOption,
-    column,
-    read_records,
-    row_range,
 )
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -54,8 +53,11 @@ def identify(
         str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
     ],
     output: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that follows.")
-    ],
+        str | None,
+        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+    ] = None,
+    branches: BranchesOption = None,
+    curve: CurveOption = None,
     model: Annotated[
         str,
         typer.Option(
@@ -67,6 +69,7 @@ def identify(
     ] = "auto",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     input_unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
     ] = None,
@@ -77,8 +80,9 @@ def identify(
         str | None,
         typer.Option(
             metavar="START:STOP",
-            help="Samples to fit; all others are held out. Where not given, all are fitted, and "
-            "held-out errors come from cross-validation over whole cycles.",
+            help="Samples to fit, counted in the file as --rows does; all others are held out. "
+            "Where not given, all are fitted, and held-out errors come from cross-validation over "
+            "whole cycles.",
         ),
     ] = None,
     delay: Annotated[
@@ -140,13 +144,16 @@ def identify(
     from flexstage.hysteresis.identification import identify as run
 
     _require_image(figure)
-    wanted = [column(input), column(output)]
-    read = read_records(
+    read, driven, follows = read_drive(
         records,
-        wanted,
-        units=[input_unit, output_unit],
+        input,
+        output,
+        branches=branches,
+        curve=curve,
+        units=(input_unit, output_unit),
         sample_rate=sample_rate,
         time=time,
+        resample=resample,
         format=format,
         dataset=dataset,
         rows=rows,
@@ -154,16 +161,18 @@ def identify(
         delimiter=delimiter,
         decimal=decimal,
     )
+    if (branches or curve) and sample_rate is None and delay is None and creep is None:
+        delay = "0 s"  # which rows without times do not tell
     with progress_bar():
         found = run(
             read,
-            wanted[0],
-            wanted[1],
+            driven,
+            follows,
             model=[word.strip() for word in model.split(",") if word.strip()],
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
             temperature=_temperature(temperature),
-            train=_train(train, max(r.size for r in read)),
+            train=train_range(train, read),
         )
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
@@ -208,16 +217,6 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
         raise ModelError(f"--temperature must be one, or a range such as 294.5:296, got '{text}'")
     numbers = [parse(word, "temperature", bare_unit="K") for word in words]
     return numbers[0], numbers[-1]
-
-
-def _train(text: str | None, size: int) -> tuple[int, int] | None:
-    given = row_range(text, "--train")
-    if given is None:
-        return None
-    first = given[0] or 0
-    if first >= size:
-        raise RecordError(f"--train begins at sample {first}, the longest record has {size}")
-    return first, size if given[1] is None else given[1]
 
 
 def _write(

@@ -143,6 +143,30 @@ class Columns:
             lines=None if self.lines is None else self.lines[rows],
         )
 
+    def numbered(self, number: int) -> "Columns":
+        """Return the same columns with the texts of one numbered as they first appear.
+
+        Parameters
+        ----------
+        number : int
+            Number of the column.
+
+        Returns
+        -------
+        Columns
+            The same, where the column holds no text.
+        """
+        column = self.columns[number]
+        if column.words is None or not (column.words != "").any():
+            return self
+        texts = [w or f"{v:.17g}" for w, v in zip(column.words, column.values, strict=True)]
+        order = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
+        values = np.array([order[text] for text in texts])
+        made = replace(column, values=values, unit="", words=None)
+        note = f"texts of '{column.name}' are numbered as they appear"
+        columns = (*self.columns[:number], made, *self.columns[number + 1 :])
+        return replace(self, columns=columns, notes=(*self.notes, note))
+
     def require_numbers(self, number: int) -> None:
         """Refuse a column with text among its numbers.
 

@@ -19,7 +19,7 @@ from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
 from flexstage.records.numpy_file import read_numpy
 from flexstage.records.record import Channel, Record, column_number
-from flexstage.records.sampling import require_complete
+from flexstage.records.sampling import LARGEST_STEP, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
@@ -46,6 +46,8 @@ def read_record(
     delimiter: str | None = None,
     decimal: str | None = None,
     over: Literal["time", "point"] = "time",
+    largest_step: float = LARGEST_STEP,
+    labels: str | int | None = None,
 ) -> Record:
     r"""Read columns of measured data from a file.
 
@@ -86,6 +88,10 @@ def read_record(
         The decimal sign of a text file.
     over : {"time", "point"}
         What the rows of a file follow one another by that does not say it: time, or their number.
+    largest_step : float
+        Longest step of a column of time that is no gap, over the median one.
+    labels : str or int, optional
+        A column that labels the rows: texts in it are numbered as they first appear.
 
     Returns
     -------
@@ -122,16 +128,21 @@ def read_record(
         if names is not None:
             raw = raw.renamed(names)
         raw = _distinct(raw)
-        raw = raw if rows is None or not raw.columns else raw.part(slice(*rows))
+        first = 0
+        if rows is not None and raw.columns:
+            first = slice(*rows).indices(raw.columns[0].values.size)[0]
+            raw = raw.part(slice(*rows))
         if not raw.columns or raw.columns[0].values.size < 2:
             raise RecordError("there are fewer than two samples: a record needs at least two")
+        if labels is not None:
+            raw = raw.numbered(column_number([c.name for c in raw.columns], labels))
         used = _used(raw, columns)
         for number in sorted(used):
             raw.require_numbers(number)
         channels, notes = _in_si(raw, units or {})
         kind = _kind(raw, over, time, sample_rate_hz)
         if kind == "time":
-            channels, times, more = timed(raw, channels, time, sample_rate_hz)
+            channels, times, more = timed(raw, channels, time, sample_rate_hz, largest_step)
             notes += more
         else:
             size = raw.columns[0].values.size
@@ -151,6 +162,7 @@ def read_record(
         notes=(*raw.notes, *notes),
         attributes=dict(raw.attributes),
         over=kind,
+        numbers=None if not first else np.arange(first, first + times.size, dtype=np.float64),
     )
 
 

@@ -23,6 +23,7 @@ def timed(
     channels: list[Channel],
     wanted: str | int | None,
     rate: float | None,
+    largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
     """Return the times, and the channels with the column of time in seconds.
 
@@ -36,6 +37,8 @@ def timed(
         Name or number of the column of time.
     rate : float, optional
         The sample rate that was given [Hz].
+    largest_step : float
+        Longest step that is no gap, over the median one.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def timed(
         raw.require_numbers(number)
         channels[number], notes = _as_seconds(channels[number])
         times = channels[number].values
-        require_rising(times, names[number])
+        require_rising(times, names[number], largest_step)
         given = rate if rate is not None else raw.sample_rate_hz
         where = "given" if rate is not None else f"in {raw.rate_source}"
         _require_same_rate(times, given, names[number], where)
@@ -88,7 +91,7 @@ def timed(
     if number is not None:
         raw.require_numbers(number)
         times = channels[number].values
-        require_rising(times, names[number])
+        require_rising(times, names[number], largest_step)
         return channels, times, [f"times from column '{names[number]}'", *_unevenness(times)]
     raise RecordError(_no_time(raw, names, called))
 
