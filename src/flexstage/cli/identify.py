@@ -13,9 +13,11 @@ from flexstage.cli.common import (
     output_path,
     print_json,
     progress_bar,
+    require_image,
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
+from flexstage.cli.predict import on_records, prediction_result, print_predictions
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -27,7 +29,7 @@ from flexstage.cli.records import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.errors import ModelError
+from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,8 +38,6 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 __all__ = ["identify"]
-
-_IMAGES = (".svg", ".png", ".pdf")
 
 
 def identify(
@@ -111,6 +111,14 @@ def identify(
     damping: Annotated[
         float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
     ] = 0.01,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another record, read by the same options, that the model is tried on as it "
+            "stands; may be given several times.",
+        ),
+    ] = None,
     temperature: Annotated[
         str | None,
         typer.Option(
@@ -143,9 +151,11 @@ def identify(
     """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
     from flexstage.hysteresis.identification import identify as run
 
-    _require_image(figure)
-    read, driven, follows = read_drive(
-        records,
+    require_image(figure)
+    if test and curve == "files":
+        raise RecordError("--curve files makes one record of all files: leave --test out")
+    given, driven, follows = read_drive(
+        [*records, *(test or ())],
         input,
         output,
         branches=branches,
@@ -161,6 +171,7 @@ def identify(
         delimiter=delimiter,
         decimal=decimal,
     )
+    read, others = given[: len(records)], given[len(records) :]
     if (branches or curve) and sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
     with progress_bar():
@@ -174,12 +185,17 @@ def identify(
             temperature=_temperature(temperature),
             train=train_range(train, read),
         )
+    tested = on_records(found.model, others, driven, follows)
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
+    if tested:
+        result["test"] = [prediction_result(p) for p in tested]
     if json:
         print_json(result)
         return
     _print(console(), found, result)
+    if tested:
+        print_predictions(console(), tested, found.model, "on other records")
 
 
 def _chain(delay: str | None, creep: str | None) -> Any:
@@ -237,14 +253,6 @@ def _write(
     return [path for path, _ in content]
 
 
-def _require_image(figure: Path | None) -> None:
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
-
-
 def _file(found: "Identification", read: "list[Record]") -> Any:
     import dataclasses
 
@@ -263,6 +271,8 @@ def _file(found: "Identification", read: "list[Record]") -> Any:
             "max": found.max_percent,
             "heldout_rms": found.heldout_rms_percent,
             "heldout_max": found.heldout_max_percent,
+            "heldout_free_constant": found.heldout_free_rms_percent,
+            "heldout_95": found.heldout_band_percent,
         },
         warnings=found.warnings,
     )
@@ -275,7 +285,11 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "rms_percent": found.rms_percent,
         "max_percent": found.max_percent,
         "heldout_rms_percent": found.heldout_rms_percent,
+        "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
         "heldout_max_percent": found.heldout_max_percent,
+        "heldout_band_percent": found.heldout_band_percent,
+        "start": found.model.start,
+        "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
         "stroke": {"value": found.stroke, "unit": found.model.output_unit},
         "parameters": _parameters(found),
@@ -286,6 +300,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
                 "parameters": c.size,
                 "rms_percent": c.rms_percent,
                 "heldout_rms_percent": c.heldout_rms_percent,
+                "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
             }
             for c in found.candidates
         ],
@@ -345,7 +360,11 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
             "standard_error": errors.get("resonance_hz"),
             "unit": "Hz",
         },
-        "offset": {"value": m.offset, "standard_error": None, "unit": m.output_unit},
+        "offset": {
+            "value": m.offset,
+            "standard_error": errors.get("offset"),
+            "unit": m.output_unit,
+        },
         "sign": m.sign,
     }
 
@@ -357,16 +376,23 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
         "model",
         "parameters",
         "fitted, % rms",
-        "held out, % rms",
+        "held out, as predicted, % rms",
+        "with a free constant, % rms",
     )
     for c in found.candidates:
-        held = "" if c.heldout_rms_percent is None else percent(c.heldout_rms_percent)
-        table.add_row(c.kind, str(c.size), percent(c.rms_percent), held)
+        held = [
+            "" if value is None else percent(value)
+            for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
+        ]
+        table.add_row(c.kind, str(c.size), percent(c.rms_percent), *held)
     screen.print(table)
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
-        f"about {found.noise_percent:.2f} %"
+        f"about {found.noise_percent:.2f} %; before the record the drive "
+        + ("rested" if found.model.start == "rested" else "moved")
+        + f", by which readings differ by up to {found.settling:.3g} {unit}",
+        soft_wrap=True,
     )
     values = make_table("parameters", "name", "value", "standard error", "<unit")
     for name, row in {**result["parameters"], **result["chain"]}.items():

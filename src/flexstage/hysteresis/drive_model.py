@@ -1,6 +1,7 @@
 """A drive as it was identified: hysteresis, then the linear chain up to the reading."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,7 +10,11 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
-__all__ = ["DriveModel", "ValidityRange"]
+__all__ = ["DriveModel", "Start", "ValidityRange", "creep_start"]
+
+#: What a drive did before the first command: it stood there long, it moved as it does then, or it
+#: stood at the low end of its range and was switched to the first command.
+Start = Literal["rested", "moving", "switched"]
 
 #: Cycles after which the memory of what was before is gone, also where it fades only.
 _CONDITIONING = 4
@@ -35,6 +40,35 @@ class ValidityRange:
     output_range: tuple[float, float]
     rate_range_hz: tuple[float, float]
     temperature: tuple[float, float] | None = None
+
+
+def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
+    """Return the state of creep before a sequence, by what the drive did before.
+
+    Creep remembers longer than any record: a drive that has stood at the first command has settled
+    there, one that was moving has settled about the mean of its motion, and one that was switched
+    on has settled at its low end.
+
+    Parameters
+    ----------
+    creep : LogCreep
+        The creep.
+    x : numpy.ndarray
+        What the hysteresis gives, shape (n,).
+    dt : float
+        Time from one sample to the next [s].
+    start : {"rested", "moving", "switched"}
+        What the drive did before.
+
+    Returns
+    -------
+    numpy.ndarray
+        The state one step before the first sample.
+    """
+    state = creep.settled(float(x[0]), dt)
+    if start != "rested":
+        state[1:] = float(np.mean(x) if start == "moving" else np.min(x))
+    return state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +97,8 @@ class DriveModel:
         Unit of the reading; empty where nobody has said.
     validity : ValidityRange or None
         What it was identified on.
+    start : {"rested", "moving", "switched"}
+        What the drive did before the record that it was identified from.
     """
 
     hysteresis: HysteresisModel
@@ -74,6 +110,7 @@ class DriveModel:
     input_unit: str = "V"
     output_unit: str = "m"
     validity: ValidityRange | None = None
+    start: Start = "rested"
 
     def conditioned(self) -> Array:
         """Return the state of the hysteresis after cycles over all of the range, at its low end.
@@ -97,7 +134,14 @@ class DriveModel:
         low, high = self.validity.input_range
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
 
-    def simulate(self, u: ArrayLike, dt: float, state: ArrayLike | None = None) -> Array:
+    def simulate(
+        self,
+        u: ArrayLike,
+        dt: float,
+        state: ArrayLike | None = None,
+        *,
+        start: Start | None = None,
+    ) -> Array:
         """Return the readings for a sequence of commands.
 
         Parameters
@@ -108,15 +152,21 @@ class DriveModel:
             Time from one sample to the next [s].
         state : array_like, optional
             State of the hysteresis before the first of them; no history where not given.
+        start : {"rested", "moving", "switched"}, optional
+            What the drive did before, for its creep. Where not given it had settled at the first
+            command if a state is given, and else it did what it did before the record that the
+            model was identified from.
 
         Returns
         -------
         numpy.ndarray
-            Readings [`output_unit`], shape (n,). Creep, modes and lag have settled at the first
-            command.
+            Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
         y = self.hysteresis.simulate(samples(u, "command"), state).values
-        for element in (self.creep, self.modes, self.lag):
+        if self.creep is not None:
+            before = start or ("rested" if state is not None else self.start)
+            y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, before)).values
+        for element in (self.modes, self.lag):
             if element is not None:
                 y = element.simulate(y, dt).values
         return self.offset + self.sign * y

@@ -6,13 +6,13 @@ import inspect
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
 
@@ -73,6 +73,7 @@ def model_text(file: ModelFile) -> str:
             name: _plain(_fields(element)) if element is not None else None
             for name, element in (("creep", m.creep), ("modes", m.modes), ("lag", m.lag))
         },
+        "start": m.start,
         "validity": _plain(_fields(m.validity)) if m.validity is not None else None,
         "errors_percent_of_stroke": _plain(dict(file.errors)),
         "warnings": list(file.warnings),
@@ -212,6 +213,9 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
     sign, offset = float(out.get("sign", 1.0)), float(out.get("offset", 0.0))
     if sign not in (1.0, -1.0) or not math.isfinite(offset):
         raise ModelError(f"the output needs a sign of 1 or -1 and a finite offset, got {out}")
+    start = content.get("start", "rested")
+    if start not in get_args(Start):
+        raise ModelError(f"start must be one of {', '.join(get_args(Start))}, got {start!r}")
     return DriveModel(
         hysteresis=made,
         **built,
@@ -220,6 +224,7 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
         input_unit=_unit(_mapping(content, "input"), "input"),
         output_unit=_unit(out, "output"),
         validity=validity,
+        start=start,
     )
 
 

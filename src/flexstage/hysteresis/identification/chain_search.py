@@ -152,8 +152,12 @@ def find_chain(
 
 def _seen(data: Measurement, train: tuple[int, int] | None) -> Resonance | None:
     """The best determined of the resonances that records show, outside what is held out."""
-    part = slice(*train) if train is not None else slice(None)
-    looked_at = (replace(s, u=s.u[part], y=s.y[part]) for s in data.sections)
+    looked_at = []
+    for s in data.sections:
+        part = slice(None)
+        if train is not None:
+            part = slice(max(train[0] - s.first, 0), max(train[1] - s.first, 0))
+        looked_at.append(replace(s, u=s.u[part], y=s.y[part]))
     found = [r for r in map(find_resonance, looked_at) if r is not None]
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
 
@@ -168,7 +172,7 @@ class _Search:
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
-            _used(r, round(s.dt / w.dt), train)
+            _used(r, round(s.dt / w.dt), w.first, train)
             for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
         )
         self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
@@ -219,11 +223,12 @@ class _Search:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
+def _used(rows: Rows, every: int, first: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
     """Which rows of a thinned section are looked at: what is held out must not be seen here."""
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
-    return (rows.at * every >= train[0]) & (rows.at * every < train[1])
+    at = rows.at * every + first
+    return (at >= train[0]) & (at < train[1])
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
@@ -240,8 +245,8 @@ def _polished(
     the model rings along with it or against it.
     """
     rows, error = rows_of(data), math.inf
-    first, stop = train or (0, max(s.u.size for s in data.sections))
-    use = tuple((r.at >= first) & (r.at < stop) for r in rows)
+    pairs = zip(rows, data.sections, strict=True)
+    use = tuple(_used(r, 1, s.first, train) for r, s in pairs)
     for _ in range(2):
         whole = Data(measurement=data, chain=chain, rows=rows, use=use)
         model = PreisachFamily(smoothing=_POLISHED_SMOOTHING).fit(whole).model
