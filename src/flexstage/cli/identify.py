@@ -143,7 +143,8 @@ def identify(
         typer.Option(
             parser=output_path,
             metavar="FILE",
-            help="Draw measured and modelled loop there: .svg, .png or .pdf.",
+            help="Draw measured and modelled loops there, of four records at most: .svg, .png "
+            "or .pdf.",
         ),
     ] = None,
     json: JsonOption = False,
@@ -246,7 +247,8 @@ def _write(
     if figure is not None:
         from flexstage.report.figures import draw_identification, encode
 
-        image = encode(draw_identification(found), figure.suffix.lower().lstrip("."))
+        drawn = draw_identification(found, [r.source for r in read])
+        image = encode(drawn, figure.suffix.lower().lstrip("."))
         content.append((figure, image))
     for path, own in content:
         write_file(path, own)

@@ -84,6 +84,10 @@ def read_text(
         raise RecordError(f"'{path}' has no row of numbers: is it the file that was meant?")
     first, layout = row
     heading = heading_of(lines[skip_lines:first], layout.width, layout.delimiter)
+    if layout.trailing and not heading.names:
+        # the name of a last column in which nothing stands
+        wider = heading_of(lines[skip_lines:first], layout.width + 1, layout.delimiter)
+        heading = replace(wider, names=wider.names[:-1], units=wider.units[:-1])
     one_name = len(heading.names) != 2 and lines[first - 1].strip().count(",") == 0
     if layout.delimiter == "," and layout.width == 2 and delimiter is decimal is None:
         layout, heading = _one_or_two(
