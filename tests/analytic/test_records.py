@@ -1,6 +1,7 @@
 """Measured files of each format, written by hand or by another library, and what is read."""
 
 import hashlib
+import re
 import struct
 import subprocess
 import sys
@@ -14,10 +15,12 @@ from scipy.io import savemat
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.records import (
+    LARGEST_UNEVEN_STEP,
     Channel,
     Record,
     column_number,
     constant_columns,
+    evened,
     noise_estimate,
     quantisation_step,
     read_record,
@@ -716,3 +719,93 @@ def test_many_rows_with_text_are_read_fast(tmp_path: Path, monkeypatch: pytest.M
         text(tmp_path, "u;none;y;s\n" + rows), sample_rate_hz=2.0, columns=["u", "y"]
     )
     assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
+
+
+# ------------------------------------------------------------------ uneven times
+
+
+def uneven(share: float, seed: int = 8, rate: float = 10.4, size: int = 3000) -> np.ndarray:
+    """Times of a logger whose steps differ by up to a share of their mean."""
+    return np.cumsum(1.0 + np.random.default_rng(seed).uniform(-share, share, size)) / rate
+
+
+def test_uneven_samples_of_a_line_and_their_means() -> None:
+    time = uneven(0.3)
+    line = Channel(name="x", values=0.7 * time - 3.0)
+    bent = Channel(name="y", values=np.sin(0.9 * time) + 0.2 * np.sin(31.0 * time))
+    record = Record(channels=(line, bent), time=time)
+    for rate in (None, 10.0, 3.3):
+        made = evened(record, rate)
+        require_uniform(made)
+        np.testing.assert_allclose(made.channel("x").values, 0.7 * made.time - 3.0, atol=1e-11)
+        assert made.numbers is not None
+        np.testing.assert_allclose(np.interp(made.time, time, np.arange(time.size)), made.numbers)
+    # means are those of the straight lines between the samples, on a grid that holds their ends
+    made = resampled(record, 3.3, kind="mean")
+    k = 57
+    ends = made.time[k] + np.array([-0.5, 0.5]) / 3.3
+    inside = time[(time > ends[0]) & (time < ends[1])]
+    corners = np.concatenate((ends[:1], inside, ends[1:]))
+    y = np.interp(corners, time, bent.values)
+    assert made.channel("y").values[k] == pytest.approx(np.trapezoid(y, corners) * 3.3, rel=1e-12)
+
+
+@pytest.mark.parametrize("rate", [10.4, 3.1])
+def test_what_resampling_says_is_lost(rate: float) -> None:
+    time = uneven(0.2)
+    note = evened(Record(channels=(Channel(name="x", values=time),), time=time), rate).notes[-1]
+    said = re.search(r"by ([\d.]+) % rms .* motion above ([\d.]+) Hz is lowered by more", note)
+    assert said is not None
+    # uniform steps of +-20 %
+    assert float(said[1]) == pytest.approx(20.0 / np.sqrt(3.0), rel=0.05)
+    slow, late = float(said[2]), 0.0213
+    channels = tuple(
+        Channel(name=n, values=np.sin(2.0 * np.pi * slow * (time - d)))
+        for n, d in (("u", 0.0), ("y", late))
+    )
+    made = evened(Record(channels=channels, time=time), rate)
+    wave = np.exp(-2j * np.pi * slow * made.time)
+    whole = np.arange(made.size) < int(np.floor(made.time[-1] * slow - 1) / slow * rate)
+    u, y = (2.0 * np.mean((c.values * wave)[whole]) for c in made.channels)
+    assert 0.989 < abs(u) < 0.999
+    # times that are right, however uneven, leave the delay between two columns as it is
+    assert -np.angle(y / u) / (2.0 * np.pi * slow) == pytest.approx(late, abs=2e-4)
+
+
+def test_times_that_are_only_rounded(tmp_path: Path) -> None:
+    rows = [f"{k / 300.0:.3f},{k % 7}" for k in range(60)]
+    record = read_record(text(tmp_path, "\n".join(["time (s),u", *rows])))
+    with pytest.raises(
+        RecordError, match=r"even but for the digits .*: give the sample rate .*(299|300)\.\d+ Hz"
+    ):
+        require_uniform(record)
+    time = uneven(0.2)
+    with pytest.raises(RecordError, match="by the option resample"):
+        require_uniform(Record(channels=(Channel(name="x", values=time),), time=time))
+
+
+def test_rates_and_gaps_that_cannot_be_evened(tmp_path: Path) -> None:
+    time = uneven(0.2)
+    record = Record(channels=(Channel(name="x", values=time),), time=time)
+    with pytest.raises(RecordError, match=r"at 12 Hz, as its samples come at 10\.\d+ Hz"):
+        evened(record, 12.0)
+    for wrong in (0.0, -1.0, np.nan, 1e-9):
+        with pytest.raises(RecordError):
+            evened(record, wrong)
+    lost = "time (s),u\n0,1\n0.5,2\n1,3\n2.0,4\n2.5,5\n"
+    refuse(text(tmp_path, lost), "make the times even by the option resample")
+    assert read_record(text(tmp_path, lost), largest_step=LARGEST_UNEVEN_STEP).size == 5
+    far = "time (s),u\n0,1\n0.5,2\n1,3\n2.5,4\n3.0,5\n"
+    refuse(text(tmp_path, far), "gap of 1.5 s.*option rows$", largest_step=LARGEST_UNEVEN_STEP)
+
+
+def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
+    path = text(tmp_path, "u\n" + "\n".join(str(i * i % 11) for i in range(40)))
+    whole = read_record(path, sample_rate_hz=5.0)
+    assert whole.numbers is None
+    part = read_record(path, sample_rate_hz=5.0, rows=(7, 30))
+    assert part.numbers is not None
+    assert part.numbers.tolist() == list(range(7, 30))
+    assert selected(part, 3, 9).numbers.tolist() == list(range(10, 16))  # type: ignore[union-attr]
+    with pytest.raises(RecordError, match="a number each"):
+        Record(channels=part.channels, time=part.time, numbers=part.numbers[1:])

@@ -155,12 +155,12 @@ def require_uniform(record: Record) -> None:
         Its steps of time differ by more than a thousandth.
     """
     if not record.uniform:
-        mend = "make them even by the option resample, resampled(record) in Python"
+        mend = "make them even by the option resample, resampled(record) in Python, or"
         if _is_rounded(record.time):
-            mend = "but for the digits that times are written with they are"
+            mend = "they are even but for the digits that times are written with:"
         raise RecordError(
             f"the samples of '{record.source or 'the record'}' are not evenly spaced: steps "
-            f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; {mend}, or "
+            f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; {mend} "
             f"give the sample rate instead of the time{_mean_rate(record.time)}"
         )
 
@@ -311,12 +311,14 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
     coarse = rate * usual < _COARSE
     made = resampled(record, rate, kind="mean" if coarse else "linear")
     off = steps - usual
-    # where a sine is lowered by a hundredth
-    slow = rate * np.sqrt(0.06 if coarse else 0.02) / np.pi
+    # where a sine is lowered by a hundredth, by the straight lines and by the means
+    slow = np.sqrt(0.01 / (usual**2 / 2.0 + coarse / (6.0 * rate**2))) / np.pi
     rms, largest = float(np.std(off)), float(np.abs(off).max())
+    # turning points lie anywhere in a step that is averaged
+    late = float(np.hypot(rms, 0.1 * coarse / rate))
     lost = (
         f"steps of time differ from their median by {100.0 * rms / usual:.3g} % rms and up to "
-        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about {1e3 * rms:.2g} ms, and "
+        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about {1e3 * late:.2g} ms, and "
         f"motion above {slow:.3g} Hz is lowered by more than 1 %"
     )
     return replace(made, notes=(*record.notes, f"{made.notes[-1]}: {lost}"))
