@@ -160,7 +160,7 @@ def compensate(
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
-    result = _result(made, drive, (*file.warnings, *made.notes), out)
+    result = _result(made, drive, (*file.warnings, *made.notes, *record.notes), out)
     if json:
         print_json(result)
         return

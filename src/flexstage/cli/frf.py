@@ -191,6 +191,8 @@ def frf(
                 exponential=exponential,
                 fit={"band": fitted_band, "count": count, "delay": delay, "lag": lag},
             )
+    said = (note for record in read for note in record.notes)
+    result["notes"] = list(dict.fromkeys((*result["notes"], *said)))
     result["files"] = _written(out, figure, response, read, draw)
     if json:
         print_json(result)

@@ -264,6 +264,12 @@ def read_records(
                 f"{_SUCH[over]}"
             )
     if resample is not None:
+        for record in read:
+            if record.over != "time":
+                raise RecordError(
+                    f"'{record.source}' is over {record.over}, and --resample is for samples over "
+                    "time: leave it out"
+                )
         read = [evened(record, rate) for record, rate in zip(read, new_rates, strict=True)]
     if even:
         for record in read:
