@@ -103,7 +103,7 @@ def test_what_is_no_table_of_branches(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="'up' is missing or no number"):
         read(write(tmp_path / "a.csv", "u,up,down", half), output=None, branches="up,down")
     twice = write(tmp_path / "b.csv", "u,up,down", rows + rows)
-    with pytest.raises(RecordError, match=r"goes to and fro, as at row \d+"):
+    with pytest.raises(RecordError, match=r"goes back and forth, as at row \d+"):
         read(twice, output=None, branches="up,down")
     with pytest.raises(RecordError, match="must be three columns"):
         read(twice, output=None, branches="up,u")
@@ -211,8 +211,8 @@ def test_what_is_no_set_of_curves(tmp_path: Path) -> None:
     file = write(tmp_path / "a.csv", "curve,u,y", rows_of(both, ["1", "2"]))
     with pytest.raises(RecordError, match=r"rises along some curves and falls along others \(2\)"):
         read(file, curve="curve")
-    fro = np.abs(np.linspace(-9.0, 9.0, 19))
-    there = [(fro + r, fro + r) for r in REVERSALS]
+    away = np.abs(np.linspace(-9.0, 9.0, 19))
+    there = [(away + r, away + r) for r in REVERSALS]
     file = write(tmp_path / "b.csv", "curve,u,y", rows_of(there, LABELS["numbers"]))
     with pytest.raises(RecordError, match="a plain record"):
         read(file, curve="curve")

@@ -144,7 +144,7 @@ def curves_in_rows(
     Raises
     ------
     RecordError
-        The column numbers no curves, or the input of one goes to and fro.
+        The column numbers no curves, or the input of one goes back and forth.
     """
     driven, follows, labels = (record.channel(c) for c in (input, output, curve))
     if len({driven.name, follows.name, labels.name}) < 3:
@@ -194,7 +194,7 @@ def curves_in_columns(
     Raises
     ------
     RecordError
-        The columns do not belong together, or the input of a curve goes to and fro.
+        The columns do not belong together, or the input of a curve goes back and forth.
     """
     driven = [record.channel(c) for c in inputs]
     follow = [record.channel(c) for c in outputs]
@@ -239,7 +239,7 @@ def curves_in_records(
     Raises
     ------
     RecordError
-        The units differ, or the input of a curve goes to and fro.
+        The units differ, or the input of a curve goes back and forth.
     """
     pairs = [(r.channel(input), r.channel(output)) for r in records]
     units = sorted({(u.unit, y.unit) for u, y in pairs})
@@ -278,7 +278,7 @@ def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
         at = int(back.argmax())
         if back[at] > _NOISE * span:
             raise RecordError(
-                f"the input '{name}' of '{piece.name}' goes to and fro, as at row "
+                f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
                 f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
                 "one way; a table that holds the way to each reversal too is a plain record: leave "
                 "the option of branches or curves out"
