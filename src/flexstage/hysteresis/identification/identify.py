@@ -315,8 +315,7 @@ def _result(
     train: tuple[int, int] | None,
 ) -> Identification:
     rms, largest, held, held_largest = _errors(tried, data)
-    parameters, said = estimates(tried.fit, data, tried.left, found.searched)
-    own = len(tried.fit.names)
+    parameters, said = estimates(tried.fit, data, tried.left, tried.folds, found.searched)
     m = data.measurement
     drive = _drive_model(tried, data)
     percent = 100.0 / m.stroke
@@ -332,10 +331,11 @@ def _result(
         heldout_max_percent=held_largest,
         stroke=m.stroke,
         noise_percent=max(s.noise for s in m.sections) * percent,
-        parameters=parameters[:own],
-        chain=(*parameters[own:], *_resonance(found)),
+        parameters=parameters,
+        chain=_chain(found),
         warnings=(
             *m.warnings,
+            *found.notes,
             *_hidden_mode(found, m),
             *_left_out(tried, data),
             *_broken(tried),
@@ -363,17 +363,11 @@ def _left_out(tried: _Tried, data: Data) -> tuple[str, ...]:
     )
 
 
-def _resonance(found: FoundChain) -> tuple[Estimate, ...]:
-    """The resonance where it was found by itself, and not along with the chain."""
-    if found.resonance is None:
-        return ()
-    mode = found.resonance
-    frequency = Estimate(
-        name="resonance_hz", value=mode.frequency_hz, standard_error=mode.frequency_error_hz
+def _chain(found: FoundChain) -> tuple[Estimate, ...]:
+    return tuple(
+        Estimate(name=name, value=getattr(found.values, name), standard_error=error)
+        for name, error in found.errors.items()
     )
-    if "delay" in found.searched:
-        return (frequency,)
-    return Estimate(name="delay", value=mode.delay, standard_error=mode.delay_error), frequency
 
 
 def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:

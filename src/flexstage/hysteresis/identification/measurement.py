@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.identification.input_noise import denoised
 from flexstage.records import Channel, Record
 
 __all__ = ["Measurement", "Section", "measurement", "thinned"]
@@ -48,6 +49,8 @@ class Section:
         after what was before the record, shape (n, 2).
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
+    input_noise : float
+        That of the noise that was taken out of the input, in its unit; 0 for a command.
     """
 
     u: Array
@@ -57,6 +60,7 @@ class Section:
     warm_up: int
     nuisance: Array
     noise: float
+    input_noise: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -235,6 +239,7 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
 
 
 def _section(u: Array, y: Array, dt: float, source: str) -> Section:
+    u, input_noise = denoised(u, y)
     moves = cycles(u, dt)
     if moves.bounds.size < 2:
         raise RecordError(
@@ -256,6 +261,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
         warm_up=_warm_up(u, moves),
         nuisance=np.column_stack((np.ones(t.size), settling)).astype(np.float64),
         noise=noise,
+        input_noise=input_noise,
     )
 
 
@@ -334,6 +340,12 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
         found.append(
             "the input jumps between few levels: what lies between them is not identified; drive "
             "with sines or triangles"
+        )
+    noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
+    if noise > 0.0:
+        found.append(
+            f"the input has noise of {100 * noise:.2g} % of its range, which the output does not "
+            "follow: it was smoothed; use the command instead where it was recorded"
         )
     if m.sign < 0:
         found.append("the output falls where the input rises: the sign of the output was turned")

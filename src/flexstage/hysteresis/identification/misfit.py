@@ -1,6 +1,6 @@
 """What a model leaves of a measurement, where it was fitted and where it was not."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,11 +88,14 @@ class Folds:
         Largest absolute error there.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
+    values : numpy.ndarray
+        Named parameters where each part was left out, shape (parts, k).
     """
 
     rms: float
     largest: float
     mean_square: Array
+    values: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
@@ -115,15 +118,17 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     folds = folds_of(data)
     if len(folds) < 2:
         return None
-    errors = []
+    errors, values = [], []
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
         found = family.fit(part, start if start.size else None)
         errors.append(misfit(found.model, part).at(held))
+        values.append(found.values)
     every = np.concatenate(errors)
     return Folds(
         rms=float(np.sqrt(np.mean(every**2))),
         largest=float(np.max(np.abs(every))),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
+        values=np.array(values),
     )

@@ -1,7 +1,6 @@
 """The lowest resonance, from a part of a record that excites it."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,7 @@ class Resonance:
     delay : float
         Delay of the output against the input [s].
     delay_error : float
-        Its standard error [s]; infinite where the record does not show the delay in this way.
+        Its standard error [s].
     """
 
     frequency_hz: float
@@ -79,14 +78,8 @@ def find_resonance(section: Section) -> Resonance | None:
     low = max(_ABOVE * fastest, 20.0 / (section.u.size * section.dt))
     if low > 0.4 * rate:
         return None
-    # a part that was made for it, or, where jumps of the input have made it ring, all of the record
     part = _excited(section, low)
-    found = None if part is None else _seen_in(section, part, low)
-    if found is not None:
-        return found
-    found = _seen_in(section, slice(0, section.u.size), low)
-    # a jump moves memory, which shifts the phase and not the frequency
-    return None if found is None else replace(found, delay=0.0, delay_error=math.inf)
+    return None if part is None else _seen_in(section, part, low)
 
 
 def _seen_in(section: Section, part: slice, low: float) -> Resonance | None:

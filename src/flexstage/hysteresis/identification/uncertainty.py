@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from flexstage.hysteresis.identification.families.family import Data, Fit, behind_chain
-from flexstage.hysteresis.identification.misfit import Misfit
+from flexstage.hysteresis.identification.misfit import Folds, Misfit
 
 __all__ = ["Estimate", "estimates"]
 
@@ -30,7 +31,7 @@ class Estimate:
     value : float
         Its value.
     standard_error : float
-        Its standard error, in the same unit.
+        Its standard error, in the same unit; infinite where the record does not determine it.
     """
 
     name: str
@@ -39,14 +40,16 @@ class Estimate:
 
 
 def estimates(
-    fit: Fit, data: Data, left: Misfit, searched: Sequence[str]
+    fit: Fit, data: Data, left: Misfit, folds: Folds | None, searched: Sequence[str]
 ) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
-    """Return the standard errors of parameters and chain, and what cannot be told apart.
+    """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
     Errors that are left are alike within a cycle and from one cycle to the next only by chance, so
     the covariance is that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger,
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
-    Offset and settling are fitted along, so that their uncertainty is in it.
+    Offset, settling and chain are fitted along, so that their uncertainty is in it. Where the model
+    was fitted without each part of the cycles in turn, the jackknife over those parts (R. G. Miller,
+    Biometrika 61 (1974) 1) counts where it is larger.
 
     Parameters
     ----------
@@ -56,23 +59,20 @@ def estimates(
         The data.
     left : Misfit
         What the model leaves.
+    folds : Folds or None
+        The fits without parts of the cycles.
     searched : sequence of str
         Values of the chain that were found by search.
 
     Returns
     -------
     tuple of Estimate and tuple of str
-        Parameters of the model, then values of the chain; warnings.
+        Parameters of the model; warnings.
     """
-    names = (*fit.names, *searched)
-    # a fit may have columns without a name, that mean nothing by themselves
-    columns = 0 if fit.jacobian is None else fit.jacobian.shape[1]
-    which = np.array(
-        [*range(len(fit.names)), *range(columns, columns + len(searched))], dtype=np.intp
-    )
-    if not names:
+    if not fit.names:
         return (), ()
-    values = np.concatenate((fit.values, [getattr(data.chain, n) for n in searched]))
+    # the columns behind these belong to nothing by themselves
+    own = slice(0, len(fit.names))
     J = _jacobian(fit, data, searched)
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
@@ -83,12 +83,21 @@ def estimates(
     covariance = bread @ (sums.T @ sums) @ bread * many / max(many - 1, 1)
     plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
     # with few cycles the sum over them is too small, so the larger of the two is taken
-    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[which] / scale[which]
+    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[own] / scale[own]
+    if folds is not None and folds.values.shape == (folds.mean_square.size, error.size):
+        error = np.maximum(error, _jackknife(folds.values))
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
-        for n, v, s in zip(names, values, error, strict=True)
+        for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
-    return found, _warnings(found, plain[np.ix_(which, which)])
+    return found, _warnings(found, plain[own, own])
+
+
+def _jackknife(values: Array) -> Array:
+    many = values.shape[0]
+    # few parts: the factor makes twice the error cover what the distribution of Student does
+    few = float(stdtrit(many - 1, 0.975)) / 1.96
+    return few * np.sqrt((many - 1) * np.var(values, axis=0))
 
 
 def _warnings(found: tuple[Estimate, ...], covariance: Array) -> tuple[str, ...]:
