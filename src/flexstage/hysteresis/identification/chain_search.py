@@ -289,6 +289,10 @@ class _Search:
         ]
         moving = np.any([np.ptp(c, axis=0) > 0.0 for c in self._columns], axis=0)
         self._penalty = family.smoothing(self._data, moving)
+        # every other threshold: what that changes says what a grid of thresholds does
+        self._coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
+        half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
+        self._coarse_penalty = half.smoothing(self._data, moving[self._coarse])
         # creep acts on every column alike: its share of a column is found once
         unit = ChainValues(creep_per_decade=1.0)
         longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
@@ -319,8 +323,9 @@ class _Search:
 
         What is left is the error of a model, alike in neighbouring cycles. How far the best chain
         moves where a part of the cycles is left out says what that does, with all of the hysteresis
-        fitted anew (R. G. Miller, Biometrika 61 (1974) 1). Near the best chain the misfit is a
-        paraboloid, so that a few chains serve all parts.
+        fitted anew (R. G. Miller, Biometrika 61 (1974) 1). What the grid of the dictionary does goes
+        with the square of its pitch: a third of what every other threshold changes. Near the best
+        chain the misfit is a paraboloid, so that a few chains serve all.
         """
         names = tuple(limits)
         step = _STEP * np.array([limits[name] for name in names])
@@ -336,31 +341,30 @@ class _Search:
             ]
         )
         moved = np.array([_lowest(around, c) for c in costs.T]) * step
+        (by_all, by_half), moved = moved[:2], moved[2:]
         many = moved.shape[0]
-        if not np.all(np.isfinite(moved)):
+        grid = (by_half - by_all) / 3.0
+        if not np.all(np.isfinite(moved)) or not np.all(np.isfinite(grid)):
             return dict.fromkeys(names, math.inf)
         # few parts: the factor makes twice the error cover what the distribution of Student does
         few = float(stdtrit(many - 1, 0.975)) / 1.96
-        error = few * np.sqrt((many - 1) * np.var(moved, axis=0))
+        error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
         return {name: float(e) for name, e in zip(names, error, strict=True)}
 
     def _costs(self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]) -> Array:
-        """Sum of squares that is left without each part."""
+        """Sums of squares: of all, of all by half of the dictionary, and of all but each part."""
         behind, bare = self._behind(chain)
-        own = [equations(behind, bare.with_use(part)) for part in parts]
         whole = equations(behind, bare)
-        costs = []
-        for part in own:
-            rest = whole - part
-            found = self._solve(rest)
-            z = np.concatenate((found.coefficients, found.nuisance))
-            costs.append(rest.square - 2.0 * float(rest.right @ z) + float(z @ rest.gram @ z))
+        half = equations([np.ascontiguousarray(c[:, self._coarse]) for c in behind], bare)
+        rest = [whole - equations(behind, bare.with_use(part)) for part in parts]
+        costs = [_square(n, self._solve(n)) for n in (whole, *rest)]
+        costs.insert(1, _square(half, self._solve(half, self._coarse_penalty)))
         return np.array(costs)
 
-    def _solve(self, normal: Normal) -> Solution:
-        assert self._penalty is not None
-        weight = normal.count * self._data.input_scale**2
-        return solve(normal, smoothing=self._penalty * weight)
+    def _solve(self, normal: Normal, penalty: Array | None = None) -> Solution:
+        penalty = self._penalty if penalty is None else penalty
+        assert penalty is not None
+        return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
 
     def _behind(self, chain: ChainValues) -> tuple[list[Array], Data]:
         """Columns behind a chain at the rows that are looked at."""
@@ -376,6 +380,12 @@ class _Search:
             behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True
         )
         return [c + gamma * k for c, k in pairs], bare
+
+
+def _square(normal: Normal, found: Solution) -> float:
+    """Sum of squares that a solution leaves."""
+    z = np.concatenate((found.coefficients, found.nuisance))
+    return normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z)
 
 
 def _lowest(around: Array, cost: Array) -> Array:

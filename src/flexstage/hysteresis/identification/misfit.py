@@ -1,6 +1,7 @@
 """What a model leaves of a measurement, where it was fitted and where it was not."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,14 +89,14 @@ class Folds:
         Largest absolute error there.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
-    values : numpy.ndarray
-        Named parameters where each part was left out, shape (parts, k).
+    values : tuple of Mapping
+        Parameters by name where each part was left out; one that is absent is 0.
     """
 
     rms: float
     largest: float
     mean_square: Array
-    values: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    values: tuple[Mapping[str, float], ...] = ()
 
 
 def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
@@ -124,11 +125,11 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
         part = data.with_use(rest)
         found = family.fit(part, start if start.size else None)
         errors.append(misfit(found.model, part).at(held))
-        values.append(found.values)
+        values.append(dict(zip(found.names, found.values.tolist(), strict=True)))
     every = np.concatenate(errors)
     return Folds(
         rms=float(np.sqrt(np.mean(every**2))),
         largest=float(np.max(np.abs(every))),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
-        values=np.array(values),
+        values=tuple(values),
     )

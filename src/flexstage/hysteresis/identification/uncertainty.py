@@ -72,7 +72,7 @@ def estimates(
     if not fit.names:
         return (), ()
     # the columns behind these belong to nothing by themselves
-    own = slice(0, len(fit.names))
+    named = slice(0, len(fit.names))
     J = _jacobian(fit, data, searched)
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
@@ -83,14 +83,15 @@ def estimates(
     covariance = bread @ (sums.T @ sums) @ bread * many / max(many - 1, 1)
     plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
     # with few cycles the sum over them is too small, so the larger of the two is taken
-    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[own] / scale[own]
-    if folds is not None and folds.values.shape == (folds.mean_square.size, error.size):
-        error = np.maximum(error, _jackknife(folds.values))
+    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[named] / scale[named]
+    if folds is not None and folds.values:
+        without = np.array([[own.get(n, 0.0) for n in fit.names] for own in folds.values])
+        error = np.maximum(error, _jackknife(without))
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
         for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
-    return found, _warnings(found, plain[own, own])
+    return found, _warnings(found, plain[named, named])
 
 
 def _jackknife(values: Array) -> Array:
