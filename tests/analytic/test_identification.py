@@ -149,7 +149,7 @@ def test_standard_errors_cover_the_truth():
     for seed in range(40):
         data = whole(measurement([record(u, noisy(BOUC_WEN, u, seed), 0.02)], "u", "y"))
         fit = family.fit(data, np.array([0.5, 0.2]))
-        found, _ = estimates(fit, data, misfit(fit.model, data), None, ())
+        found, _ = estimates(fit, data, misfit(fit.model, data), None, {})
         inside.append(
             [abs(e.value - getattr(BOUC_WEN, e.name)) < 2.0 * e.standard_error for e in found]
         )

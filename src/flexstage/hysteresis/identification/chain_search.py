@@ -80,6 +80,16 @@ class FoundChain:
     errors: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    @property
+    def widths(self) -> Mapping[str, float]:
+        """How far each value that was searched for may be off: of creep that no rate tells, any."""
+        any_creep = {"creep_per_decade": _LARGEST_CREEP / math.sqrt(12.0)}
+        return {
+            name: error if math.isfinite(error) else any_creep.get(name, 0.0)
+            for name, error in self.errors.items()
+            if name in self.searched
+        }
+
 
 def find_chain(
     data: Measurement,

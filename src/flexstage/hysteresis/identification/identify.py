@@ -315,7 +315,7 @@ def _result(
     train: tuple[int, int] | None,
 ) -> Identification:
     rms, largest, held, held_largest = _errors(tried, data)
-    parameters, said = estimates(tried.fit, data, tried.left, tried.folds, found.searched)
+    parameters, said = estimates(tried.fit, data, tried.left, tried.folds, found.widths)
     m = data.measurement
     drive = _drive_model(tried, data)
     percent = 100.0 / m.stroke

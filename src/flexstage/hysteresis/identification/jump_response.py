@@ -28,9 +28,9 @@ _PERIODS = 40.0
 _MOST_JUMPS = 12
 #: A mode is believed where it takes this share of the misfit of a plain delay away, ...
 _WORTH = 0.3
-#: ... its frequency is known to this share, ...
+#: ... its frequency is known to this share, it decays, ...
 _VAGUE = 0.01
-_LARGEST_DAMPING = 0.3
+_SMALLEST_DAMPING, _LARGEST_DAMPING = 5e-4, 0.3
 #: ... and it is sampled so many times in a period at least.
 _SAMPLED = 2.5
 #: What may ring has a line in the spectrum this many times above the median, what surely does ...
@@ -140,13 +140,17 @@ def jumps(u: Array) -> NDArray[np.intp]:
         for run in np.split(at, np.flatnonzero(np.diff(at) > width + 1) + 1) if at.size else []:
             i = int(run[int(np.argmax(step[run]))])
             if all(abs(i - other) > _QUIET for other, _ in found):
-                found.append(_tight(u, i, i + width))
+                found.append(_whole(u, i, i + width))
     return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
 
 
-def _tight(u: Array, start: int, stop: int) -> tuple[int, int]:
-    """Leave out samples at the ends of a jump in which it has not begun, or is over."""
-    little = 1e-3 * abs(u[stop] - u[start])
+def _whole(u: Array, start: int, stop: int) -> tuple[int, int]:
+    """Where a jump that was seen between two samples begins, and where it is over."""
+    little = 0.02 * abs(u[stop] - u[start])
+    while start > 0 and stop - start < _WIDTHS[-1] and abs(u[start] - u[start - 1]) > little:
+        start -= 1
+    while stop < u.size - 1 and stop - start < _WIDTHS[-1] and abs(u[stop + 1] - u[stop]) > little:
+        stop += 1
     while stop - start > 1 and abs(u[start + 1] - u[start]) < little:
         start += 1
     while stop - start > 1 and abs(u[stop] - u[stop - 1]) < little:
@@ -343,7 +347,8 @@ def _mode(windows: list[_Window], at: float, dt: float) -> JumpResponse | None:
     )
     f, damping, delay = (float(v) for v in found.x * scale)
     plain = _plain(short, 2.0 * longest, dt)[1]
-    if 2.0 * found.cost > (1.0 - _WORTH) * plain or damping > 0.9 * _LARGEST_DAMPING:
+    decays = _SMALLEST_DAMPING < damping < 0.9 * _LARGEST_DAMPING
+    if 2.0 * found.cost > (1.0 - _WORTH) * plain or not decays:
         return None
     spread = np.linalg.pinv(found.jac.T @ found.jac) * 2.0 * found.cost
     spread /= max(found.fun.size - 3 - sum(w.slow.shape[1] + 2 for w in short), 1)

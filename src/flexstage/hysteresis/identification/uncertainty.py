@@ -1,6 +1,6 @@
 """How well a record determines each parameter."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +40,7 @@ class Estimate:
 
 
 def estimates(
-    fit: Fit, data: Data, left: Misfit, folds: Folds | None, searched: Sequence[str]
+    fit: Fit, data: Data, left: Misfit, folds: Folds | None, chain: Mapping[str, float]
 ) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
     """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
@@ -61,8 +61,9 @@ def estimates(
         What the model leaves.
     folds : Folds or None
         The fits without parts of the cycles.
-    searched : sequence of str
-        Values of the chain that were found by search.
+    chain : Mapping
+        How far each value of the chain that was found may be off; what the parameters move with
+        it, all others fitted anew, is in their errors.
 
     Returns
     -------
@@ -73,7 +74,7 @@ def estimates(
         return (), ()
     # the columns behind these belong to nothing by themselves
     named = slice(0, len(fit.names))
-    J = _jacobian(fit, data, searched)
+    J = _jacobian(fit, data, tuple(chain))
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
     J = J / scale
@@ -87,6 +88,10 @@ def estimates(
     if folds is not None and folds.values:
         without = np.array([[own.get(n, 0.0) for n in fit.names] for own in folds.values])
         error = np.maximum(error, _jackknife(without))
+    first = 0 if fit.jacobian is None else fit.jacobian.shape[1]
+    for c, width in enumerate(chain.values(), start=first):
+        along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
+        error = np.hypot(error, along * width)
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
         for n, v, s in zip(fit.names, fit.values, error, strict=True)
