@@ -1,6 +1,7 @@
 """What jumps show, against an oscillator that is integrated by other code."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ def play(u, radius):
 
 
 def filtered(numerator, denominator, x):
-    b, a, _ = cont2discrete((numerator, denominator), 1.0 / (DENSE * RATE), method="foh")
+    made: Any = cont2discrete((numerator, denominator), 1.0 / (DENSE * RATE), method="foh")
+    b, a, _ = made
     return lfilter(b[0], a, x - x[0]) + x[0]
 
 

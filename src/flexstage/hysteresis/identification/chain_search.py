@@ -332,10 +332,10 @@ class _Search:
         """Standard errors of values of the chain: the jackknife over parts of the cycles.
 
         What is left is the error of a model, alike in neighbouring cycles. How far the best chain
-        moves where a part of the cycles is left out says what that does, with all of the hysteresis
-        fitted anew (R. G. Miller, Biometrika 61 (1974) 1). What the grid of the dictionary does goes
-        with the square of its pitch: a third of what every other threshold changes. Near the best
-        chain the misfit is a paraboloid, so that a few chains serve all.
+        moves where a part of the cycles is left out, with all of the hysteresis fitted anew, says
+        what that does (R. G. Miller, Biometrika 61 (1974) 1). What the grid of the dictionary does
+        goes with the square of its pitch: a third of what every other threshold changes. Near the
+        best chain the misfit is a paraboloid, so that a few chains serve all.
         """
         names = tuple(limits)
         step = _STEP * np.array([limits[name] for name in names])
@@ -386,9 +386,7 @@ class _Search:
             pairs = zip(self._columns, self._creep, strict=True)
             return behind_chain([c + gamma * k for c, k in pairs], bare), bare
         # a delay takes samples of both alike, so they need not be added at every sample
-        pairs = zip(
-            behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True
-        )
+        pairs = zip(behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True)
         return [c + gamma * k for c, k in pairs], bare
 
 

@@ -19,8 +19,8 @@ _WHITE = 0.8
 #: Half widths of the polynomials that smooth, and their degree.
 _HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 41, 60, 88, 129)
 _DEGREE = 4
-#: A polynomial is too wide where it leaves the intervals of the narrower ones, of this many standard
-#: errors, or that of the sample itself.
+#: A polynomial is too wide where it leaves the intervals of the narrower ones, of this many
+#: standard errors, or that of the sample itself.
 _INTERVAL = 1.0
 _OWN_INTERVAL = 4.0
 #: What was taken away is motion where the output follows it with this share of the gain, ...
@@ -86,7 +86,7 @@ def _smoothed(u: Array, noise: float) -> Array:
             break
         weights = savgol_coeffs(2 * h + 1, _DEGREE)
         reach = _INTERVAL * noise * float(np.sqrt(weights @ weights))
-        value = oaconvolve(u, weights, mode="same")
+        value = np.asarray(oaconvolve(u, weights, mode="same"))
         np.maximum(low, value - reach, out=low)
         np.minimum(high, value + reach, out=high)
         going &= low <= high

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,8 +124,8 @@ def jumps(u: Array) -> NDArray[np.intp]:
     Returns
     -------
     numpy.ndarray
-        Last sample before each jump and first sample after it, shape (j, 2): it moves over more than
-        2 % of its range within two samples, or eight, and hardly in the twelve before and after.
+        Last sample before each jump and first sample after it, shape (j, 2): it moves over more
+        than 2 % of its range within two samples, or eight, and hardly in the twelve beside it.
     """
     found: list[tuple[int, int]] = []
     for width in _WIDTHS:
@@ -196,9 +197,7 @@ def jump_response(section: Section) -> JumpResponse | None:
         plain = None
     else:
         error = _curvature_error(windows, plain_delay, plain_cost, dt, count)
-        plain = JumpResponse(
-            delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt)
-        )
+        plain = JumpResponse(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
     at, height = _line(windows, plain_delay, dt)
     if at == 0.0 or height < _FAINT:
         return plain
@@ -266,8 +265,11 @@ def _plain(windows: list[_Window], longest: float, dt: float) -> tuple[float, fl
 
     steps = np.arange(0.0, longest + 0.5 * dt, 0.5 * dt)
     best = float(min(steps, key=cost))
-    found = minimize_scalar(
-        cost, bounds=(max(best - dt, 0.0), best + dt), method="bounded", options={"xatol": 1e-3 * dt}
+    found: Any = minimize_scalar(
+        cost,
+        bounds=(max(best - dt, 0.0), best + dt),
+        method="bounded",
+        options={"xatol": 1e-3 * dt},
     )
     return (float(found.x), float(found.fun)) if found.fun < cost(best) else (best, cost(best))
 
@@ -289,7 +291,7 @@ def _curvature_error(
 
 def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float]:
     """Frequency of the highest line of what a plain delay leaves [Hz], and its height."""
-    size = 1 << int(math.ceil(math.log2(max(w.t.size for w in windows)))) + 1
+    size = 1 << math.ceil(math.log2(max(w.t.size for w in windows))) + 1
     power = np.zeros(size // 2 + 1)
     for w in windows:
         left = _left(w, w.ramps(delay))[0][w.t > delay]
@@ -357,7 +359,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> JumpResponse | None:
         return None
     share = _share(short, f, damping, delay)
     width = max(float(w.corners[-1]) for w in short)
-    if not 0.0 < share:
+    if not share > 0.0:
         return None
     return JumpResponse(
         delay=delay,

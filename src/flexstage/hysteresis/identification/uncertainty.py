@@ -48,8 +48,8 @@ def estimates(
     the covariance is that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger,
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
     Offset, settling and chain are fitted along, so that their uncertainty is in it. Where the model
-    was fitted without each part of the cycles in turn, the jackknife over those parts (R. G. Miller,
-    Biometrika 61 (1974) 1) counts where it is larger.
+    was fitted without each part of the cycles in turn, the jackknife over those parts counts where
+    it is larger (R. G. Miller, Biometrika 61 (1974) 1).
 
     Parameters
     ----------
