@@ -410,7 +410,7 @@ def _lowest(around: Array, cost: Array) -> Array:
         H[j, i] += c
     if not np.linalg.eigvalsh(H)[0] > 0.0:
         return np.full(n, np.nan)
-    return np.linalg.solve(H, -own[1 : 1 + n])
+    return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
 
 
 def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:

@@ -99,7 +99,7 @@ def _smoothed(u: Array, noise: float) -> Array:
 
 def _followed(taken: Array, noise: float, u: Array, y: Array) -> bool:
     """Whether the output moves with what was taken from the input."""
-    quick = y - savgol_filter(y, 11, 3)
+    quick = y - np.asarray(savgol_filter(y, 11, 3))
     size = 1.4826 * float(np.median(np.abs(quick)))
     quick = np.clip(quick, -4.0 * size, 4.0 * size)
     taken = np.clip(taken, -4.0 * noise, 4.0 * noise)

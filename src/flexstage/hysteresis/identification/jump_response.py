@@ -246,14 +246,14 @@ def _window(section: Section, part: slice, first: int, last: int) -> _Window:
     used = np.abs(bends) > 1e-6 * np.abs(bends).max()
     return _Window.of(
         t=t, y=section.y[part], slow=slow,
-        corners=dt * np.flatnonzero(used), bends=bends[used],
+        corners=np.flatnonzero(used) * np.float64(dt), bends=bends[used],
     )  # fmt: skip
 
 
 def _left(window: _Window, columns: Array) -> tuple[Array, Array]:
     """What columns leave of the output of a window, and their coefficients."""
     bare = window.bare(columns)
-    own = np.linalg.lstsq(bare, window.y, rcond=1e-9)[0]
+    own: Array = np.asarray(np.linalg.lstsq(bare, window.y, rcond=1e-9)[0], dtype=np.float64)
     return window.y - bare @ own, own
 
 
