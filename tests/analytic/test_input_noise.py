@@ -104,4 +104,6 @@ def test_the_noise_of_a_section_is_that_of_its_input():
     noisy = u + np.random.default_rng(2).normal(0.0, 0.031, u.size)
     section = measurement([record(noisy, motion(u, 0.0, 1))], "u", "y").sections[0]
     assert section.input_noise == pytest.approx(0.031, rel=0.1)
-    assert np.std(section.u - u) < 0.5 * section.input_noise
+    # a short rest at the start is left out
+    smooth = section.measured().u
+    assert np.std(smooth - u[-smooth.size :]) < 0.5 * section.input_noise

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import StageError
+from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,8 +32,11 @@ __all__ = [
     "print_json",
     "progress_bar",
     "relative",
+    "require_image",
     "write_file",
 ]
+
+_IMAGES = (".svg", ".png", ".pdf")
 
 StageArgument = Annotated[
     str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
@@ -122,6 +125,26 @@ def output_path(text: str) -> Path:
     if not text.strip():
         raise typer.BadParameter("expected a path, got an empty text")
     return Path(text)
+
+
+def require_image(figure: Path | None) -> None:
+    """Refuse a figure whose suffix says no format, before any work is done.
+
+    Parameters
+    ----------
+    figure : pathlib.Path or None
+        Where it goes.
+
+    Raises
+    ------
+    ModelError
+        The suffix says none.
+    """
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
 
 
 def name_for_files(name: str) -> str:

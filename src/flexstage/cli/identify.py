@@ -13,7 +13,14 @@ from flexstage.cli.common import (
     output_path,
     print_json,
     progress_bar,
+    require_image,
     write_file,
+)
+from flexstage.cli.predict import (
+    on_records,
+    prediction_result,
+    print_predictions,
+    start_value,
 )
 from flexstage.cli.records import (
     DatasetOption,
@@ -28,7 +35,7 @@ from flexstage.cli.records import (
     read_records,
     row_range,
 )
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,8 +44,6 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 __all__ = ["identify"]
-
-_IMAGES = (".svg", ".png", ".pdf")
 
 
 def identify(
@@ -107,6 +112,14 @@ def identify(
     damping: Annotated[
         float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
     ] = 0.01,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another record, read by the same options, that the model is tried on as it "
+            "stands; may be given several times.",
+        ),
+    ] = None,
     temperature: Annotated[
         str | None,
         typer.Option(
@@ -139,10 +152,10 @@ def identify(
     """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
     from flexstage.hysteresis.identification import identify as run
 
-    _require_image(figure)
+    require_image(figure)
     wanted = [column(input), column(output)]
-    read = read_records(
-        records,
+    given = read_records(
+        [*records, *(test or ())],
         wanted,
         units=[input_unit, output_unit],
         sample_rate=sample_rate,
@@ -154,6 +167,7 @@ def identify(
         delimiter=delimiter,
         decimal=decimal,
     )
+    read, others = given[: len(records)], given[len(records) :]
     with progress_bar():
         found = run(
             read,
@@ -165,12 +179,17 @@ def identify(
             temperature=_temperature(temperature),
             train=_train(train, max(r.size for r in read)),
         )
+    tested = on_records(found.model, others, wanted[0], wanted[1])
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
+    if tested:
+        result["test"] = [prediction_result(p) for p in tested]
     if json:
         print_json(result)
         return
     _print(console(), found, result)
+    if tested:
+        print_predictions(console(), tested, found.model, "on other records")
 
 
 def _chain(delay: str | None, creep: str | None) -> Any:
@@ -238,14 +257,6 @@ def _write(
     return [path for path, _ in content]
 
 
-def _require_image(figure: Path | None) -> None:
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
-
-
 def _file(found: "Identification", read: "list[Record]") -> Any:
     import dataclasses
 
@@ -264,6 +275,8 @@ def _file(found: "Identification", read: "list[Record]") -> Any:
             "max": found.max_percent,
             "heldout_rms": found.heldout_rms_percent,
             "heldout_max": found.heldout_max_percent,
+            "heldout_free_constant": found.heldout_free_rms_percent,
+            "heldout_95": found.heldout_band_percent,
         },
         warnings=found.warnings,
     )
@@ -276,7 +289,11 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "rms_percent": found.rms_percent,
         "max_percent": found.max_percent,
         "heldout_rms_percent": found.heldout_rms_percent,
+        "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
         "heldout_max_percent": found.heldout_max_percent,
+        "heldout_band_percent": found.heldout_band_percent,
+        "start": start_value(found.model.start),
+        "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
         "stroke": {"value": found.stroke, "unit": found.model.output_unit},
         "parameters": _parameters(found),
@@ -287,6 +304,7 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
                 "parameters": c.size,
                 "rms_percent": c.rms_percent,
                 "heldout_rms_percent": c.heldout_rms_percent,
+                "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
             }
             for c in found.candidates
         ],
@@ -346,7 +364,11 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
             "standard_error": _finite(errors.get("resonance_hz")),
             "unit": "Hz",
         },
-        "offset": {"value": m.offset, "standard_error": None, "unit": m.output_unit},
+        "offset": {
+            "value": m.offset,
+            "standard_error": found.offset.standard_error,
+            "unit": m.output_unit,
+        },
         "sign": m.sign,
     }
 
@@ -356,22 +378,31 @@ def _finite(error: float | None) -> float | None:
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
+    from flexstage.hysteresis.drive_model import start_in_words
+
     percent = "{:.3f}".format
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
         "model",
         "parameters",
         "fitted, % rms",
-        "held out, % rms",
+        "held out, as predicted, % rms",
+        "with a free constant, % rms",
     )
     for c in found.candidates:
-        held = "" if c.heldout_rms_percent is None else percent(c.heldout_rms_percent)
-        table.add_row(c.kind, str(c.size), percent(c.rms_percent), held)
+        held = [
+            "" if value is None else percent(value)
+            for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
+        ]
+        table.add_row(c.kind, str(c.size), percent(c.rms_percent), *held)
     screen.print(table)
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
-        f"about {found.noise_percent:.2f} %"
+        f"about {found.noise_percent:.2f} %; before the record the drive "
+        f"{start_in_words(found.model.start)}: its settling changes readings by up to "
+        f"{found.settling:.3g} {unit}",
+        soft_wrap=True,
     )
     unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
     values = make_table("parameters", "name", "value", "standard error", "<unit")

@@ -261,9 +261,13 @@ def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
 
 
 def _looked_at(data: Measurement, train: tuple[int, int] | None) -> tuple[Section, ...]:
-    """The records without what is held out."""
-    part = slice(*train) if train is not None else slice(None)
-    return tuple(replace(s, u=s.u[part], y=s.y[part]) for s in data.sections)
+    """What was measured of the records, without what is held out."""
+    found = []
+    for s in data.sections:
+        first, stop = train or (0, s.first + s.u.size)
+        part = slice(max(first - s.first, s.history), max(stop - s.first, s.history))
+        found.append(replace(s, u=s.u[part], y=s.y[part], history=0))
+    return tuple(found)
 
 
 def _seen(sections: tuple[Section, ...]) -> Resonance | None:
@@ -288,7 +292,7 @@ class _Search:
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
-            _used(r, round(s.dt / w.dt), train)
+            _used(r, round(s.dt / w.dt), w.first, train)
             for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
         )
         self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
@@ -413,11 +417,12 @@ def _lowest(around: Array, cost: Array) -> Array:
     return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
 
 
-def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
+def _used(rows: Rows, every: int, first: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
     """Which rows of a thinned section are looked at: what is held out must not be seen here."""
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
-    return (rows.at * every >= train[0]) & (rows.at * every < train[1])
+    at = rows.at * every + first
+    return (at >= train[0]) & (at < train[1])
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:

@@ -1,5 +1,6 @@
 """From measured records to a model of the drive, with its errors and its warnings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -7,13 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    Start,
+    ValidityRange,
+    start_in_words,
+)
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.family import Data, Family, Fit
+from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
 from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
-from flexstage.hysteresis.identification.misfit import Folds, Misfit, cross_validate, misfit
+from flexstage.hysteresis.identification.misfit import (
+    BAND,
+    Folds,
+    Misfit,
+    cross_validate,
+    free_constant,
+    misfit,
+    root_mean_square,
+)
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
 from flexstage.progress import tell
 from flexstage.records import Record
@@ -32,6 +46,11 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
+#: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
+#: is taken to have rested.
+_TELLS = 0.99
+#: Held-out samples over which the input moves by less than this share of its range hold no motion.
+_STILL = 0.1
 #: A sample further off than this many times the typical distance is none of the motion.
 _FAR_OFF = 12.0
 
@@ -47,9 +66,11 @@ class Candidate:
     size : int
         Number of its parameters.
     rms_percent : float
-        Root mean square of what it leaves, over the stroke [%].
+        Root mean square error where it was fitted, as the model predicts, over the stroke [%].
     heldout_rms_percent : float or None
         The same on cycles that it was not fitted to [%].
+    heldout_free_rms_percent : float or None
+        The same, where the constant is fitted again to what was held out [%].
     heldout_error_percent : float
         How much the held-out figure differs from the best one by chance [%].
     """
@@ -58,6 +79,7 @@ class Candidate:
     size: int
     rms_percent: float
     heldout_rms_percent: float | None
+    heldout_free_rms_percent: float | None = None
     heldout_error_percent: float = 0.0
 
 
@@ -72,13 +94,18 @@ class Identification:
     kind : str
         Name of the hysteresis model.
     rms_percent : float
-        Root mean square of output less model where it was fitted, over the stroke [%].
+        Root mean square of output less prediction where it was fitted, over the stroke [%]. The
+        prediction is that of the model as it is kept, with its one offset.
     max_percent : float
         Largest absolute value of that [%].
     heldout_rms_percent : float or None
         Root mean square on cycles that the model was not fitted to [%]; None where there are none.
+    heldout_free_rms_percent : float or None
+        Root mean square there where the constant is fitted again [%].
     heldout_max_percent : float or None
-        Largest absolute value there [%].
+        Largest absolute value of the prediction's error there [%].
+    heldout_band_percent : float or None
+        Half the width of the band that holds 95 % of the prediction's errors there [%].
     stroke : float
         Range of the output, in its unit.
     noise_percent : float
@@ -87,6 +114,11 @@ class Identification:
         Parameters that mean something by themselves, with standard errors.
     chain : tuple of Estimate
         Values of the linear chain that were found, with standard errors.
+    offset : Estimate
+        The reading at no command without history, with its standard error.
+    settling : float
+        Largest change of the readings by whether the drive rested or moved before the records, in
+        the unit of the output: creep of what was before.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
     candidates : tuple of Candidate
@@ -95,7 +127,7 @@ class Identification:
         What it was identified from. Records of more than 120 000 samples are thinned evenly, as far
         as the fastest cycle keeps 400 of its samples.
     predicted : tuple of numpy.ndarray
-        Output of the model beside each section, with its offset and settling, shape (n,).
+        Output of the model beside each section, as it is kept, shape (n,).
     settings : Mapping
         Choices that change the result.
     """
@@ -105,11 +137,15 @@ class Identification:
     rms_percent: float
     max_percent: float
     heldout_rms_percent: float | None
+    heldout_free_rms_percent: float | None
     heldout_max_percent: float | None
+    heldout_band_percent: float | None
     stroke: float
     noise_percent: float
     parameters: tuple[Estimate, ...]
     chain: tuple[Estimate, ...]
+    offset: Estimate
+    settling: float
     warnings: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     measurement: Measurement
@@ -192,15 +228,16 @@ def identify(
     data = measurement(given, input_column, output_column)
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
-    found = find_chain(data, chain, train=train, resonance=resonance)
+    data, found = _chain_and_start(data, chain, train, resonance)
     if train is None:  # whose samples are counted as they were recorded
         every = _data(_thinned(data, found), found.values, None)
-    every = replace(every, chain=found.values)
+    every = replace(every, measurement=data, chain=found.values) if train else every
+    still = train is not None and _stands_still(every)
     tried: dict[str, _Tried] = {}
     for i, name in enumerate(names):
         tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
-            tried[name] = _try(FAMILIES[name], every, validate=train is None)
+            tried[name] = _try(FAMILIES[name], every, validate=train is None or still)
         except ModelError:
             if len(names) == 1:
                 raise
@@ -209,6 +246,54 @@ def identify(
     chosen, candidates = _choose(tried, every)
     made = _result(tried[chosen], candidates, every, found, train)
     return made if temperature is None else _at(made, temperature)
+
+
+def _chain_and_start(
+    data: Measurement,
+    chain: ChainValues | None,
+    train: tuple[int, int] | None,
+    resonance: tuple[float, float] | None,
+) -> tuple[Measurement, FoundChain]:
+    """Find the chain, and what the drive did before each record, by what they leave together."""
+
+    def search(own: Measurement) -> FoundChain:
+        return find_chain(own, chain, train=train, resonance=resonance)
+
+    def started(starts: Sequence[Start]) -> Measurement:
+        pairs = zip(data.sections, starts, strict=True)
+        return replace(data, sections=tuple(replace(s, start=start) for s, start in pairs))
+
+    def alike(start: Start) -> list[Start]:
+        return [start] * len(data.sections)
+
+    longest = max(s.u.size * s.dt for s in data.sections)
+    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
+    starts, found = alike("rested"), search(data)
+    for other in every[1:]:
+        tried = search(started(alike(other)))
+        if tried.rms < _TELLS * found.rms:
+            starts, found = alike(other), tried
+    if len(starts) < 2 or found.values.creep_per_decade == 0.0:
+        return started(starts), found
+    before = list(starts)
+    for i in range(len(starts)):
+        for other in every:
+            own: list[Start] = [other if k == i else s for k, s in enumerate(starts)]
+            rms = find_chain(started(own), found.values, train=train).rms
+            if rms < _TELLS * found.rms:
+                starts, found = own, replace(found, rms=rms)
+    return started(starts), found if starts == before else search(started(starts))
+
+
+def _stands_still(data: Data) -> bool:
+    """Whether the input hardly moves where samples are held out."""
+    low, high = data.measurement.input_range
+    moved = [
+        float(np.ptp(s.u[r.at[~use]]))
+        for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True)
+        if not use.all()
+    ]
+    return max(moved, default=0.0) < _STILL * (high - low)
 
 
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
@@ -235,7 +320,8 @@ def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) 
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
     else:
-        use = tuple((r.at >= train[0]) & (r.at < train[1]) for r in rows)
+        at = [r.at + s.first for r, s in zip(rows, data.sections, strict=True)]
+        use = tuple((a >= train[0]) & (a < train[1]) for a in at)
         fitted, held = sum(int(u.sum()) for u in use), sum(int((~u).sum()) for u in use)
         if fitted < 50 or held < 50:
             raise RecordError(
@@ -251,24 +337,53 @@ def _try(family: Family, data: Data, *, validate: bool) -> _Tried:
     return _Tried(family=family, fit=fit, left=misfit(fit.model, data), folds=folds)
 
 
-def _errors(tried: _Tried, data: Data) -> tuple[float, float, float | None, float | None]:
-    """Rms and largest error where fitted and where held out, over the stroke [%]."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Errors:
+    """Errors of the prediction over the stroke [%]; None where nothing was held out."""
+
+    rms: float
+    largest: float
+    held: float | None = None
+    held_free: float | None = None
+    held_largest: float | None = None
+    held_band: float | None = None
+
+
+def _errors(tried: _Tried, data: Data) -> _Errors:
     percent = 100.0 / data.measurement.stroke
-    own = tried.left.at(data.use) * percent
-    rms, largest = float(np.sqrt(np.mean(own**2))), float(np.max(np.abs(own)))
-    if tried.folds is not None:
-        return rms, largest, tried.folds.rms * percent, tried.folds.largest * percent
+    own = np.concatenate(tried.left.predicted_at(data.use)) * percent
+    made = _Errors(rms=root_mean_square(own), largest=float(np.max(np.abs(own))))
     held = tuple(~u for u in data.use)
-    if not any(h.any() for h in held):
-        return rms, largest, None, None
-    other = tried.left.at(held) * percent
-    return rms, largest, float(np.sqrt(np.mean(other**2))), float(np.max(np.abs(other)))
+    if any(h.any() for h in held):
+        parts = tried.left.predicted_at(held)
+        every = np.concatenate(parts) * percent
+        return replace(
+            made,
+            held=root_mean_square(every),
+            held_free=root_mean_square(free_constant(parts)) * percent,
+            held_largest=float(np.max(np.abs(every))),
+            held_band=float(np.quantile(np.abs(every), BAND)),
+        )
+    if tried.folds is None:
+        return made
+    return replace(
+        made,
+        held=tried.folds.rms * percent,
+        held_free=tried.folds.free_rms * percent,
+        held_largest=tried.folds.largest * percent,
+        held_band=tried.folds.band * percent,
+    )
 
 
 def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candidate, ...]]:
     """Take the simplest model that is as good as the best on held-out cycles, within noise."""
     rows = {name: _errors(t, data) for name, t in tried.items()}
-    score = {n: r[2] if r[2] is not None else r[0] for n, r in rows.items()}
+    percent = 100.0 / data.measurement.stroke
+    # what was held out says nothing where it stands still: parts of what was fitted were held out
+    score = {
+        n: t.folds.rms * percent if t.folds is not None else (rows[n].held or rows[n].rms)
+        for n, t in tried.items()
+    }
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(tried[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
@@ -287,8 +402,9 @@ def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candida
         Candidate(
             kind=n,
             size=tried[n].family.size,
-            rms_percent=rows[n][0],
-            heldout_rms_percent=rows[n][2],
+            rms_percent=rows[n].rms,
+            heldout_rms_percent=rows[n].held,
+            heldout_free_rms_percent=rows[n].held_free,
             heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
         )
         for n in order
@@ -314,8 +430,9 @@ def _result(
     found: FoundChain,
     train: tuple[int, int] | None,
 ) -> Identification:
-    rms, largest, held, held_largest = _errors(tried, data)
-    parameters, said = estimates(tried.fit, data, tried.left, tried.folds, found.widths)
+    errors = _errors(tried, data)
+    parameters, offset, said = estimates(tried.fit, data, tried.left, tried.folds, found.widths)
+    settling = _settling(tried, data)
     m = data.measurement
     drive = _drive_model(tried, data)
     percent = 100.0 / m.stroke
@@ -325,16 +442,21 @@ def _result(
     return Identification(
         model=drive,
         kind=tried.family.kind,
-        rms_percent=rms,
-        max_percent=largest,
-        heldout_rms_percent=held,
-        heldout_max_percent=held_largest,
+        rms_percent=errors.rms,
+        max_percent=errors.largest,
+        heldout_rms_percent=errors.held,
+        heldout_free_rms_percent=errors.held_free,
+        heldout_max_percent=errors.held_largest,
+        heldout_band_percent=errors.held_band,
         stroke=m.stroke,
         noise_percent=max(s.noise for s in m.sections) * percent,
         parameters=parameters,
         chain=_chain(found),
+        offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *m.warnings,
+            *_no_motion(train, data),
+            *_history(settling, errors, data),
             *found.notes,
             *_hidden_mode(found, m),
             *_left_out(tried, data),
@@ -342,10 +464,47 @@ def _result(
             *tried.fit.notes,
             *said,
         ),
+        settling=settling,
         candidates=candidates,
         measurement=m,
         predicted=_predicted(tried, data),
         settings=settings,
+    )
+
+
+def _settling(tried: _Tried, data: Data) -> float:
+    """Largest change of a prediction by whether the drive had rested or had moved before."""
+    if data.chain.creep_per_decade == 0.0:
+        return 0.0
+    quasi = [tried.fit.model.simulate(s.u).values[:, None] for s in data.measurement.sections]
+    ends = []
+    for start in ("rested", 0.0, math.inf):
+        sections = tuple(replace(s, start=start) for s in data.measurement.sections)
+        own = replace(data, measurement=replace(data.measurement, sections=sections))
+        ends.append(np.concatenate(behind_chain(quasi, own)))
+    return float(np.max(np.ptp(ends, axis=0)))
+
+
+def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
+    """Say where what the drive did before matters more than the model's own error."""
+    m = data.measurement
+    held = errors.held if errors.held is not None else errors.rms
+    own = 100.0 * settling / m.stroke
+    if own <= held:
+        return ()
+    return (
+        f"before the record the drive {start_in_words(m.sections[0].start)}, as it seems: by what "
+        f"it did before, creep changes the readings by up to {own:.2g} % of the stroke",
+    )
+
+
+def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
+    if train is None or not _stands_still(data):
+        return ()
+    return (
+        "the input hardly moves over the samples that were held out: their error says nothing of "
+        "the hysteresis, and the model was chosen by parts of what was fitted; hold out whole "
+        "cycles",
     )
 
 
@@ -401,7 +560,7 @@ def _drive_model(tried: _Tried, data: Data) -> DriveModel:
         creep=chain.creep if chain.creep_per_decade > 0.0 else None,
         modes=chain.modes,
         lag=chain.lag if chain.delay > 0.0 else None,
-        offset=m.sign * float(tried.left.nuisance[0][0]),
+        offset=m.sign * tried.left.offset,
         sign=m.sign,
         input_unit=m.input_unit,
         output_unit=m.output_unit,
@@ -410,6 +569,7 @@ def _drive_model(tried: _Tried, data: Data) -> DriveModel:
             output_range=(float(min(e.min() for e in ends)), float(max(e.max() for e in ends))),
             rate_range_hz=(rates[0], rates[-1]),
         ),
+        start=m.sections[0].start,
     )
 
 
@@ -417,11 +577,10 @@ def _predicted(tried: _Tried, data: Data) -> tuple[Array, ...]:
     from flexstage.hysteresis.identification.chain_filter import Rows, filtered
 
     made = []
-    for s, own in zip(data.measurement.sections, tried.left.nuisance, strict=True):
+    for s in data.measurement.sections:
         at = np.arange(s.u.size)
         rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
-        made.append(
-            data.measurement.sign * (filtered(quasi, s, rows, data.chain)[:, 0] + s.nuisance @ own)
-        )
+        behind = filtered(quasi, s, rows, data.chain)[:, 0]
+        made.append(data.measurement.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -186,7 +186,7 @@ def jump_response(section: Section) -> JumpResponse | None:
     JumpResponse or None
         What they show; None where the input does not jump, or the output does not answer.
     """
-    windows = _windows(section)
+    windows = _windows(section.measured())
     if not windows:
         return None
     dt = section.dt

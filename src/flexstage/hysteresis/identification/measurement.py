@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.drive_model import Start
+from flexstage.hysteresis.identification.cycles import Cycles, cycles, input_noise
 from flexstage.hysteresis.identification.input_noise import denoised
 from flexstage.records import Channel, Record
 
@@ -24,6 +25,10 @@ _LONGEST_WARM_UP = 0.4
 _NARROW_LOOP = 0.004
 #: An output whose correlation with the input is less than this does not follow it.
 _UNRELATED = 0.1
+#: A change of the input that is less than this share of its range is no motion; ...
+_SMALLEST_MOVE = 0.002
+#: ... samples that are kept of a rest before it.
+_REST = 20
 #: Ranges of a column whose squares and products are numbers.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 
@@ -45,12 +50,18 @@ class Section:
     warm_up : int
         Number of first samples that still know what was before the record.
     nuisance : numpy.ndarray
-        Columns that are fitted beside every model and belong to none: the offset, and the settling
-        after what was before the record, shape (n, 2).
+        Columns that are fitted beside every model and belong to none: the offset, shape (n, 1).
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
     input_noise : float
         That of the noise that was taken out of the input, in its unit; 0 for a command.
+    first : int
+        Sample of the record that the first of these is: a rest before the motion is left out.
+    history : int
+        Number of first samples that stand for what was before the record, and were not measured:
+        both ends of the range, after which the memory is that of cycles over all of it.
+    start : "rested" or float
+        What the drive did before, for its creep.
     """
 
     u: Array
@@ -61,6 +72,19 @@ class Section:
     nuisance: Array
     noise: float
     input_noise: float = 0.0
+    first: int = 0
+    history: int = 0
+    start: Start = "rested"
+
+    def measured(self) -> "Section":
+        """Return the section without the samples that were not measured.
+
+        Returns
+        -------
+        Section
+            Its input and output alone; cycles and other columns are those of the whole.
+        """
+        return replace(self, u=self.u[self.history :], y=self.y[self.history :], history=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,11 +125,7 @@ class Measurement:
     @property
     def rates_hz(self) -> tuple[float, ...]:
         """Rates of the cycles of all records, that differ by more than half [Hz]."""
-        found: list[float] = []
-        for f in sorted(f for s in self.sections for f in s.cycles.rates_hz):
-            if not found or f > 1.5 * found[-1]:
-                found.append(f)
-        return tuple(found)
+        return rates_of([f for s in self.sections for f in s.cycles.rates_hz])
 
 
 def measurement(
@@ -146,8 +166,8 @@ def measurement(
     if len(units) > 1:
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
-        _require_usable(r, i.name, i.values)
-        _require_usable(r, o.name, o.values)
+        require_usable(r, i.name, i.values)
+        require_usable(r, o.name, o.values)
         if not r.uniform:
             raise RecordError(
                 f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
@@ -167,6 +187,15 @@ def measurement(
         warnings=(),
     )
     return replace(made, warnings=_warnings(made))
+
+
+def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
+    """Return rates [Hz] in rising order, those left out that are less than half above another."""
+    found: list[float] = []
+    for f in sorted(rates_hz):
+        if not found or f > 1.5 * found[-1]:
+            found.append(f)
+    return tuple(found)
 
 
 def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0.0) -> Section:
@@ -205,7 +234,8 @@ def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0
     )
 
 
-def _require_usable(record: Record, name: str, values: Array) -> None:
+def require_usable(record: Record, name: str, values: Array) -> None:
+    """Refuse a column that cannot be computed with."""
     where = f"column '{name}' of {record.source or 'the record'}"
     if values.size < 50:
         raise RecordError(f"{where} has {values.size} samples: at least 50 are needed")
@@ -239,7 +269,9 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
 
 
 def _section(u: Array, y: Array, dt: float, source: str) -> Section:
-    u, input_noise = denoised(u, y)
+    first = first_moving(u)
+    u, y = u[first:], y[first:]
+    u, taken = denoised(u, y)
     moves = cycles(u, dt)
     if moves.bounds.size < 2:
         raise RecordError(
@@ -247,25 +279,38 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             "point to the next: identification needs at least one, and better five, over the range "
             "that is to be used"
         )
-    t = np.arange(u.size) * dt
-    # what a drive still does after a change before the record: log-type creep of unknown size
-    slow = np.geomspace(0.1, max(1000.0, 10.0 * t[-1]), 5)
-    settling: Array = np.exp(-t[:, None] / slow).mean(axis=1)
     # differences of third order pass noise and hardly pass a smooth motion
     noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
+    low, high = moves.range
+    before = np.array([high, low])
+    n = before.size
     return Section(
-        u=np.ascontiguousarray(u),
-        y=np.ascontiguousarray(y),
+        u=np.concatenate((before, u)),
+        y=np.concatenate((np.full(n, y[0]), y)),
         dt=dt,
-        cycles=moves,
-        warm_up=_warm_up(u, moves),
-        nuisance=np.column_stack((np.ones(t.size), settling)).astype(np.float64),
+        cycles=replace(moves, bounds=moves.bounds + n, turning=moves.turning + n),
+        warm_up=warm_up(u, moves) + n,
+        nuisance=np.ones((u.size + n, 1)),
         noise=noise,
-        input_noise=input_noise,
+        input_noise=taken,
+        first=first - n,
+        history=n,
     )
 
 
-def _warm_up(u: Array, moves: Cycles) -> int:
+def first_moving(u: Array) -> int:
+    """Return where an input begins to move, less some samples; 0 where it moves from the start."""
+    noise = input_noise(u)
+    still = np.abs(u - float(np.median(u[:_REST]))) <= max(
+        _SMALLEST_MOVE * float(np.ptp(u)), 6.0 * noise
+    )
+    moves = int(np.argmin(still)) if still[0] and not still.all() else 0
+    # a slow start is a part of the motion: only a rest that is long beside it is left out
+    return max(moves - _REST, 0)
+
+
+def warm_up(u: Array, moves: Cycles) -> int:
+    """Return how many first samples still know what was before the record."""
     low, high = moves.range
     reach = _END * (high - low)
     first_high = int(np.argmax(u >= high - reach))
@@ -330,6 +375,11 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
             "fewer than three whole cycles: errors on cycles that were held out say little; record "
             "more"
         )
+    found += [
+        f"the input rests for {s.first * s.dt:.3g} s before it moves: this is left out"
+        for s in m.sections
+        if s.first > 0
+    ]
     for s in m.sections:
         if _clipped(s):
             found.append(

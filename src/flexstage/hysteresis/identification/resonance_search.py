@@ -73,6 +73,7 @@ def find_resonance(section: Section) -> Resonance | None:
     Resonance or None
         The mode; None where the record has no such content, or shows no mode.
     """
+    section = section.measured()
     rate = 1.0 / section.dt
     fastest = float(section.cycles.frequency_hz.max(initial=0.0))
     low = max(_ABOVE * fastest, 20.0 / (section.u.size * section.dt))

@@ -41,15 +41,15 @@ class Estimate:
 
 def estimates(
     fit: Fit, data: Data, left: Misfit, folds: Folds | None, chain: Mapping[str, float]
-) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
+) -> tuple[tuple[Estimate, ...], Estimate, tuple[str, ...]]:
     """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
     Errors that are left are alike within a cycle and from one cycle to the next only by chance, so
     the covariance is that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger,
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
-    Offset, settling and chain are fitted along, so that their uncertainty is in it. Where the model
-    was fitted without each part of the cycles in turn, the jackknife over those parts counts where
-    it is larger (R. G. Miller, Biometrika 61 (1974) 1).
+    Offsets and chain are fitted along, so that their uncertainty is in it. Where the model was
+    fitted without each part of the cycles in turn, the jackknife over those parts counts where it
+    is larger (R. G. Miller, Biometrika 61 (1974) 1).
 
     Parameters
     ----------
@@ -67,14 +67,16 @@ def estimates(
 
     Returns
     -------
-    tuple of Estimate and tuple of str
-        Parameters of the model; warnings.
+    tuple of Estimate, Estimate and tuple of str
+        Parameters of the model; the offset; warnings.
     """
-    if not fit.names:
-        return (), ()
     # the columns behind these belong to nothing by themselves
     named = slice(0, len(fit.names))
+    first = 0 if fit.jacobian is None else fit.jacobian.shape[1]
     J = _jacobian(fit, data, tuple(chain))
+    # the offset that is kept is the mean of what the nuisance columns, the last ones, make
+    mean = np.zeros(J.shape[1])
+    mean[first + len(chain) :] = J[:, first + len(chain) :].mean(axis=0)
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
     J = J / scale
@@ -88,15 +90,20 @@ def estimates(
     if folds is not None and folds.values:
         without = np.array([[own.get(n, 0.0) for n in fit.names] for own in folds.values])
         error = np.maximum(error, _jackknife(without))
-    first = 0 if fit.jacobian is None else fit.jacobian.shape[1]
     for c, width in enumerate(chain.values(), start=first):
         along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
         error = np.hypot(error, along * width)
+    mean /= scale
+    offset = Estimate(
+        name="offset",
+        value=left.offset,
+        standard_error=float(np.sqrt(max(mean @ covariance @ mean, mean @ plain @ mean))),
+    )
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
         for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
-    return found, _warnings(found, plain[named, named])
+    return found, offset, _warnings(found, plain[named, named])
 
 
 def _jackknife(values: Array) -> Array:
