@@ -399,17 +399,17 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
     return {
         "delay": {
             "value": m.lag.delay if m.lag is not None else 0.0,
-            "standard_error": errors.get("delay"),
+            "standard_error": _finite(errors.get("delay")),
             "unit": "s",
         },
         "creep_per_decade": {
             "value": m.creep.rate_per_decade if m.creep is not None else 0.0,
-            "standard_error": errors.get("creep_per_decade"),
+            "standard_error": _finite(errors.get("creep_per_decade")),
             "unit": "1",
         },
         "resonance": {
             "value": m.modes.frequency_hz[0] if m.modes is not None else None,
-            "standard_error": errors.get("resonance_hz"),
+            "standard_error": _finite(errors.get("resonance_hz")),
             "unit": "Hz",
         },
         "offset": {
@@ -419,6 +419,10 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
         },
         "sign": m.sign,
     }
+
+
+def _finite(error: float | None) -> float | None:
+    return None if error is None or math.isinf(error) else error  # JSON has no infinity
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
@@ -446,14 +450,16 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
         f"{found.settling:.3g} {unit}",
         soft_wrap=True,
     )
+    unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
     values = make_table("parameters", "name", "value", "standard error", "<unit")
     for name, row in {**result["parameters"], **result["chain"]}.items():
         if isinstance(row, dict) and isinstance(row["value"], float):
             error = row["standard_error"]
+            told = "not determined" if name in unknown else ""
             values.add_row(
                 name,
                 f"{row['value']:.5g}",
-                "" if error is None else f"{error:.2g}",
+                told if error is None else f"{error:.2g}",
                 row["unit"],
             )
     screen.print(values)

@@ -36,6 +36,8 @@ class ChainValues:
         Frequency of the lowest mode in the output [Hz]; 0 for none.
     damping_ratio : float
         Its damping ratio [1].
+    resonance_share : float
+        Part of the motion that goes through the mode; the rest follows at once [1].
     creep_shortest : float
         Time at which creep begins [s].
     creep_longest : float
@@ -51,6 +53,7 @@ class ChainValues:
     creep_per_decade: float = 0.0
     resonance_hz: float = 0.0
     damping_ratio: float = 0.02
+    resonance_share: float = 1.0
     creep_shortest: float = 0.01
     creep_longest: float = 1000.0
 
@@ -85,7 +88,7 @@ class ChainValues:
         return StageModes(
             frequency_hz=(self.resonance_hz,),
             damping_ratio=(self.damping_ratio,),
-            share=(1.0,),
+            share=(self.resonance_share,),
         )
 
 

@@ -1,12 +1,15 @@
 """The linear chain behind a hysteresis that is not known yet."""
 
+import itertools
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize, minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import stdtrit
 
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
@@ -16,9 +19,15 @@ from flexstage.hysteresis.identification.families.family import (
     equations,
     residual,
 )
+from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section
-from flexstage.hysteresis.identification.projection import solve
+from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
+from flexstage.hysteresis.identification.measurement import (
+    Measurement,
+    Section,
+    without_history,
+)
+from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
 __all__ = ["FoundChain", "find_chain"]
@@ -39,8 +48,10 @@ _LARGEST_CREEP = 0.12
 _FARTHEST_RESONANCE = 60.0
 #: ... and it is kept where it takes this share of the misfit away.
 _WORTH = 0.02
-#: Smoothing of the model that a mode is polished behind: that of records with some noise.
-_POLISHED_SMOOTHING = 3e-7
+#: Parts of the cycles that are left out in turn, to see how the chain depends on them, ...
+_PARTS = 8
+#: ... and how far from the best one chains are compared for that, as a share of what is searched.
+_STEP = 0.01
 #: It is followed at all where a coarse look at it takes this share away.
 _GLIMPSE = 0.002
 
@@ -58,13 +69,29 @@ class FoundChain:
     rms : float
         Misfit that is left with a coarse dictionary, over the stroke [1].
     resonance : Resonance or None
-        The resonance, where a part of a record was made to show it.
+        The resonance, where a part of a record was made to show it, or jumps do.
+    errors : Mapping
+        Standard errors of the values that were found; infinite where the records do not tell.
+    notes : tuple of str
+        What a reader should know.
     """
 
     values: ChainValues
     searched: tuple[str, ...]
     rms: float
     resonance: Resonance | None = None
+    errors: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def widths(self) -> Mapping[str, float]:
+        """How far each value that was searched for may be off: of creep that no rate tells, any."""
+        any_creep = {"creep_per_decade": _LARGEST_CREEP / math.sqrt(12.0)}
+        return {
+            name: error if math.isfinite(error) else any_creep.get(name, 0.0)
+            for name, error in self.errors.items()
+            if name in self.searched
+        }
 
 
 def find_chain(
@@ -116,7 +143,19 @@ def find_chain(
     if resonance is not None:
         start = replace(start, resonance_hz=resonance[0], damping_ratio=resonance[1])
         search.fix_modes(start)
-    seen = _seen(data, train) if resonance is None else None
+    sections = _looked_at(data, train)
+    seen = None if resonance is not None else _seen(sections)
+    jumped = _jumped(sections)
+    notes = _unexplained(jumped) if seen is None and resonance is None else ()
+    if seen is None and resonance is None and jumped is not None and jumped.frequency_hz > 0.0:
+        seen = Resonance(
+            frequency_hz=jumped.frequency_hz,
+            damping_ratio=jumped.damping_ratio,
+            frequency_error_hz=jumped.frequency_error_hz,
+            delay=jumped.delay,
+            delay_error=jumped.delay_error,
+        )
+        start = replace(start, resonance_share=jumped.share)
     if seen is not None:
         start = replace(
             start,
@@ -125,40 +164,126 @@ def find_chain(
             delay=seen.delay,
         )
         search.fix_modes(start)
-        if math.isfinite(seen.delay_error):
-            best = _creep(search, start)
-            return FoundChain(
-                values=best, searched=("creep_per_decade",), rms=search.rms(best), resonance=seen
-            )
-    most = _LONGEST_DELAY / max(*data.rates_hz, 1e-9) if data.rates_hz else 0.0
+        found = _with_delay(search, start, seen.delay_error, data)
+        errors = {**found.errors, "resonance_hz": seen.frequency_error_hz}
+        return replace(found, resonance=seen, errors=errors)
+    found = _by_cycles(search, start, data, modes=resonance is None)
+    # where the mode is known and its ringing with it, jumps tell the delay of both
+    if jumped is not None and jumped.delay_error < found.errors["delay"]:
+        at = replace(start, delay=jumped.delay)
+        if found.values.resonance_hz == start.resonance_hz:
+            found = _with_delay(search, at, jumped.delay_error, data)
+    return replace(found, notes=(*notes, *found.notes))
+
+
+def _with_delay(
+    search: "_Search", start: ChainValues, delay_error: float, data: Measurement
+) -> FoundChain:
+    """The chain where all but creep is known."""
+    best = _creep(search, start)
+    errors = {"delay": delay_error, **_errors(search, best, ("creep_per_decade",), data)}
+    notes = _at_limits(best, math.inf)
+    return FoundChain(
+        values=best,
+        searched=("creep_per_decade",),
+        rms=search.rms(best),
+        errors=errors,
+        notes=(*notes, *_undetermined(errors)),
+    )
+
+
+def _by_cycles(
+    search: "_Search", start: ChainValues, data: Measurement, *, modes: bool
+) -> FoundChain:
+    """The chain that cycles tell by themselves."""
+    most = _longest_delay(data)
     best = _delay_and_creep(search, start, most)
-    searched: tuple[str, ...] = ("delay", "creep_per_decade")
+    names: tuple[str, ...] = ("delay", "creep_per_decade")
     rms = search.rms(best)
-    if seen is not None:
-        best, error = _polished(data, best, train)
-        seen = replace(
-            seen,
-            frequency_hz=best.resonance_hz,
-            damping_ratio=best.damping_ratio,
-            frequency_error_hz=error,
-        )
-        return FoundChain(values=best, searched=searched, rms=search.rms(best), resonance=seen)
-    rung = _resonance(search, best, data, most) if resonance is None else None
+    rung = _resonance(search, best, data, most) if modes else None
     if rung is not None and search.rms(rung) < (1.0 - _WORTH) * rms:
-        return FoundChain(values=rung, searched=(*searched, "resonance_hz"), rms=search.rms(rung))
-    return FoundChain(values=best, searched=searched, rms=rms)
+        best, names, rms = rung, (*names, "resonance_hz"), search.rms(rung)
+    errors = _errors(search, best, names, data)
+    notes = (*_at_limits(best, most), *_undetermined(errors))
+    return FoundChain(values=best, searched=names, rms=rms, errors=errors, notes=notes)
 
 
-def _seen(data: Measurement, train: tuple[int, int] | None) -> Resonance | None:
-    """The best determined of the resonances that records show, outside what is held out."""
-    looked_at = []
+def _longest_delay(data: Measurement) -> float:
+    return _LONGEST_DELAY / max(*data.rates_hz, 1e-9) if data.rates_hz else 0.0
+
+
+def _errors(
+    search: "_Search", best: ChainValues, names: tuple[str, ...], data: Measurement
+) -> dict[str, float]:
+    """Standard errors of what cycles tell, which at one rate they do not."""
+    if len(data.rates_hz) < 2:
+        return dict.fromkeys(names, math.inf)
+    limits = {
+        "delay": _longest_delay(data),
+        "creep_per_decade": _LARGEST_CREEP,
+        "resonance_hz": best.resonance_hz,
+    }
+    return search.spread(best, {name: limits[name] for name in names})
+
+
+def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
+    """Say where the search has ended at the edge of what it looks at."""
+    notes = []
+    if chain.delay > 0.99 * longest:
+        notes.append(
+            f"the delay is the longest that is looked for ({1e3 * longest:.3g} ms, "
+            f"{100 * _LONGEST_DELAY:g} % of the fastest cycle): check the columns and the sample "
+            "rate, or state the delay"
+        )
+    if chain.creep_per_decade > 0.99 * _LARGEST_CREEP:
+        notes.append(
+            f"the creep is the largest that is looked for ({100 * _LARGEST_CREEP:g} % per decade): "
+            "something else is taken for creep, such as a slow sensor or noise of the input"
+        )
+    return tuple(notes)
+
+
+def _undetermined(errors: Mapping[str, float]) -> tuple[str, ...]:
+    names = [name for name, error in errors.items() if math.isinf(error)]
+    if not names:
+        return ()
+    return (
+        f"not determined at one rate: {' and '.join(names)}; the values belong to the hysteresis "
+        "that was fitted behind them and mean nothing by themselves",
+    )
+
+
+def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
+    if jumped is None or jumped.unexplained_hz == 0.0:
+        return ()
+    return (
+        f"after jumps of the input the output rings at about {jumped.unexplained_hz:.4g} Hz, which "
+        "is not the ringing of one mode and is not in the model: name the mode, or record a small "
+        "multisine about it",
+    )
+
+
+def _looked_at(data: Measurement, train: tuple[int, int] | None) -> tuple[Section, ...]:
+    """What was measured of the records, without what is held out."""
+    found = []
     for s in data.sections:
-        part = slice(None)
-        if train is not None:
-            part = slice(max(train[0] - s.first, 0), max(train[1] - s.first, 0))
-        looked_at.append(replace(s, u=s.u[s.history :][part], y=s.y[s.history :][part]))
-    found = [r for r in map(find_resonance, looked_at) if r is not None]
+        first, stop = train or (0, s.first + s.u.size)
+        part = slice(max(first - s.first, 0), max(stop - s.first, 0))
+        bare = without_history(s)
+        found.append(replace(bare, u=bare.u[part], y=bare.y[part]))
+    return tuple(found)
+
+
+def _seen(sections: tuple[Section, ...]) -> Resonance | None:
+    """The best determined of the resonances that parts of records were made to show."""
+    found = [r for r in map(find_resonance, sections) if r is not None]
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
+
+
+def _jumped(sections: tuple[Section, ...]) -> JumpResponse | None:
+    """What jumps show best: a mode before a delay alone."""
+    found = [r for r in map(jump_response, sections) if r is not None]
+    return min(found, key=lambda r: (r.frequency_hz == 0.0, r.delay_error), default=None)
 
 
 class _Search:
@@ -180,6 +305,10 @@ class _Search:
         ]
         moving = np.any([np.ptp(c, axis=0) > 0.0 for c in self._columns], axis=0)
         self._penalty = family.smoothing(self._data, moving)
+        # every other threshold: what that changes says what a grid of thresholds does
+        self._coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
+        half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
+        self._coarse_penalty = half.smoothing(self._data, moving[self._coarse])
         # creep acts on every column alike: its share of a column is found once
         unit = ChainValues(creep_per_decade=1.0)
         longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
@@ -200,24 +329,94 @@ class _Search:
 
     def rms(self, chain: ChainValues) -> float:
         """Misfit that the best density leaves behind a chain, over the stroke."""
+        behind, bare = self._behind(chain)
+        solution = self._solve(equations(behind, bare))
+        left = residual(behind, solution, bare) / bare.measurement.stroke
+        return float(np.sqrt(np.mean(left**2)))
+
+    def spread(self, best: ChainValues, limits: Mapping[str, float]) -> dict[str, float]:
+        """Standard errors of values of the chain: the jackknife over parts of the cycles.
+
+        What is left is the error of a model, alike in neighbouring cycles. How far the best chain
+        moves where a part of the cycles is left out, with all of the hysteresis fitted anew, says
+        what that does (R. G. Miller, Biometrika 61 (1974) 1). What the grid of the dictionary does
+        goes with the square of its pitch: a third of what every other threshold changes. Near the
+        best chain the misfit is a paraboloid, so that a few chains serve all.
+        """
+        names = tuple(limits)
+        step = _STEP * np.array([limits[name] for name in names])
+        at = np.maximum([getattr(best, name) for name in names], step)
+        parts = folds_of(self._data, _PARTS)
+        if len(parts) < 3:
+            return dict.fromkeys(names, math.inf)
+        around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(names))))
+        costs = np.array(
+            [
+                self._costs(replace(best, **dict(zip(names, at + step * x, strict=True))), parts)
+                for x in around
+            ]
+        )
+        moved = np.array([_lowest(around, c) for c in costs.T]) * step
+        (by_all, by_half), moved = moved[:2], moved[2:]
+        many = moved.shape[0]
+        grid = (by_half - by_all) / 3.0
+        if not np.all(np.isfinite(moved)) or not np.all(np.isfinite(grid)):
+            return dict.fromkeys(names, math.inf)
+        # few parts: the factor makes twice the error cover what the distribution of Student does
+        few = float(stdtrit(many - 1, 0.975)) / 1.96
+        error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
+        return {name: float(e) for name, e in zip(names, error, strict=True)}
+
+    def _costs(self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]) -> Array:
+        """Sums of squares: of all, of all by half of the dictionary, and of all but each part."""
+        behind, bare = self._behind(chain)
+        whole = equations(behind, bare)
+        half = equations([np.ascontiguousarray(c[:, self._coarse]) for c in behind], bare)
+        rest = [whole - equations(behind, bare.with_use(part)) for part in parts]
+        costs = [_square(n, self._solve(n)) for n in (whole, *rest)]
+        costs.insert(1, _square(half, self._solve(half, self._coarse_penalty)))
+        return np.array(costs)
+
+    def _solve(self, normal: Normal, penalty: Array | None = None) -> Solution:
+        penalty = self._penalty if penalty is None else penalty
+        assert penalty is not None
+        return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
+
+    def _behind(self, chain: ChainValues) -> tuple[list[Array], Data]:
+        """Columns behind a chain at the rows that are looked at."""
         if self._modes_known:
             chain = replace(chain, resonance_hz=0.0)
         bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
         gamma = chain.creep_per_decade
         if chain.resonance_hz > 0.0:
             pairs = zip(self._columns, self._creep, strict=True)
-            behind = behind_chain([c + gamma * k for c, k in pairs], bare)
-        else:
-            # a delay takes samples of both alike, so they need not be added at every sample
-            pairs = zip(
-                behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True
-            )
-            behind = [c + gamma * k for c, k in pairs]
-        normal = equations(behind, bare)
-        assert self._penalty is not None
-        solution = solve(normal, smoothing=self._penalty * normal.count * bare.input_scale**2)
-        left = residual(behind, solution, bare) / bare.measurement.stroke
-        return float(np.sqrt(np.mean(left**2)))
+            return behind_chain([c + gamma * k for c, k in pairs], bare), bare
+        # a delay takes samples of both alike, so they need not be added at every sample
+        pairs = zip(behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True)
+        return [c + gamma * k for c, k in pairs], bare
+
+
+def _square(normal: Normal, found: Solution) -> float:
+    """Sum of squares that a solution leaves."""
+    z = np.concatenate((found.coefficients, found.nuisance))
+    return normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z)
+
+
+def _lowest(around: Array, cost: Array) -> Array:
+    """Where the paraboloid through some costs is lowest; not a number where it is none."""
+    n = around.shape[1]
+    pairs = list(itertools.combinations_with_replacement(range(n), 2))
+    columns = np.column_stack(
+        (np.ones(cost.size), around, *(around[:, i] * around[:, j] for i, j in pairs))
+    )
+    own = np.linalg.lstsq(columns, cost, rcond=None)[0]
+    H = np.zeros((n, n))
+    for (i, j), c in zip(pairs, own[1 + n :], strict=True):
+        H[i, j] += c
+        H[j, i] += c
+    if not np.linalg.eigvalsh(H)[0] > 0.0:
+        return np.full(n, np.nan)
+    return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
 
 
 def _used(
@@ -233,51 +432,6 @@ def _used(
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
     at = np.arange(columns.shape[0])
     return filtered(columns, section, Rows(at=at, cycle=at), chain)
-
-
-def _polished(
-    data: Measurement, chain: ChainValues, train: tuple[int, int] | None
-) -> tuple[ChainValues, float]:
-    """Fit mode and delay behind a full model; give the standard error of the frequency as well.
-
-    Where jumps have made the stage ring, some parts in a thousand of the frequency decide whether
-    the model rings along with it or against it.
-    """
-    rows, error = rows_of(data), math.inf
-    pairs = zip(rows, data.sections, strict=True)
-    use = tuple(_used(r, s, 1, train) for r, s in pairs)
-    for _ in range(2):
-        whole = Data(measurement=data, chain=chain, rows=rows, use=use)
-        model = PreisachFamily(smoothing=_POLISHED_SMOOTHING).fit(whole).model
-        quasi = [model.simulate(s.u).values[:, None] for s in data.sections]
-        scale = np.array(
-            [
-                0.01 * chain.resonance_hz,
-                0.1 * chain.damping_ratio,
-                min(s.dt for s in data.sections),
-            ]
-        )
-
-        def moved(x: Array, own: ChainValues = chain, scale: Array = scale) -> ChainValues:
-            f, damping, delay = (float(v) for v in x * scale)
-            return replace(own, resonance_hz=f, damping_ratio=damping, delay=max(delay, 0.0))
-
-        def left(x: Array, own: Data = whole, columns: list[Array] = quasi) -> Array:
-            behind = behind_chain(columns, replace(own, chain=moved(x)))
-            solution = solve(equations(behind, own))
-            return residual(behind, solution, own) / own.measurement.stroke
-
-        # a delay that is a period too long rings along almost as well: look over more than one
-        delays = np.append(np.linspace(0.0, 1.25 / chain.resonance_hz, 16), chain.delay)
-        starts = [np.array([chain.resonance_hz, chain.damping_ratio, d]) / scale for d in delays]
-        begin = min(starts, key=lambda x: float(np.sum(left(x) ** 2)))
-        low = np.array([0.8 * begin[0], 0.2 * begin[1], -1.0])
-        high = np.array([1.2 * begin[0], 5.0 * begin[1], begin[2] + 20.0])
-        found = least_squares(left, begin, bounds=(low, high), diff_step=1e-3, max_nfev=25)
-        chain = moved(np.asarray(found.x, dtype=np.float64))
-        spread = np.linalg.pinv(found.jac.T @ found.jac)[0, 0] * 2.0 * found.cost / found.fun.size
-        error = float(np.sqrt(spread) * scale[0])
-    return chain, error
 
 
 def _creep(search: _Search, start: ChainValues) -> ChainValues:

@@ -453,9 +453,8 @@ def _result(
     train: tuple[int, int] | None,
 ) -> Identification:
     errors = _errors(tried, data)
-    parameters, offset, said = estimates(tried.fit, data, tried.left, found.searched)
+    parameters, offset, said = estimates(tried.fit, data, tried.left, tried.folds, found.widths)
     settling = _settling(tried, data)
-    own = len(tried.fit.names)
     m = data.measurement
     drive = _drive_model(tried, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
@@ -475,14 +474,15 @@ def _result(
         heldout_band_percent=errors.held_band,
         stroke=m.stroke,
         noise_percent=noise,
-        parameters=parameters[:own],
-        chain=(*parameters[own:], *_resonance(found)),
+        parameters=parameters,
+        chain=_chain(found),
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *judged.sentences,
             *m.warnings,
             *_no_motion(train, data),
             *_history(settling, errors, data),
+            *found.notes,
             *_hidden_mode(found, m),
             *_broken(tried),
             *tried.fit.notes,
@@ -533,17 +533,12 @@ def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
     )
 
 
-def _resonance(found: FoundChain) -> tuple[Estimate, ...]:
-    """The resonance where it was found by itself, and not along with the chain."""
-    if found.resonance is None:
-        return ()
-    mode = found.resonance
-    frequency = Estimate(
-        name="resonance_hz", value=mode.frequency_hz, standard_error=mode.frequency_error_hz
+def _chain(found: FoundChain) -> tuple[Estimate, ...]:
+    """What was found of the chain, with its errors."""
+    return tuple(
+        Estimate(name=name, value=getattr(found.values, name), standard_error=error)
+        for name, error in found.errors.items()
     )
-    if "delay" in found.searched:
-        return (frequency,)
-    return Estimate(name="delay", value=mode.delay, standard_error=mode.delay_error), frequency
 
 
 def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:

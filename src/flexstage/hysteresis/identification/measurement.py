@@ -15,6 +15,7 @@ from flexstage.hysteresis.identification.faults import (
     butterfly_text,
     findings_of_record,
 )
+from flexstage.hysteresis.identification.input_noise import denoised
 from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record
 
@@ -59,6 +60,8 @@ class Section:
         Columns that are fitted beside every model and belong to none: the offset, shape (n, 1).
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
+    input_noise : float
+        That of the noise that was taken out of the input, in its unit; 0 for a command.
     first : int
         Sample of the record that the first measured one is: a rest before it is left out.
     begin : float
@@ -79,6 +82,7 @@ class Section:
     warm_up: int
     nuisance: Array
     noise: float
+    input_noise: float = 0.0
     first: int = 0
     begin: float = 0.0
     history: int = 0
@@ -267,6 +271,7 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
 def _section(u: Array, y: Array, dt: float, source: str) -> Section:
     first = first_moving(u)
     u, y = u[first:], y[first:]
+    u, taken = denoised(u, y)
     moves = cycles(u, dt)
     if moves.bounds.size < 2:
         raise RecordError(
@@ -285,6 +290,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             warm_up=warm_up(u, moves),
             nuisance=np.ones((u.size, 1)),
             noise=noise,
+            input_noise=taken,
             first=first,
             begin=first * dt,
         )
@@ -410,6 +416,12 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
         found.append(
             "the input jumps between few levels: what lies between them is not identified; drive "
             "with sines or triangles"
+        )
+    noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
+    if noise > 0.0:
+        found.append(
+            f"the input has noise of {100 * noise:.2g} % of its range, which the output does not "
+            "follow: it was smoothed; use the command instead where it was recorded"
         )
     if m.sign < 0:
         found.append("the output falls where the input rises: the sign of the output was turned")

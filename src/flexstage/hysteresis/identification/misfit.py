@@ -1,6 +1,6 @@
 """What a model leaves of a measurement, where it was fitted and where it was not."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,6 +149,8 @@ class Folds:
         Absolute error that 95 % of them stay below.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
+    values : tuple of Mapping
+        Parameters by name where each part was left out; one that is absent is 0.
     """
 
     rms: float
@@ -156,6 +158,7 @@ class Folds:
     largest: float
     band: float
     mean_square: Array
+    values: tuple[Mapping[str, float], ...] = ()
 
 
 def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
@@ -178,7 +181,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     folds = folds_of(data)
     if len(folds) < 2:
         return None
-    errors, free = [], []
+    errors, free, values = [], [], []
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
@@ -186,6 +189,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
         own = misfit(found.model, part).predicted_at(held)
         errors.append(np.concatenate(own))
         free.append(free_constant(own))
+        values.append(dict(zip(found.names, found.values.tolist(), strict=True)))
     every = np.concatenate(errors)
     return Folds(
         rms=root_mean_square(every),
@@ -193,4 +197,5 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
         largest=float(np.max(np.abs(every))),
         band=float(np.quantile(np.abs(every), BAND)),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
+        values=tuple(values),
     )

@@ -1,7 +1,6 @@
 """The lowest resonance, from a part of a record that excites it."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +8,7 @@ from scipy.optimize import least_squares
 from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from flexstage.hysteresis.chain import StageModes
-from flexstage.hysteresis.identification.measurement import Section
+from flexstage.hysteresis.identification.measurement import Section, without_history
 
 __all__ = ["Resonance", "find_resonance"]
 
@@ -42,7 +41,7 @@ class Resonance:
     delay : float
         Delay of the output against the input [s].
     delay_error : float
-        Its standard error [s]; infinite where the record does not show the delay in this way.
+        Its standard error [s].
     """
 
     frequency_hz: float
@@ -74,19 +73,14 @@ def find_resonance(section: Section) -> Resonance | None:
     Resonance or None
         The mode; None where the record has no such content, or shows no mode.
     """
+    section = without_history(section)
     rate = 1.0 / section.dt
     fastest = float(section.cycles.frequency_hz.max(initial=0.0))
     low = max(_ABOVE * fastest, 20.0 / (section.u.size * section.dt))
     if low > 0.4 * rate:
         return None
-    # a part that was made for it, or, where jumps of the input have made it ring, all of the record
     part = _excited(section, low)
-    found = None if part is None else _seen_in(section, part, low)
-    if found is not None:
-        return found
-    found = _seen_in(section, slice(0, section.u.size), low)
-    # a jump moves memory, which shifts the phase and not the frequency
-    return None if found is None else replace(found, delay=0.0, delay_error=math.inf)
+    return None if part is None else _seen_in(section, part, low)
 
 
 def _seen_in(section: Section, part: slice, low: float) -> Resonance | None:

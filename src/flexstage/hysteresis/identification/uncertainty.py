@@ -1,13 +1,14 @@
 """How well a record determines each parameter."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from flexstage.hysteresis.identification.families.family import Data, Fit, behind_chain
-from flexstage.hysteresis.identification.misfit import Misfit
+from flexstage.hysteresis.identification.misfit import Folds, Misfit
 
 __all__ = ["Estimate", "estimates"]
 
@@ -30,7 +31,7 @@ class Estimate:
     value : float
         Its value.
     standard_error : float
-        Its standard error, in the same unit.
+        Its standard error, in the same unit; infinite where the record does not determine it.
     """
 
     name: str
@@ -39,14 +40,16 @@ class Estimate:
 
 
 def estimates(
-    fit: Fit, data: Data, left: Misfit, searched: Sequence[str]
+    fit: Fit, data: Data, left: Misfit, folds: Folds | None, chain: Mapping[str, float]
 ) -> tuple[tuple[Estimate, ...], Estimate, tuple[str, ...]]:
-    """Return the standard errors of parameters and chain, and what cannot be told apart.
+    """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
     Errors that are left are alike within a cycle and from one cycle to the next only by chance, so
     the covariance is that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger,
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
-    Offsets are fitted along, so that their uncertainty is in it.
+    Offsets and chain are fitted along, so that their uncertainty is in it. Where the model was
+    fitted without each part of the cycles in turn, the jackknife over those parts counts where it
+    is larger (R. G. Miller, Biometrika 61 (1974) 1).
 
     Parameters
     ----------
@@ -56,25 +59,24 @@ def estimates(
         The data.
     left : Misfit
         What the model leaves.
-    searched : sequence of str
-        Values of the chain that were found by search.
+    folds : Folds or None
+        The fits without parts of the cycles.
+    chain : Mapping
+        How far each value of the chain that was found may be off; what the parameters move with
+        it, all others fitted anew, is in their errors.
 
     Returns
     -------
     tuple of Estimate, Estimate and tuple of str
-        Parameters of the model, then values of the chain; the offset; warnings.
+        Parameters of the model; the offset; warnings.
     """
-    names = (*fit.names, *searched)
-    # a fit may have columns without a name, that mean nothing by themselves
-    columns = 0 if fit.jacobian is None else fit.jacobian.shape[1]
-    which = np.array(
-        [*range(len(fit.names)), *range(columns, columns + len(searched))], dtype=np.intp
-    )
-    values = np.concatenate((fit.values, [getattr(data.chain, n) for n in searched]))
-    J = _jacobian(fit, data, searched)
+    # the columns behind these belong to nothing by themselves
+    named = slice(0, len(fit.names))
+    first = 0 if fit.jacobian is None else fit.jacobian.shape[1]
+    J = _jacobian(fit, data, tuple(chain))
     # the offset that is kept is the mean of what the nuisance columns, the last ones, make
     mean = np.zeros(J.shape[1])
-    mean[columns + len(searched) :] = J[:, columns + len(searched) :].mean(axis=0)
+    mean[first + len(chain) :] = J[:, first + len(chain) :].mean(axis=0)
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
     J = J / scale
@@ -84,7 +86,13 @@ def estimates(
     covariance = bread @ (sums.T @ sums) @ bread * many / max(many - 1, 1)
     plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
     # with few cycles the sum over them is too small, so the larger of the two is taken
-    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[which] / scale[which]
+    error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[named] / scale[named]
+    if folds is not None and folds.values:
+        without = np.array([[own.get(n, 0.0) for n in fit.names] for own in folds.values])
+        error = np.maximum(error, _jackknife(without))
+    for c, width in enumerate(chain.values(), start=first):
+        along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
+        error = np.hypot(error, along * width)
     mean /= scale
     offset = Estimate(
         name="offset",
@@ -93,9 +101,16 @@ def estimates(
     )
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
-        for n, v, s in zip(names, values, error, strict=True)
+        for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
-    return found, offset, _warnings(found, plain[np.ix_(which, which)])
+    return found, offset, _warnings(found, plain[named, named])
+
+
+def _jackknife(values: Array) -> Array:
+    many = values.shape[0]
+    # few parts: the factor makes twice the error cover what the distribution of Student does
+    few = float(stdtrit(many - 1, 0.975)) / 1.96
+    return few * np.sqrt((many - 1) * np.var(values, axis=0))
 
 
 def _warnings(found: tuple[Estimate, ...], covariance: Array) -> tuple[str, ...]:
