@@ -31,7 +31,7 @@ slow: env-dev ## the slow evidence: peers, long runs, the built package
 	$(dev_run) pytest tests -m "slow and not alone" $(parallel) $(PYTEST_ARGS)
 	$(dev_run) pytest $(alone) -m "slow and alone"
 
-evidence: env-dev ## what the slow evidence repeats, at its full size: before a release
+evidence: env-dev ## the slow evidence at full size, before a release
 	$(dev_run) pytest tests -m evidence $(parallel) $(PYTEST_ARGS)
 
 bench: env-dev ## speed, as ratios against named alternatives
