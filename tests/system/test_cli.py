@@ -55,7 +55,7 @@ def test_study_prints_a_table_and_writes_a_report(
 
 
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("study", "vgtu-mechanical", "--models", "lumped", "--out", "d", "--json")
+    words = ("study", "parallelogram", "--models", "lumped", "--out", "d", "--json")
     assert run(*words, *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
