@@ -14,17 +14,25 @@ dev_run := PATH="$(CURDIR)/$(dev):$$PATH" PYRIGHT_PYTHON_GLOBAL_NODE=0 \
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1
 
 .DEFAULT_GOAL := help
-.PHONY: study test slow bench docs lint format lock clean help python env env-dev
+# Tests that measure time, by their marker.
+alone = $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
+parallel := -n auto --dist worksteal --durations=20
+
+.PHONY: study test slow evidence bench docs lint format lock clean help python env env-dev
 
 study: env ## both stages of the study, with a report each, into out/
 	$(main)/flexstage study vgtu-mechanical --out $(OUT)/vgtu-mechanical
 	$(main)/flexstage study vgtu-piezo --out $(OUT)/vgtu-piezo
 
 test: lint ## lint, then every test but the slow ones
-	$(dev_run) pytest -n auto $(PYTEST_ARGS)
+	$(dev_run) pytest $(parallel) $(PYTEST_ARGS)
 
 slow: env-dev ## the slow evidence: peers, long runs, the built package
-	$(dev_run) pytest -m slow $(PYTEST_ARGS)
+	$(dev_run) pytest tests -m "slow and not alone" $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest $(alone) -m "slow and alone"
+
+evidence: env-dev ## the slow evidence at full size, before a release
+	$(dev_run) pytest tests -m evidence $(parallel) $(PYTEST_ARGS)
 
 bench: env-dev ## speed, as ratios against named alternatives
 	$(dev_run) python -m benchmarks

@@ -50,7 +50,7 @@ def octave(folder: Path, code: str, **given: np.ndarray) -> subprocess.Completed
     )
     assert OCTAVE is not None
     return subprocess.run(
-        [OCTAVE, "--no-gui", "--norc", "--quiet", "run_it.m"],
+        [OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "run_it.m"],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -27,6 +27,7 @@ from flexstage.experiment.motion import (
 from flexstage.experiment.motion.curve_zone import zone_contacts
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.style import encode
+from tests.tiers import limits, sizes
 
 Array = NDArray[np.float64]
 
@@ -613,25 +614,28 @@ def test_coverage_of_linear_figures() -> None:
         assert 0.92 <= count / 300 <= 0.98, (name, count)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(("repeats", "zones"), sizes(slow=(150, 45), evidence=(500, 150)))
 @pytest.mark.parametrize(
     ("count", "memory"), [(5, 0.0), (5, 0.9), (10, 0.5)], ids=["white", "correlated", "ten"]
 )
-def test_coverage_of_all_figures(count: int, memory: float) -> None:
+def test_coverage_of_all_figures(count: int, memory: float, repeats: int, zones: int) -> None:
     truth = truths()
     hits = dict.fromkeys(truth, 0)
-    repeats = 500
     for i in range(repeats):
         curve = fit_motion_curve(*record(i, count=count, memory=memory))
         found = estimates(curve)
-        if i < 150:
+        if i < zones:
             found["zone"] = curve.range(line="minimum_zone")
         for name, estimate in found.items():
             hits[name] += estimate.covers(truth[name])
     for name, hit in hits.items():
-        share = hit / (150 if name == "zone" else repeats)
+        share = hit / (zones if name == "zone" else repeats)
         # 500 repetitions scatter by 1 % about 95 %, 150 by 1.8 %
-        low, high = (0.90, 0.99) if name == "zone" else (0.925, 0.975)
+        low, high = (
+            limits(zones, 0.90, 0.99, full=150)
+            if name == "zone"
+            else limits(repeats, 0.925, 0.975, full=500)
+        )
         assert low <= share <= high, (name, share)
 
 

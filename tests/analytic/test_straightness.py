@@ -15,6 +15,7 @@ from flexstage.experiment.motion.straightness import (
 )
 from flexstage.experiment.motion.straightness_cylinder import minimum_zone_cylinder
 from flexstage.experiment.motion.straightness_noise import less_noise
+from tests.tiers import limits, sizes
 
 Array = NDArray[np.float64]
 
@@ -194,16 +195,17 @@ def coverage(form: Array, noise: float, seeds: int) -> float:
     return held / seeds
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("seeds", sizes(slow=100, evidence=300))
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.4])
 @pytest.mark.parametrize("shape", ["wave", "bow"])
-def test_the_corrected_interval_covers(shape: str, share: float) -> None:
+def test_the_corrected_interval_covers(shape: str, share: float, seeds: int) -> None:
     u = np.linspace(0.0, 1.0, 41)
     form = np.sin(6.1 * u) if shape == "wave" else (u - 0.43) ** 2
     form = form / minimum_zone(u, form).deviation.value
     # 300 cases have a standard error of 1.3 %; a bias that the bootstrap leaves may take 2 % more,
     # and the doubt about the growth, which is added to all, may give 3.5 % back
-    assert 0.905 <= coverage(form, share, 300) <= 0.99
+    low, high = limits(seeds, 0.905, 0.99, full=300)
+    assert low <= coverage(form, share, seeds) <= high
 
 
 def test_linear_intervals_cover_where_contacts_stand_alone() -> None:

@@ -3,7 +3,7 @@
 The super-elements (K, M, interface nodes) and the STEP files are those of T. Dehaeze's nano-hexapod
 (github.com/tdehaeze/stewart-simscape, MIT). Their materials are not stated: they are inferred from
 mass over volume. docs/explanation/ansys-comparison.md shows the figures and explains the
-differences; `pytest -m slow --log-cli-level=INFO` with this file writes them.
+differences; `pytest -m evidence --log-cli-level=INFO` with this file writes them.
 """
 
 import logging
@@ -186,7 +186,7 @@ def test_id16_roughly_and_quickly():
     assert (np.diag(mean)[[3, 4, 5]] > np.diag(K)[[3, 4, 5]]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_flexor_025():
     """The joint whose geometry is exact, with mean interfaces on the middle of its ends."""
     K, M, _ = superelement("flexor_025")
@@ -223,7 +223,7 @@ def test_flexor_025():
     assert rigid[3:5] == pytest.approx(mean[3:5], rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_flexor_id16():
     """The joint whose STEP is not quite what was meshed."""
     K, _, _ = superelement("flexor_ID16")
@@ -316,7 +316,7 @@ def _values(figures: dict[str, float]) -> np.ndarray:
     return np.array(list(figures.values()))
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_apa300ml_lies_between_two_pockets():
     """The STEP fills the pocket of the shell; two ways to cut it bound what Ansys found."""
     K, M, _ = superelement("APA300ML")

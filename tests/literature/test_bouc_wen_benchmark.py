@@ -22,6 +22,7 @@ from flexstage.hysteresis.oscillator.identification import (
     identify_oscillator,
 )
 from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
+from tests.tiers import sizes
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "bouc-wen-benchmark"
 RATE = 750.0
@@ -152,11 +153,11 @@ def test_identified_parameters_are_the_true_ones(name: str) -> None:
     assert abs(getattr(found.model, name) - true) < allowed
 
 
-@pytest.mark.slow
-def test_random_starts_reach_the_same_optimum() -> None:
+@pytest.mark.parametrize("starts", sizes(slow=3, evidence=10))
+def test_random_starts_reach_the_same_optimum(starts: int) -> None:
     u, y = read("train.h5", "multisine")
     rng, unit = np.random.default_rng(11), 0.5 / np.std(y)
-    for _ in range(10):
+    for _ in range(starts):
         start = (unit * 10.0 ** rng.uniform(-0.7, 1.0), unit * rng.uniform(-4.0, 4.0))
         found = identify_oscillator(u, y, RATE, start=start)
         assert found.rms == pytest.approx(identified().rms, rel=1e-8)

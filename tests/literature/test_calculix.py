@@ -40,7 +40,7 @@ def test_circular_hinge_in_three_dimensions() -> None:
     assert theirs.stress == pytest.approx(ours.stress, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_whole_stage() -> None:
     """The piezo stage as 27 000 wedges, against the prisms of order 4 that are the default."""
     from flexstage.fem.solid import solid_model

@@ -40,8 +40,13 @@ def test_in_the_plane(name: str) -> None:
     assert system.settings["supports"] == "rigid"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("vgtu-piezo", marks=pytest.mark.slow),
+        pytest.param("vgtu-mechanical", marks=pytest.mark.evidence),
+    ],
+)
 def test_in_three_dimensions(name: str) -> None:
     model = solid_model(design(name))
     _compare(name, model, SOLID)

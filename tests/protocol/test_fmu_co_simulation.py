@@ -12,6 +12,7 @@ from flexstage.export.model import DynamicModel
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from tests.fmu_parts import VERSIONS, Run, Stepper, fmu_folder, model, needs_compiler
+from tests.tiers import sizes
 
 pytestmark = needs_compiler
 # Both sides do the same operations in double precision; sums over sixty modes and thousands of
@@ -91,10 +92,10 @@ def test_twenty_random_inputs_with_a_reset_between_them(here: Path) -> None:
     _many(20, here, "3.0")
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("count", sizes(slow=100, evidence=1000))
 @pytest.mark.parametrize("version", VERSIONS)
-def test_a_thousand_random_inputs(version: str, here: Path) -> None:
-    _many(1000, here, version)
+def test_many_random_inputs(version: str, here: Path, count: int) -> None:
+    _many(count, here, version)
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -14,6 +14,7 @@ from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.session import Session
 from tests.gcs_device import FormulaDevice
+from tests.tiers import sizes
 
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
 PAIRS = re.compile(rf" *(MOV|MVR|SVA|SVR)((?: +[12] +{NUMBER})+) *\r?", re.IGNORECASE)
@@ -170,10 +171,10 @@ def test_random_lines():
     assert calls > 500  # many a line was a motion command, and was carried out
 
 
-@pytest.mark.slow
-def test_a_million_random_lines():
-    times, calls = fuzz(1_000_000, seed=5)
-    assert calls > 25_000
+@pytest.mark.parametrize("count", sizes(slow=100_000, evidence=1_000_000))
+def test_many_random_lines(count):
+    times, calls = fuzz(count, seed=5)
+    assert calls > count // 40
     # a line at the end takes no longer than one at the start; the factor is for a busy computer
     assert min(times[-3:]) < 3.0 * min(times[:3])
 

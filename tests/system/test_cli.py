@@ -13,6 +13,9 @@ from flexstage.characteristic import ORIGINS, QUANTITIES
 from flexstage.cli import main
 from flexstage.errors import ConvergenceError
 
+#: For a study without its experiments on the simulated stage.
+BRIEFLY = ("--no-virtual", "--no-hysteresis")
+
 
 def run(*words: str) -> int:
     with pytest.raises(SystemExit) as end:
@@ -31,10 +34,11 @@ def left_behind(directory: Path) -> list[str]:
     return sorted(str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file())
 
 
+@pytest.mark.parametrize("less", [BRIEFLY, pytest.param((), marks=pytest.mark.slow)])
 def test_study_prints_a_table_and_writes_a_report(
-    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], less: tuple[str, ...]
 ) -> None:
-    assert run("study", "vgtu-piezo", "--models", "lumped,superelement") == 0
+    assert run("study", "vgtu-piezo", "--models", "lumped,superelement", *less) == 0
     out = capsys.readouterr().out
     for text in (
         "Natural frequency (Hz)",
@@ -50,9 +54,9 @@ def test_study_prints_a_table_and_writes_a_report(
     ]
 
 
-@pytest.mark.slow
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("study", "vgtu-mechanical", "--models", "lumped", "--out", "d", "--json") == 0
+    words = ("study", "parallelogram", "--models", "lumped", "--out", "d", "--json")
+    assert run(*words, *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
     assert captured.err == ""
@@ -241,11 +245,9 @@ def test_a_place_that_cannot_be_written_is_status_1(
 @pytest.mark.parametrize(
     ("error", "status"),
     [
-        pytest.param(
-            ConvergenceError("the iteration ended\nafter 20 steps"), 1, marks=pytest.mark.slow
-        ),
+        (ConvergenceError("the iteration ended\nafter 20 steps"), 1),
         (KeyboardInterrupt(), 130),
-        pytest.param(PermissionError(13, "Permission denied", "x.yaml"), 1, marks=pytest.mark.slow),
+        (PermissionError(13, "Permission denied", "x.yaml"), 1),
     ],
     ids=["no convergence", "interrupt", "permission"],
 )
@@ -261,7 +263,7 @@ def test_work_that_fails_leaves_nothing(
 
     # the last thing before the files are written
     monkeypatch.setattr("flexstage.report.report_html", fail)
-    assert run("study", "vgtu-piezo", "--models", "lumped") == status
+    assert run("study", "parallelogram", "--models", "lumped", *BRIEFLY) == status
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1

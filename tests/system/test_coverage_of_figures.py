@@ -14,8 +14,7 @@ from flexstage.experiment.virtual import (
     true_figures,
     virtual_campaign,
 )
-
-STAGES, MEASUREMENTS = 20, 50
+from tests.tiers import limits, sizes
 
 
 def covered(name: str, stages: int, measurements: int) -> dict[tuple[str, str], list[bool]]:
@@ -45,11 +44,14 @@ def test_figures_of_a_few_measurements(name: str) -> None:
     assert np.mean([held for all_held in found.values() for held in all_held]) > 0.85
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
-def test_intervals_hold_the_truth_in_95_of_100_cases(name: str) -> None:
+@pytest.mark.parametrize(("stages", "measurements"), sizes(slow=(6, 25), evidence=(20, 50)))
+def test_intervals_hold_the_truth_in_95_of_100_cases(
+    name: str, stages: int, measurements: int
+) -> None:
     # of 1000 cases at 95 % the share is known to 0.7 %: the limits are three times that
-    found = covered(name, STAGES, MEASUREMENTS)
+    low, high = limits(stages * measurements, 0.93, 0.97, full=1000)
+    found = covered(name, stages, measurements)
     share = {key: float(np.mean(held)) for key, held in found.items()}
-    outside = {key: value for key, value in share.items() if not 0.93 <= value <= 0.97}
+    outside = {key: value for key, value in share.items() if not low <= value <= high}
     assert not outside, outside

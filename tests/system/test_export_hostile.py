@@ -178,7 +178,7 @@ def test_octave_runs_the_script_of_a_stage_called_sin(tmp_path: Path) -> None:
     code = "warning('off'); stage_sin; printf('%d modes\\n', numel(S.omega));"
     assert OCTAVE is not None
     done = subprocess.run(
-        [OCTAVE, "--no-gui", "--norc", "--quiet", "--eval", code],
+        [OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "--eval", code],
         cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -35,7 +35,7 @@ def _octave(folder: Path, model: DynamicModel, script: str, **given: np.ndarray)
     )
     assert _OCTAVE is not None
     done = subprocess.run(
-        [_OCTAVE, "--no-gui", "--norc", "--quiet", "run_it.m"],
+        [_OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "run_it.m"],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -273,7 +273,7 @@ def run(capsys, *words):
     return ended.value.code, said.out, said.err
 
 
-QUICK = ("vgtu-piezo", "--models", "lumped", "--no-hysteresis")
+QUICK = ("parallelogram", "--models", "lumped", "--no-hysteresis")
 
 
 def test_measured_files_join_a_study(capsys, tmp_path):

@@ -14,13 +14,10 @@ import pytest
 
 from flexstage.instruments.recording import examine, recover
 from flexstage.records import read_record
+from tests.tiers import sizes
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX"),
-]
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
-KILLS = 10
 TIMEOUT = 60.0
 #: Cycles of which each takes 0.5 s of real time.
 CYCLES = 16
@@ -86,7 +83,10 @@ def _until(there, process) -> bool:
     return True
 
 
-def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(twin, tmp_path) -> None:
+@pytest.mark.parametrize("kills", sizes(slow=4, evidence=10))
+def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(
+    twin, tmp_path, kills: int
+) -> None:
     port = int(twin["address"].rsplit(":", 1)[1])
     plan, out = tmp_path / "plan.yaml", tmp_path / "run"
     plan.write_text(PLAN)
@@ -101,7 +101,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(twin, tm
     rng = np.random.default_rng(611)
     stream = out / "records" / "motion.stream"
     kept = []
-    for k in range(KILLS):
+    for k in range(kills):
         more = ["--resume"] if out.exists() else []
         stale = _written(stream)
         started = subprocess.Popen(
@@ -133,7 +133,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(twin, tm
             assert read.max() < 90e-6
             kept.append(record.size)
         assert not (out / "records" / "motion.h5").exists(), f"it ended before kill {k}"
-    assert len(kept) >= KILLS // 3
+    assert len(kept) >= kills // 3
     done = subprocess.run(
         [*words, "--resume", "--json"],
         capture_output=True, text=True, env=env, timeout=3 * TIMEOUT, check=False,

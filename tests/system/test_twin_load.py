@@ -15,7 +15,7 @@ from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.server import GcsServer
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 READERS, RATE_HZ, SECONDS = 8, 100, 4.0
 #: Table samples, samples of the loop that each lasts, and how often the table is run.
