@@ -5,6 +5,7 @@ import pytest
 
 from flexstage.hysteresis.identification import identify, measurement
 from flexstage.hysteresis.identification.input_noise import denoised
+from flexstage.hysteresis.identification.measurement import without_history
 from flexstage.records import Channel, Record
 
 RATE = 200.0
