@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.chain import (
     Amplifier,
+    CreepSpectrum,
     Lag,
     LogCreep,
     StageModes,
@@ -23,7 +24,7 @@ sequences = st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30).map(np.a
 
 @st.composite
 def linear_elements(draw: st.DrawFn) -> ChainElement:
-    kind = draw(st.sampled_from(("lag", "creep", "stage")))
+    kind = draw(st.sampled_from(("lag", "creep", "spectrum", "stage")))
     if kind == "lag":
         return Lag(time_constant=draw(times), delay=draw(st.floats(0.0, 0.05)))
     if kind == "creep":
@@ -34,6 +35,11 @@ def linear_elements(draw: st.DrawFn) -> ChainElement:
             longest=shortest * draw(st.floats(1.5, 1e4)),
             per_decade=draw(st.integers(1, 3)),
         )
+    if kind == "spectrum":
+        rising = draw(st.lists(times, min_size=1, max_size=4, unique=True).map(sorted))
+        weight = st.floats(1e-6, 2.0)
+        weights = draw(st.lists(weight, min_size=len(rising), max_size=len(rising)))
+        return CreepSpectrum(times=tuple(rising), weights=tuple(weights))
     k = draw(st.integers(1, 3))
 
     def several(low: float, high: float) -> list[float]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import Creep, Lag, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
 __all__ = ["DriveModel", "ValidityRange"]
@@ -47,7 +47,7 @@ class DriveModel:
     ----------
     hysteresis : HysteresisModel
         The hysteresis.
-    creep : LogCreep or None
+    creep : Creep or None
         Creep of what the hysteresis gives; None for none.
     modes : StageModes or None
         Modes of the stage in the reading, at unit static gain; None for none.
@@ -66,7 +66,7 @@ class DriveModel:
     """
 
     hysteresis: HysteresisModel
-    creep: LogCreep | None = None
+    creep: Creep | None = None
     modes: StageModes | None = None
     lag: Lag | None = None
     offset: float = 0.0
