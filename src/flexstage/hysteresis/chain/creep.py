@@ -333,6 +333,22 @@ class CreepSpectrum(Creep):
         """Static gain of each lag over the rise in a decade [1], shape (m,)."""
         return np.array(self.weights) / self.rate_per_decade
 
+    def scaled(self, rate_per_decade: float) -> "CreepSpectrum":
+        """Return creep of the same time constants, larger or smaller.
+
+        Parameters
+        ----------
+        rate_per_decade : float
+            Mean rise after a step in a decade of time, over the step [1].
+
+        Returns
+        -------
+        CreepSpectrum
+            The creep.
+        """
+        weights = tuple(rate_per_decade * self.lag_shares)
+        return CreepSpectrum(times=self.times, weights=weights)
+
 
 @compiled
 def _creep(x: Array, state: Array, decay: Array, ramp: Array, gain: Array, y: Array) -> None:

@@ -10,6 +10,7 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
+from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
 from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
@@ -193,6 +194,8 @@ def identify(
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     found = find_chain(data, chain, train=train, resonance=resonance)
+    if chain is None:
+        found = replace(found, values=with_spectrum(data, found.values, train=train))
     if train is None:  # whose samples are counted as they were recorded
         every = _data(_thinned(data, found), found.values, None)
     every = replace(every, chain=found.values)
