@@ -34,7 +34,7 @@ _PARTS, _RUNS = 12, 3
 _ROUNDS = 40
 _SETTLED = 1e-5
 #: The spectrum is kept where it takes this share of the held-out mean square away: an eighth is
-#: taken from true creep of the logarithm too, where the dictionary is too coarse for its hysteresis.
+#: taken from creep of the logarithm too, where the dictionary is too coarse for its hysteresis.
 _WORTH = 0.2
 
 
