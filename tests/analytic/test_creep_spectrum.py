@@ -25,7 +25,7 @@ RELAXING = CreepSpectrum(times=(0.006, 2.3), weights=(0.11, 0.07))
 def record(rate_hz: float, creep: Creep, seed: int, cycles: int = 9) -> Record:
     """Cycles of falling amplitude at 400 samples each, with noise of 0.02 % of the stroke."""
     dt = 1.0 / (400.0 * rate_hz)
-    t = np.arange(400 * cycles) * dt
+    t: Array = np.linspace(0.0, (400 * cycles - 1) * dt, 400 * cycles)
     share = np.clip(1.2 - t / t[-1], 0.1, 1.0)
     u = 3.0 + 52.0 * (1.0 - share * np.cos(2.0 * np.pi * rate_hz * t))
     y = creep.simulate(STACK.simulate(u).values, dt).values

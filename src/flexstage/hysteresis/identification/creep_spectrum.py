@@ -33,8 +33,8 @@ _PARTS, _RUNS = 12, 3
 #: Rounds in which densities and weights are found in turn, at most, and what ends them.
 _ROUNDS = 40
 _SETTLED = 1e-5
-#: The spectrum is kept where it takes this share of the held-out mean square away: an eighth is
-#: taken from creep of the logarithm too, where the dictionary is too coarse for its hysteresis.
+#: The spectrum is kept where it takes this share of the mean square away in a typical part: an
+#: eighth is taken from creep of the logarithm too, where the dictionary is too coarse.
 _WORTH = 0.2
 
 
@@ -89,15 +89,15 @@ def with_spectrum(
 
 
 def _asked_for(before: Array, after: Array) -> bool:
-    """Whether held-out parts are predicted better: taken together, and most of them by themselves.
+    """Whether held-out parts are predicted better: a typical one by a good deal, and all together.
 
     Errors of parts differ by more than a decade, where one has jumps; their ratios differ less.
     """
-    if before.size < 2 or before.mean() <= 0.0:
+    if before.size < 2 or not 0.0 < after.mean() < before.mean():
         return False
-    ratio = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
+    ratio = np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
     by_chance = float(np.std(ratio, ddof=1)) / np.sqrt(ratio.size)
-    return bool(after.mean() < (1.0 - _WORTH) * before.mean() and ratio.mean() > by_chance)
+    return bool(ratio.mean() < min(np.log(1.0 - _WORTH), -by_chance))
 
 
 class _Fit:
