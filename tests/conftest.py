@@ -1,9 +1,13 @@
 """Settings of the process that the tests run in."""
 
 import atexit
+import math
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+
+import pytest
 
 # Threads of the finite elements wait by turning in circles, so that two test processes with two
 # threads each are five times slower than one after the other. Read when the library is loaded.
@@ -19,3 +23,11 @@ os.environ["FLEXSTAGE_CACHE"] = _CACHE
 os.environ["FLEXSTAGE_CATALOGUE"] = f"{_CACHE}/catalogue.sqlite"
 os.environ["FLEXSTAGE_STATE"] = f"{_CACHE}/state"
 atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _without_progress() -> Iterator[None]:
+    """Lines of progress come by the clock: what a test reads must not depend on the machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flexstage.cli.common._SILENT", math.inf)
+        yield

@@ -1,11 +1,12 @@
 """How far long work has come, for whoever wants to be told."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
-__all__ = ["reporting", "share", "tell"]
+__all__ = ["now_and_then", "reporting", "share", "tell"]
 
 
 class _Span(NamedTuple):
@@ -81,3 +82,43 @@ def tell(what: str, done: float = 0.0) -> None:
     span = _span.get()
     if span is not None:
         span.told(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
+
+
+def now_and_then(
+    write: Callable[[str], None], silent: float, clock: Callable[[], float] = time.monotonic
+) -> Callable[[str, float], None]:
+    """Return a listener for `reporting` that writes a line where a while has passed since the last.
+
+    Parameters
+    ----------
+    write : callable
+        Is given each line.
+    silent : float
+        Time from the beginning to the first line, and between two lines, at least [s].
+    clock : callable
+        Gives the time [s].
+
+    Returns
+    -------
+    callable
+        The listener.
+
+    Examples
+    --------
+    >>> times = iter([0.0, 3.0, 12.0])
+    >>> listener = now_and_then(print, 10.0, lambda: next(times))
+    >>> with reporting(listener):
+    ...     tell("mesh", 0.1)
+    ...     tell("modes", 0.7)
+    70 % after 12 s: modes
+    """
+    began = last = clock()
+
+    def told(what: str, done: float) -> None:
+        nonlocal last
+        now = clock()
+        if now - last >= silent:
+            last = now
+            write(f"{100.0 * done:.0f} % after {now - began:.0f} s: {what}")
+
+    return told

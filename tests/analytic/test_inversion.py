@@ -144,6 +144,36 @@ def test_limits_hold_at_every_sample(kind):
     assert made.rms_error == pytest.approx(math.sqrt(np.mean((made.predicted - wanted) ** 2)))
 
 
+@pytest.mark.parametrize("kind", EACH)
+def test_what_the_memory_keeps_out_of_reach_is_cut_and_told(kind):
+    """The ends that a model reaches depend on its memory: some samples are beyond them."""
+    drive = drive_of(kind)
+    wanted = reference_within(drive, 1.25)
+    made = feedforward(drive, wanted, DT, limits=(0.0, 120.0))
+    assert 30 < made.limited < 150
+    assert 0.0 <= made.command.min() < 0.3
+    assert made.command.max() == pytest.approx(120.0)
+    assert f"limits changed {made.limited} of 1500 samples" in made.notes[0]
+    # the samples that are not told are followed
+    off = np.abs(made.predicted - wanted) > 1e-9 * np.ptp(wanted)
+    assert off.sum() <= made.limited
+
+
+@pytest.mark.parametrize("kind", ["duhem", "asymmetric-bouc-wen"])
+def test_the_nearest_input_of_an_output_out_of_reach(kind):
+    model = EACH[kind]
+    path = np.array([37.0, 91.0, 53.0, 108.0])
+    wanted = model.simulate(path).values
+    wanted[1] += 1e-3
+    with pytest.raises(ModelError, match="at sample 1"):
+        model.inverse(wanted)
+    near = model.nearest(wanted)
+    assert near.values[:2] == pytest.approx([37.0, 120.0])
+    assert model.simulate(near.values[2:], model.simulate(near.values[:2]).state).values == (
+        pytest.approx(wanted[2:], rel=1e-9)
+    )
+
+
 def test_limits_of_the_model_are_its_range():
     drive = drive_of("preisach")
     made = feedforward(drive, reference_within(drive, 1.2), DT)

@@ -1,6 +1,7 @@
 """`flexstage compensate`: from a record by a model file to a command that makes a drive follow."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -176,7 +177,7 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--out", "c.txt"), "--out must end in one of"),
         (("--rows", "7:3"), "must rise"),
         (("--reference", "none.csv"), "none.csv"),
-        (("--unit", "mm"), "shift the reference into that range"),
+        (("--unit", "mm"), "shift the reference into that range; it spans"),
     ],
 )
 def test_bad_options(capsys, tmp_path, monkeypatch, model_file, reference_file, words, said):
@@ -199,6 +200,47 @@ def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
     status, _, err = run(capsys, "compensate", model_file, *words)
     assert status == 2
     assert "--unit" in err
+
+
+def test_a_model_without_unit_and_a_reference_with_one(
+    capsys, tmp_path, model_file, reference_file
+):
+    """Numbers in um were taken for numbers in m: a flat command, without a word."""
+    text = model_file.read_text("utf-8")
+    changed = re.sub(r"(output:.*?unit:) m\b", r'\1 ""', text, flags=re.DOTALL)
+    assert changed != text
+    (tmp_path / "bare.yaml").write_text(changed, "utf-8")
+    words = ("--reference", reference_file, "--sample-rate", 250)
+    status, out, err = run(capsys, "compensate", tmp_path / "bare.yaml", *words)
+    assert (status, out) == (2, "")
+    assert "the reference is in m and the model was identified without a unit" in err
+    # a model in um is told, and gives the command of the model in m
+    scaled = changed.replace('unit: ""', "unit: mm")
+    (tmp_path / "mm.yaml").write_text(scaled, "utf-8")
+    status, _, err = run(capsys, "compensate", tmp_path / "mm.yaml", *words)
+    assert status == 2  # its numbers are those of m, and so 20 um are 0.02 there
+    assert "is its unit right?" in err
+
+
+def test_rates_and_spans_that_do_not_suit_are_said(capsys, tmp_path, model_file):
+    t = np.arange(1000) / RATE
+    wanted = 2.3 - 13.0 * np.cos(2.0 * np.pi * 12.0 * t)
+    np.savetxt(tmp_path / "fast.csv", wanted, header="wanted (um)", comments="")
+    np.savetxt(tmp_path / "small.csv", 2.3e-3 * (1.0 - np.cos(8.0 * t)), header="wanted (um)",
+               comments="")  # fmt: skip
+    words = ("--sample-rate", 250, "--json")
+    status, out, _ = run(
+        capsys, "compensate", model_file, "--reference", tmp_path / "fast.csv", *words
+    )
+    assert status == 0
+    notes = json.loads(out)["notes"]
+    assert any("cycles repeat at 11.9" in n and "identified at 1.25 Hz" in n for n in notes)
+    status, out, _ = run(
+        capsys, "compensate", model_file, "--reference", tmp_path / "small.csv", *words
+    )
+    assert status == 0
+    notes = json.loads(out)["notes"]
+    assert sum("is its unit right?" in n for n in notes) == 2  # of the reference, of the command
 
 
 @pytest.mark.parametrize(

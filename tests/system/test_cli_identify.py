@@ -398,3 +398,41 @@ def test_a_known_resonance_is_taken(capsys, text_file):
     status, _, err = run(capsys, text_file, *COLUMNS, "--resonance", "0 Hz")
     assert status == 2
     assert "positive frequency" in err
+
+
+def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_file):
+    words = [text_file, "--input", 0, "--output", 4, "--sample-rate", RATE, "--model", "dahl"]
+    words += ["--delay", "0 s", "--stage", "vgtu-piezo", "--json"]
+
+    def said(input_unit, output_unit):
+        units = ["--input-unit", input_unit, "--output-unit", output_unit]
+        status, out, err = run(capsys, *words, *units)
+        assert (status, err) == (0, "")
+        return [w for w in json.loads(out)["warnings"] if "vgtu-piezo" in w]
+
+    assert said("V", "um") == []
+    (voltage,) = said("mV", "um")
+    assert "the drive of axis 'x' of vgtu-piezo takes 120 V" in voltage
+    assert "is the unit of the input right" in voltage
+    (motion,) = said("V", "mm")
+    assert "is the unit of the output right" in motion
+    status, _, err = run(capsys, *words[:-3], "--axis", "x")
+    assert status == 2
+    assert "--axis needs --stage" in err
+
+
+def test_the_verdict_is_told_and_drift_is_fitted_on_demand(capsys, tmp_path, table):
+    moved = table.copy()
+    moved[:, 4] += np.linspace(0.0, 0.3 * STROKE_UM, table.shape[0])
+    moved[[700, 1501], 4] -= 4.0 * STROKE_UM
+    path = tmp_path / "drifts.txt"
+    write_text(path, moved)
+    words = (*COLUMNS, "--model", "bouc-wen", "--delay", "0 s", "--json")
+    blind, told = (json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--drift",)))
+    findings = {f["kind"]: f for f in blind["verdict"]["findings"]}
+    assert set(findings) == {"spikes", "drift"}
+    assert findings["spikes"]["at"] == pytest.approx([700 / RATE, 1501 / RATE])
+    assert blind["verdict"]["fits"] == (blind["verdict"]["reason"] == "")
+    assert any("--drift" in w for w in blind["warnings"])
+    assert [f["kind"] for f in told["verdict"]["findings"]] == ["spikes"]
+    assert told["heldout_rms_percent"] < 0.7 * blind["heldout_rms_percent"]

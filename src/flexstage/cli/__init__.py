@@ -23,6 +23,7 @@ from flexstage.cli.frf import frf
 from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.part import part
+from flexstage.cli.predict import predict
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
 from flexstage.cli.show import show
@@ -59,6 +60,7 @@ for _command in (
     part,
     excite,
     identify,
+    predict,
     compensate,
     characterise,
     frf,

@@ -22,6 +22,7 @@ from flexstage.cli.common import (
     console,
     output_path,
     print_json,
+    require_image,
     write_file,
 )
 from flexstage.cli.records import (
@@ -38,7 +39,6 @@ from flexstage.errors import ModelError, RecordError
 
 __all__ = ["centre"]
 
-_IMAGES = (".svg", ".png", ".pdf")
 _DIRECTIONS = ("ccw", "cw")
 
 
@@ -235,11 +235,7 @@ def _require(
 ) -> None:
     from flexstage.centring import SCALE_KINDS
 
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
+    require_image(figure)
     if sign not in (1, -1):
         raise ModelError(f"--sign must be 1 or -1, got {sign}")
     if direction not in _DIRECTIONS:

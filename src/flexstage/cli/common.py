@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import StageError
+from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,8 +32,13 @@ __all__ = [
     "print_json",
     "progress_bar",
     "relative",
+    "require_image",
     "write_file",
 ]
+
+_IMAGES = (".svg", ".png", ".pdf")
+#: Time between two lines of progress where standard error is no terminal, and before the first [s].
+_SILENT = 10.0
 
 StageArgument = Annotated[
     str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
@@ -122,6 +127,26 @@ def output_path(text: str) -> Path:
     if not text.strip():
         raise typer.BadParameter("expected a path, got an empty text")
     return Path(text)
+
+
+def require_image(figure: Path | None) -> None:
+    """Refuse a figure whose suffix says no format, before any work is done.
+
+    Parameters
+    ----------
+    figure : pathlib.Path or None
+        Where it goes.
+
+    Raises
+    ------
+    ModelError
+        The suffix says none.
+    """
+    if figure is not None and figure.suffix.lower() not in _IMAGES:
+        raise ModelError(
+            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
+            "says the format"
+        )
 
 
 def name_for_files(name: str) -> str:
@@ -272,7 +297,7 @@ def relative(text: str) -> float:
 def progress_bar() -> "Iterator[None]":
     """Show on standard error how far the work in this block has come, with the time left.
 
-    Nothing is shown where standard error is no terminal.
+    Where standard error is no terminal, work that takes long writes a line there now and then.
 
     Yields
     ------
@@ -280,10 +305,11 @@ def progress_bar() -> "Iterator[None]":
     """
     import sys
 
-    from flexstage.progress import reporting
+    from flexstage.progress import now_and_then, reporting
 
     if not sys.stderr.isatty():
-        yield
+        with reporting(now_and_then(lambda line: typer.echo(line, err=True), _SILENT)):
+            yield
         return
     from rich.console import Console
     from rich.progress import (

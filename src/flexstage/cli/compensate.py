@@ -113,6 +113,7 @@ def compensate(
 ) -> None:
     """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
     from flexstage.hysteresis.inversion import feedforward
+    from flexstage.hysteresis.suitability import in_unit_of_model
 
     kind = record_format(out)
     file = read_model_file(model)
@@ -132,16 +133,9 @@ def compensate(
         decimal=decimal,
     )[0]
     channel = record.channel(wanted)
-    if drive.output_unit and channel.unit and channel.unit != drive.output_unit:
-        raise ModelError(
-            f"the reference is in {channel.unit}, the model gives {drive.output_unit}: name the "
-            "unit with --unit, or choose another column"
-        )
-    if drive.output_unit and not channel.unit:
-        raise ModelError(
-            f"the reference has no unit and the model gives {drive.output_unit}: name it with "
-            '--unit, such as --unit "um"'
-        )
+    values, converted = in_unit_of_model(
+        channel.values, channel.unit, drive.output_unit, "reference"
+    )
     from flexstage.records import require_uniform
 
     require_uniform(record)
@@ -150,7 +144,7 @@ def compensate(
     bounds = _limits(limits)
     made = feedforward(
         drive,
-        channel.values + (_lowest(drive) if relative else 0.0),
+        values + (_lowest(drive) if relative else 0.0),
         1.0 / record.sample_rate_hz,
         limits=bounds,
         largest_rate=_largest_rate(slew, current, capacitance),
@@ -159,7 +153,8 @@ def compensate(
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
-    result = _result(made, drive, (*file.warnings, *made.notes), out)
+    notes = (*file.warnings, *((converted,) if converted else ()), *made.notes)
+    result = _result(made, drive, notes, out)
     if json:
         print_json(result)
         return

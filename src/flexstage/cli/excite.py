@@ -69,8 +69,13 @@ def excite(
         typer.Option(metavar="TIME", help='Longest time that the record may take, such as "60 s".'),
     ] = None,
     sample_rate: Annotated[
-        str, typer.Option(metavar="FREQUENCY", help='Samples in a second, such as "10 kHz".')
-    ] = "10 kHz",
+        str | None,
+        typer.Option(
+            metavar="FREQUENCY",
+            help='Samples in a second, such as "10 kHz"; as many as the fastest loop and the '
+            "multisine need where not given.",
+        ),
+    ] = None,
     slew: Annotated[
         str | None, typer.Option(metavar="SLOPE", help='Largest slope, such as "2000 V/s".')
     ] = None,
@@ -135,7 +140,7 @@ def excite(
     plant = _plant(stage, axis, needs_frequency=frequency is None)
     made = excitation(
         _voltage_range(voltage, plant),
-        sample_rate_hz=_number(sample_rate, "frequency", "Hz") or 0.0,
+        sample_rate_hz=_number(sample_rate, "frequency", "Hz"),
         duration=_number(duration, "time", "s"),
         rates_hz=_rates(rates),
         shape=shape,
@@ -234,6 +239,7 @@ def _result(made: "Excitation", plant: _Plant, out: Path | None) -> dict[str, An
         "natural_frequency_hz": plant.natural_frequency_hz,
         "shape": made.shape,
         "sample_rate_hz": made.sample_rate_hz,
+        "sampled_for": made.sampled_for or None,
         "samples": int(made.time.size),
         "duration": made.duration,
         "rates_hz": list(made.rates_hz),
@@ -278,6 +284,8 @@ def _print(result: dict[str, Any]) -> None:
             f"{part['largest_slope']:.4g}",
         )
     screen.print(table)
+    if result["sampled_for"]:
+        screen.print(f"sample rate     {result['sample_rate_hz']:g} Hz for {result['sampled_for']}")
     screen.print(f"largest slope   {result['largest_slope']:.4g} V/s")
     if result["largest_current"] is not None:
         screen.print(

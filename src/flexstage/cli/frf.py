@@ -12,6 +12,7 @@ from flexstage.cli.common import (
     output_path,
     print_json,
     progress_bar,
+    require_image,
     write_file,
 )
 from flexstage.cli.frf_result import mode_result, response_record, response_result
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 __all__ = ["frf"]
-
-_IMAGES = (".svg", ".png", ".pdf")
 
 
 def frf(
@@ -143,11 +142,7 @@ def frf(
     """Estimate frequency responses from records, and fit modes to them."""
     from flexstage.report import require_writable
 
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
+    require_image(figure)
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,

@@ -1,5 +1,6 @@
 """`flexstage identify`: a model of a drive from measured records."""
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,14 @@ from flexstage.cli.common import (
     output_path,
     print_json,
     progress_bar,
+    require_image,
     write_file,
+)
+from flexstage.cli.predict import (
+    on_records,
+    prediction_result,
+    print_predictions,
+    start_value,
 )
 from flexstage.cli.records import (
     DatasetOption,
@@ -33,12 +41,10 @@ from flexstage.errors import ModelError, RecordError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification import Identification
+    from flexstage.hysteresis.identification import Candidate, Identification
     from flexstage.records import Record
 
 __all__ = ["identify"]
-
-_IMAGES = (".svg", ".png", ".pdf")
 
 
 def identify(
@@ -107,6 +113,14 @@ def identify(
     damping: Annotated[
         float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
     ] = 0.01,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Another record, read by the same options, that the model is tried on as it "
+            "stands; may be given several times.",
+        ),
+    ] = None,
     temperature: Annotated[
         str | None,
         typer.Option(
@@ -114,6 +128,26 @@ def identify(
             help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
         ),
     ] = None,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE",
+            help="Description of the stage, whose voltage range and stroke the record is compared "
+            "with: a stage file, or the name of a built-in design.",
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Axis of --stage; the first one where not given."),
+    ] = None,
+    drift: Annotated[
+        bool,
+        typer.Option(
+            "--drift",
+            help="Fit a drift of constant speed beside the model, in each record, and throw it "
+            "away.",
+        ),
+    ] = False,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -139,10 +173,12 @@ def identify(
     """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
     from flexstage.hysteresis.identification import identify as run
 
-    _require_image(figure)
+    require_image(figure)
+    if axis is not None and stage is None:
+        raise ModelError("--axis needs --stage: it names an axis of that")
     wanted = [column(input), column(output)]
-    read = read_records(
-        records,
+    given = read_records(
+        [*records, *(test or ())],
         wanted,
         units=[input_unit, output_unit],
         sample_rate=sample_rate,
@@ -154,6 +190,7 @@ def identify(
         delimiter=delimiter,
         decimal=decimal,
     )
+    read, others = given[: len(records)], given[len(records) :]
     with progress_bar():
         found = run(
             read,
@@ -163,14 +200,25 @@ def identify(
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
             temperature=_temperature(temperature),
+            drift=drift,
             train=_train(train, max(r.size for r in read)),
         )
+    tested = on_records(found.model, others, wanted[0], wanted[1])
+    if stage is not None:
+        from flexstage.cli.drive_description import against_description
+
+        said = against_description(found, stage, axis)
+        found = dataclasses.replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = _result(found, read, files)
+    if tested:
+        result["test"] = [prediction_result(p) for p in tested]
     if json:
         print_json(result)
         return
     _print(console(), found, result)
+    if tested:
+        print_predictions(console(), tested, found.model, "on other records")
 
 
 def _chain(delay: str | None, creep: str | None) -> Any:
@@ -238,17 +286,7 @@ def _write(
     return [path for path, _ in content]
 
 
-def _require_image(figure: Path | None) -> None:
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
-
-
 def _file(found: "Identification", read: "list[Record]") -> Any:
-    import dataclasses
-
     from flexstage.hysteresis.model_file import ModelFile
     from flexstage.provenance import content_hash, provenance
 
@@ -264,19 +302,27 @@ def _file(found: "Identification", read: "list[Record]") -> Any:
             "max": found.max_percent,
             "heldout_rms": found.heldout_rms_percent,
             "heldout_max": found.heldout_max_percent,
+            "heldout_free_constant": found.heldout_free_rms_percent,
+            "heldout_95": found.heldout_band_percent,
         },
         warnings=found.warnings,
     )
 
 
 def _result(found: "Identification", read: "list[Record]", files: list[Path]) -> dict[str, Any]:
+    import dataclasses
+
     return {
         "records": [r.source for r in read],
         "model": found.kind,
         "rms_percent": found.rms_percent,
         "max_percent": found.max_percent,
         "heldout_rms_percent": found.heldout_rms_percent,
+        "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
         "heldout_max_percent": found.heldout_max_percent,
+        "heldout_band_percent": found.heldout_band_percent,
+        "start": start_value(found.model.start),
+        "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
         "stroke": {"value": found.stroke, "unit": found.model.output_unit},
         "parameters": _parameters(found),
@@ -287,13 +333,30 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
                 "parameters": c.size,
                 "rms_percent": c.rms_percent,
                 "heldout_rms_percent": c.heldout_rms_percent,
+                "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
+                "failed": c.failed or None,
             }
             for c in found.candidates
         ],
+        "verdict": dataclasses.asdict(found.verdict),
         "warnings": list(found.warnings),
         "notes": sorted({note for r in read for note in r.notes}),
         "files": [str(file) for file in files],
     }
+
+
+def _percents(candidate: "Candidate") -> tuple[str, str, str]:
+    """What a model leaves where it was fitted, and on what was held out, for the table."""
+    c = candidate
+    if c.rms_percent is None:
+        return "failed", "", ""
+    if c.failed:
+        return f"{c.rms_percent:.3f}", "diverges", ""
+    held = [
+        "" if value is None else f"{value:.3f}"
+        for value in (c.heldout_rms_percent, c.heldout_free_rms_percent)
+    ]
+    return f"{c.rms_percent:.3f}", held[0], held[1]
 
 
 def _parameters(found: "Identification") -> dict[str, Any]:
@@ -346,28 +409,39 @@ def _chain_values(found: "Identification") -> dict[str, Any]:
             "standard_error": errors.get("resonance_hz"),
             "unit": "Hz",
         },
-        "offset": {"value": m.offset, "standard_error": None, "unit": m.output_unit},
+        "offset": {
+            "value": m.offset,
+            "standard_error": found.offset.standard_error,
+            "unit": m.output_unit,
+        },
         "sign": m.sign,
     }
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
-    percent = "{:.3f}".format
+    from flexstage.hysteresis.drive_model import start_in_words
+
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
         "model",
         "parameters",
         "fitted, % rms",
-        "held out, % rms",
+        "held out, as predicted, % rms",
+        "with a free constant, % rms",
     )
     for c in found.candidates:
-        held = "" if c.heldout_rms_percent is None else percent(c.heldout_rms_percent)
-        table.add_row(c.kind, str(c.size), percent(c.rms_percent), held)
+        table.add_row(c.kind, str(c.size), *_percents(c))
     screen.print(table)
+    for c in found.candidates:
+        if c.failed:
+            screen.print(f"{c.kind}: {c.failed}", style="yellow", markup=False)
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
-        f"about {found.noise_percent:.2f} %"
+        f"about {found.noise_percent:.2f} %; before the record the drive "
+        f"{start_in_words(found.model.start)}: its settling changes readings by up to "
+        f"{found.settling:.3g} {unit}",
+        soft_wrap=True,
     )
     values = make_table("parameters", "name", "value", "standard error", "<unit")
     for name, row in {**result["parameters"], **result["chain"]}.items():

@@ -13,6 +13,7 @@ from flexstage.cli.common import (
     output_path,
     print_json,
     progress_bar,
+    require_image,
     write_file,
 )
 from flexstage.errors import ModelError
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from flexstage.experiment.uncertainty import Budget, MonteCarlo, Propagated, Validation
 
 __all__ = ["uncertainty"]
-
-_IMAGES = (".svg", ".png", ".pdf")
 
 
 def uncertainty(
@@ -59,7 +58,7 @@ def uncertainty(
     """Propagate the uncertainty of a result: budget, GUM interval, Monte Carlo interval."""
     from flexstage.experiment.uncertainty import read_budget, validate
 
-    _require_image(figure)
+    require_image(figure)
     budget = read_budget(file)
     propagated = budget.propagate()
     with progress_bar():
@@ -71,14 +70,6 @@ def uncertainty(
         print_json(result)
     else:
         _print(console(), result)
-
-
-def _require_image(figure: Path | None) -> None:
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
-        )
 
 
 def _trials(text: str) -> int | Literal["auto"]:

@@ -61,6 +61,7 @@ from flexstage.hysteresis.oscillator.identification import (
 )
 from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
 from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
+from flexstage.hysteresis.prediction import CycleError, Prediction, predict
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_experiment import (
     AxisExperiment,
@@ -83,6 +84,7 @@ __all__ = [
     "Condition",
     "Creep",
     "CreepSpectrum",
+    "CycleError",
     "Cycles",
     "Dahl",
     "DriveChain",
@@ -111,6 +113,7 @@ __all__ = [
     "PlantResponse",
     "PlantState",
     "PrandtlIshlinskii",
+    "Prediction",
     "Preisach",
     "Response",
     "Section",
@@ -132,6 +135,7 @@ __all__ = [
     "measurement",
     "memory_coverage",
     "model_text",
+    "predict",
     "read_model_text",
     "simulate_bouc_wen_batch",
     "simulate_with_stage",

@@ -1,6 +1,8 @@
 """A drive as it was identified: hysteresis, then the linear chain up to the reading."""
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,7 +11,11 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Creep, Lag, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
-__all__ = ["DriveModel", "ValidityRange"]
+__all__ = ["DriveModel", "Start", "ValidityRange", "creep_start", "start_in_words"]
+
+#: What a drive did before the first command: it rested there for long; or it moved as it does then,
+#: for so many seconds since it stood at the low end of its range, infinitely many for long.
+Start = Literal["rested"] | float
 
 #: Cycles after which the memory of what was before is gone, also where it fades only.
 _CONDITIONING = 4
@@ -35,6 +41,47 @@ class ValidityRange:
     output_range: tuple[float, float]
     rate_range_hz: tuple[float, float]
     temperature: tuple[float, float] | None = None
+
+
+def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
+    """Return the state of creep before a sequence, by what the drive did before.
+
+    Creep remembers longer than any record. A drive that has rested at the first command has settled
+    there; one that has moved for a time t since it stood at its low end has come from there to the
+    mean of its motion in each lag by ``1 - exp(-t / tau)``.
+
+    Parameters
+    ----------
+    creep : Creep
+        The creep.
+    x : numpy.ndarray
+        What the hysteresis gives, shape (n,).
+    dt : float
+        Time from one sample to the next [s].
+    start : "rested" or float
+        What the drive did before; seconds of motion, or rest.
+
+    Returns
+    -------
+    numpy.ndarray
+        The state one step before the first sample.
+    """
+    state = creep.settled(float(x[0]), dt)
+    if start != "rested":
+        mean, low = float(np.mean(x)), float(np.min(x))
+        state[1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
+    return state
+
+
+def start_in_words(start: Start) -> str:
+    """Return what a drive did before a record, as the end of a sentence about it."""
+    if start == "rested":
+        return "had rested at the first command"
+    if start == 0.0:
+        return "had just left the low end of its range"
+    if start == math.inf:
+        return "had moved for long"
+    return f"had moved for about {start:.2g} s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +110,8 @@ class DriveModel:
         Unit of the reading; empty where nobody has said.
     validity : ValidityRange or None
         What it was identified on.
+    start : "rested" or float
+        What the drive did before the record that it was identified from.
     """
 
     hysteresis: HysteresisModel
@@ -74,6 +123,7 @@ class DriveModel:
     input_unit: str = "V"
     output_unit: str = "m"
     validity: ValidityRange | None = None
+    start: Start = "rested"
 
     def conditioned(self) -> Array:
         """Return the state of the hysteresis after cycles over all of the range, at its low end.
@@ -97,7 +147,14 @@ class DriveModel:
         low, high = self.validity.input_range
         return self.hysteresis.simulate([high, low] * _CONDITIONING).state
 
-    def simulate(self, u: ArrayLike, dt: float, state: ArrayLike | None = None) -> Array:
+    def simulate(
+        self,
+        u: ArrayLike,
+        dt: float,
+        state: ArrayLike | None = None,
+        *,
+        start: Start | None = None,
+    ) -> Array:
         """Return the readings for a sequence of commands.
 
         Parameters
@@ -107,16 +164,26 @@ class DriveModel:
         dt : float
             Time from one sample to the next [s].
         state : array_like, optional
-            State of the hysteresis before the first of them; no history where not given.
+            State of the hysteresis before the first of them; that after conditioning cycles where
+            not given, and no history where the model does not say its range.
+        start : "rested" or float, optional
+            What the drive did before, for its creep. Where not given it had settled at the first
+            command if a state is given, and else did what it did before the record that the model
+            was identified from.
 
         Returns
         -------
         numpy.ndarray
-            Readings [`output_unit`], shape (n,). Creep, modes and lag have settled at the first
-            command.
+            Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
-        y = self.hysteresis.simulate(samples(u, "command"), state).values
-        for element in (self.creep, self.modes, self.lag):
+        given = samples(u, "command")
+        before = start or ("rested" if state is not None else self.start)
+        if state is None and self.validity is not None:
+            state = self.conditioned()
+        y = self.hysteresis.simulate(given, state).values
+        if self.creep is not None:
+            y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, before)).values
+        for element in (self.modes, self.lag):
             if element is not None:
                 y = element.simulate(y, dt).values
         return self.offset + self.sign * y

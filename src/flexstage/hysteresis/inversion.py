@@ -8,7 +8,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.drive_model import DriveModel
-from flexstage.hysteresis.model import Array, samples
+from flexstage.hysteresis.model import Array, Response, samples
+from flexstage.hysteresis.suitability import PREFIX, unsuited
 
 __all__ = ["Feedforward", "feedforward", "smoothed"]
 
@@ -18,6 +19,8 @@ _BAND = 0.25
 _SMOOTH = 1e-6
 #: A first sample farther from where the drive stands than this share of the limits is told.
 _JUMP = 0.01
+#: Samples that are inverted at once: a limit makes the rest of them be inverted again.
+_BLOCK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -132,9 +135,12 @@ def feedforward(
     beyond = np.abs(inside - target) > 1e-9 * (reach[1] - reach[0])
     if beyond.all():
         raise ModelError(_out_of_reach(model, wanted, reach))
-    command = np.clip(model.hysteresis.inverse(inside, start).values, low, high)
+    command = _within(model, inside, start, low, high)
     slow = _rate_limited(command, largest_rate, dt)
-    limited = beyond | (np.abs(slow - command) > 1e-9 * (high - low))
+    # what the ends reach depends on the memory, so that a sample in the range can be missed as well
+    missed = np.abs(model.hysteresis.simulate(command, start).values - inside)
+    limited = beyond | (missed > 1e-9 * (reach[1] - reach[0]))
+    limited |= np.abs(slow - command) > 1e-9 * (high - low)
     predicted = model.simulate(slow, dt, start)
     if limited.any():
         lost = float(np.max(np.abs(predicted - smooth)))
@@ -148,7 +154,6 @@ def feedforward(
             f"the command begins at {slow[0]:.5g} {model.input_unit}".rstrip()
             + f", the drive stands at {before:.5g} before: lead it there slowly, in one movement"
         )
-    said = model.outside(slow)
     return Feedforward(
         time=(np.arange(wanted.size) * dt).astype(np.float64),
         command=slow,
@@ -158,7 +163,7 @@ def feedforward(
         start=start,
         smoothing=float(np.max(np.abs(smooth - wanted))),
         limited=int(limited.sum()),
-        notes=(*notes, *((said,) if said else ())),
+        notes=(*notes, *unsuited(model, dt, command=slow, reading=wanted)),
     )
 
 
@@ -188,14 +193,49 @@ def _reach(model: DriveModel, start: Array, low: float, high: float) -> tuple[fl
     return float(at[1]), float(at[0])
 
 
+def _within(model: DriveModel, target: Array, start: Array, low: float, high: float) -> Array:
+    """Return the inverse between limits: after a stretch at one, from the state that it left."""
+    command = np.empty_like(target)
+    at, state = 0, start
+    while at < target.size:
+        raw = _nearest(model, target[at : at + _BLOCK], state)
+        cut = np.clip(raw.values, low, high)
+        off = cut != raw.values
+        if off.any():
+            first = int(np.argmax(off))
+            back = np.flatnonzero(~off[first:])
+            cut = cut[: first + int(back[0])] if back.size else cut
+            state = model.hysteresis.simulate(cut, state).state
+        else:
+            state = raw.state
+        command[at : at + cut.size] = cut
+        at += cut.size
+    return command
+
+
+def _nearest(model: DriveModel, target: Array, start: Array) -> Response:
+    try:
+        return model.hysteresis.nearest(target, start)
+    except ModelError as error:
+        if all(c.holds for c in model.hysteresis.conditions() if c.name == "invertible"):
+            raise
+        raise ModelError(
+            f"the {model.hysteresis.kind} model has no inverse for this reference, since its "
+            "reading may fall where the command rises: take a smaller reference, or identify "
+            "another model, such as preisach"
+        ) from error
+
+
 def _out_of_reach(model: DriveModel, wanted: Array, reach: tuple[float, float]) -> str:
     # creep adds to what the hysteresis reaches, so what was seen says more where it is known
     seen = None if model.validity is None else model.validity.output_range
     ends = seen or sorted(model.offset + model.sign * r for r in reach)
     unit = f" {model.output_unit}" if model.output_unit else ""
+    times = float(np.ptp(wanted)) / (ends[1] - ends[0])
+    slip = f"; it spans {times:.3g} times as much: is its unit right?" if times > PREFIX else ""
     return (
         f"the reference runs from {wanted.min():g} to {wanted.max():g}{unit}, the drive reaches "
-        f"{ends[0]:g} to {ends[1]:g}{unit}: shift the reference into that range"
+        f"{ends[0]:g} to {ends[1]:g}{unit}: shift the reference into that range{slip}"
     )
 
 

@@ -156,6 +156,28 @@ class HysteresisModel(ABC):
             inverted.
         """
 
+    def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input whose output comes nearest to a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            What `inverse` returns; where an output is out of reach, the input stops at the end.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, or the model cannot be inverted.
+        """
+        return self.inverse(y, state)
+
     @abstractmethod
     def conditions(self) -> tuple[Condition, ...]:
         """Return what is required of the parameters, and whether it holds.

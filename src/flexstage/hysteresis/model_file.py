@@ -73,6 +73,7 @@ def model_text(file: ModelFile) -> str:
             name: _plain(_fields(element)) if element is not None else None
             for name, element in (("creep", m.creep), ("modes", m.modes), ("lag", m.lag))
         },
+        "start": m.start,
         "validity": _plain(_fields(m.validity)) if m.validity is not None else None,
         "errors_percent_of_stroke": _plain(dict(file.errors)),
         "warnings": list(file.warnings),
@@ -212,6 +213,11 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
     sign, offset = float(out.get("sign", 1.0)), float(out.get("offset", 0.0))
     if sign not in (1.0, -1.0) or not math.isfinite(offset):
         raise ModelError(f"the output needs a sign of 1 or -1 and a finite offset, got {out}")
+    start = content.get("start", "rested")
+    if start != "rested":
+        if not isinstance(start, (int, float)) or isinstance(start, bool) or not start >= 0.0:
+            raise ModelError(f"start must be rested, or seconds of motion, got {start!r}")
+        start = float(start)
     return DriveModel(
         hysteresis=made,
         **built,
@@ -220,6 +226,7 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
         input_unit=_unit(_mapping(content, "input"), "input"),
         output_unit=_unit(out, "output"),
         validity=validity,
+        start=start,
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +30,14 @@ _RAMP_PERIODS = 2.0
 _BAND = (0.4, 1.6)
 _SHARE = 0.009
 _LEAST_SHARE = 1e-4
+#: Samples in a period of its highest tone, and in the fastest loop over the range, where nobody
+#: gives a rate. Small loops are run up to five times as often: they have a fifth of those.
+_TONE_SAMPLES = 5
+_LOOP_SAMPLES = 200
+#: Rates in a decade whose period is a short decimal.
+_SHORT_PERIODS = (1.0, 1.25, 1.6, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0)
+#: A sample rate that bounds nothing.
+_NO_BOUND_HZ = 1e12
 #: Less than this is worth a warning.
 _GOOD_COVERAGE = 0.8
 _MOST_SAMPLES = 20_000_000
@@ -39,7 +48,7 @@ _DIGITS = 8
 def excitation(
     voltage_range: tuple[float, float],
     *,
-    sample_rate_hz: float,
+    sample_rate_hz: float | None = None,
     duration: float | None = None,
     rates_hz: Sequence[float] | None = None,
     shape: str = "smooth",
@@ -67,8 +76,9 @@ def excitation(
     ----------
     voltage_range : tuple of float
         Lowest and highest voltage of the stack [V].
-    sample_rate_hz : float
-        Samples in a second [Hz].
+    sample_rate_hz : float, optional
+        Samples in a second [Hz]; as many as the fastest loop and the multisine need where not
+        given, as `Excitation.sampled_for` says.
     duration : float, optional
         Longest time that the record may take [s]; as long as its content takes where not given.
     rates_hz : sequence of float, optional
@@ -121,6 +131,9 @@ def excitation(
     ... )
     >>> round(made.duration, 1), round(made.largest_slope), round(made.coverage, 2)
     (68.4, 1333, 1.0)
+    >>> made = excitation((0.0, 120.0), rates_hz=(0.5, 5.0))
+    >>> made.sample_rate_hz, made.sampled_for
+    (1000.0, '200 samples in a loop at 5 Hz')
     """
     low, high = checked_range(voltage_range)
     rest = checked_rest(rest_voltage, low, high)
@@ -142,14 +155,22 @@ def excitation(
     movement = Movement(
         shape=shape,
         span=high - low,
-        sample_rate_hz=sample_rate_hz,
-        slope_limit=safe_slope(
-            slope_limit, current_limit, capacitance, 1.01 * 0.1**decimals * sample_rate_hz
-        ),
+        sample_rate_hz=sample_rate_hz or _NO_BOUND_HZ,
+        slope_limit=safe_slope(slope_limit, current_limit, capacitance, 0.0),
         turn_time=_RAMP_PERIODS / natural_frequency_hz if natural_frequency_hz else 0.0,
         highest_frequency_hz=_QUASI_STATIC * natural_frequency_hz
         if natural_frequency_hz
         else math.inf,
+    )
+    sampled_for = ""
+    if sample_rate_hz is None:
+        fastest = usable_rates(rates_hz, movement)[-1]
+        sample_rate_hz, sampled_for = _needed(fastest, natural_frequency_hz if resonance else None)
+    rounding = 1.01 * 0.1**decimals * sample_rate_hz
+    movement = replace(
+        movement,
+        sample_rate_hz=sample_rate_hz,
+        slope_limit=safe_slope(slope_limit, current_limit, capacitance, rounding),
     )
     warnings: list[str] = []
     tones = _tones(natural_frequency_hz if resonance else None, movement, seed, warnings)
@@ -189,6 +210,7 @@ def excitation(
         parts=parts,
         shape=shape,
         sample_rate_hz=float(sample_rate_hz),
+        sampled_for=sampled_for,
         rates_hz=plan.rates_hz,
         rest_voltage=rest,
         largest_slope=float(slopes.max()),
@@ -202,16 +224,29 @@ def excitation(
     )
 
 
+def _needed(fastest: float, natural: float | None) -> tuple[float, str]:
+    """The sample rate that fastest loops and multisine need [Hz], and for which of them it is."""
+    loops = _LOOP_SAMPLES * fastest
+    least, words = loops, f"{_LOOP_SAMPLES} samples in a loop at {fastest:.4g} Hz"
+    if natural is not None and _TONE_SAMPLES * _BAND[1] * natural > loops:
+        least = _TONE_SAMPLES * _BAND[1] * natural
+        words = f"{_TONE_SAMPLES} samples in a period of {_BAND[1] * natural:.4g} Hz, the highest "
+        words += "tone of the multisine at the resonance"
+    decade = 10.0 ** math.floor(math.log10(least))
+    rate = next(step * decade for step in _SHORT_PERIODS if step * decade >= least * (1.0 - 1e-9))
+    return rate, words
+
+
 def _tones(natural: float | None, movement: Movement, seed: int, warnings: list[str]) -> Array:
     """Return the multisine at the resonance [V]; empty where there is none."""
     nothing = np.empty(0)
     if natural is None:
         return nothing
     band = (_BAND[0] * natural, _BAND[1] * natural)
-    if band[1] > 0.2 * movement.sample_rate_hz:
+    if _TONE_SAMPLES * band[1] > movement.sample_rate_hz:
         warnings.append(
             f"no multisine at the resonance: up to {band[1]:.4g} Hz it needs a sample rate of at "
-            f"least {5.0 * band[1]:.4g} Hz"
+            f"least {_TONE_SAMPLES * band[1]:.4g} Hz"
         )
         return nothing
     # long enough to resolve a damping ratio of a quarter of a percent

@@ -61,6 +61,8 @@ class Excitation:
         Shape of the movements.
     sample_rate_hz : float
         Samples in a second [Hz].
+    sampled_for : str
+        What the sample rate was chosen for; empty where it was given.
     rates_hz : tuple of float
         Rates of the major loops [Hz].
     rest_voltage : float
@@ -85,6 +87,7 @@ class Excitation:
     parts: tuple[ExcitationPart, ...]
     shape: str
     sample_rate_hz: float
+    sampled_for: str
     rates_hz: tuple[float, ...]
     rest_voltage: float
     largest_slope: float

@@ -5,10 +5,12 @@ from flexstage.hysteresis.identification.chain_filter import ChainValues
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.cycles import Cycles, cycles, turning_points
 from flexstage.hysteresis.identification.families import FAMILIES
+from flexstage.hysteresis.identification.faults import Finding
 from flexstage.hysteresis.identification.identify import Candidate, Identification, identify
 from flexstage.hysteresis.identification.measurement import Measurement, Section, measurement
 from flexstage.hysteresis.identification.parameter_units import parameter_unit
 from flexstage.hysteresis.identification.uncertainty import Estimate
+from flexstage.hysteresis.identification.verdict import Verdict
 
 __all__ = [
     "FAMILIES",
@@ -16,11 +18,13 @@ __all__ = [
     "ChainValues",
     "Cycles",
     "Estimate",
+    "Finding",
     "FoundAmplifier",
     "FoundChain",
     "Identification",
     "Measurement",
     "Section",
+    "Verdict",
     "cycles",
     "find_chain",
     "identify",

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Creep, CreepSpectrum, Lag, LogCreep, StageModes
+from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import Measurement, Section
 
 __all__ = ["ChainValues", "Rows", "filtered", "rows_of"]
@@ -130,6 +131,8 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     chosen = []
     for s in data.sections:
         at = np.arange(s.warm_up, s.u.size, every)
+        if s.straight is not None:
+            at = at[s.straight[at]]
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
@@ -156,15 +159,17 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     numpy.ndarray
         The columns behind creep, resonance and delay, shape (r, m).
     """
+    # what stands for the time before the record is memory, and no motion
+    columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape
-    behind = np.empty((rows.at.size, m))
-    at = np.clip(rows.at - chain.delay / section.dt, 0.0, n - 1.0)
+    behind = np.empty((first.size, m))
+    at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
     share = (at - before)[:, None]
     for block in _blocks(n, m):
         part = columns[:, block]
         if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
-            part = _dynamic(part, section.dt, chain)
+            part = _dynamic(part, section, chain)
         behind[:, block] = (1.0 - share) * part[before] + share * part[before + 1]
     return behind
 
@@ -175,13 +180,15 @@ def _blocks(n: int, m: int) -> Iterator[slice]:
         yield slice(start, min(start + width, m))
 
 
-def _dynamic(columns: Array, dt: float, chain: ChainValues) -> Array:
+def _dynamic(columns: Array, section: Section, chain: ChainValues) -> Array:
+    dt = section.dt
     made = np.empty(columns.shape, order="F")
     creep, modes = chain.creep, chain.modes
     for j in range(columns.shape[1]):
         column = np.ascontiguousarray(columns[:, j])
         if chain.creep_per_decade > 0.0:
-            column = creep.simulate(column, dt).values
+            start = creep_start(creep, column, dt, section.start)
+            column = creep.simulate(column, dt, start).values
         if modes is not None:
             column = modes.simulate(column, dt).values
         made[:, j] = column

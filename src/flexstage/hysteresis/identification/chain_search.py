@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize, minimize_scalar
 
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.families.family import (
     Data,
@@ -16,11 +17,11 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section, thinned
+from flexstage.hysteresis.identification.measurement import Measurement, Section
 from flexstage.hysteresis.identification.projection import solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
-__all__ = ["FoundChain", "find_chain"]
+__all__ = ["FoundChain", "find_chain", "used_rows"]
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,8 @@ Array = NDArray[np.float64]
 _DICTIONARY = (8, 8)
 #: Rows that the search looks at.
 _ROWS = 4000
-#: Samples of a record that the search works with, where cycles keep ...
-_SAMPLES = 50_000
-#: ... this many samples each.
-_CYCLE_SAMPLES = 150
+#: Samples of a record that the search works with.
+_SAMPLES = 25_000
 #: Longest delay that is looked for, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
 #: Largest creep that is looked for [1 per decade].
@@ -152,8 +151,12 @@ def find_chain(
 
 def _seen(data: Measurement, train: tuple[int, int] | None) -> Resonance | None:
     """The best determined of the resonances that records show, outside what is held out."""
-    part = slice(*train) if train is not None else slice(None)
-    looked_at = (replace(s, u=s.u[part], y=s.y[part]) for s in data.sections)
+    looked_at = []
+    for s in data.sections:
+        part = slice(None)
+        if train is not None:
+            part = slice(max(train[0] - s.first, 0), max(train[1] - s.first, 0))
+        looked_at.append(replace(s, u=s.u[s.history :][part], y=s.y[s.history :][part]))
     found = [r for r in map(find_resonance, looked_at) if r is not None]
     return min(found, key=lambda r: r.frequency_error_hz / r.frequency_hz, default=None)
 
@@ -162,13 +165,11 @@ class _Search:
     """Misfit of a chain, with the best density of a coarse dictionary."""
 
     def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
-        data = replace(
-            whole, sections=tuple(thinned(s, _SAMPLES, _CYCLE_SAMPLES) for s in whole.sections)
-        )
+        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
-            _used(r, round(s.dt / w.dt), train)
+            used_rows(r, s, round(s.dt / w.dt), train)
             for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
         )
         self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
@@ -219,11 +220,14 @@ class _Search:
         return float(np.sqrt(np.mean(left**2)))
 
 
-def _used(rows: Rows, every: int, train: tuple[int, int] | None) -> NDArray[np.bool_]:
-    """Which rows of a thinned section are looked at: what is held out must not be seen here."""
+def used_rows(
+    rows: Rows, section: Section, every: int, train: tuple[int, int] | None
+) -> NDArray[np.bool_]:
+    """Which rows of an averaged section are looked at: what is held out must not be seen here."""
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
-    return (rows.at * every >= train[0]) & (rows.at * every < train[1])
+    first = (rows.at - section.history) * every + section.first
+    return (first >= train[0]) & (first + every <= train[1])
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
@@ -240,8 +244,8 @@ def _polished(
     the model rings along with it or against it.
     """
     rows, error = rows_of(data), math.inf
-    first, stop = train or (0, max(s.u.size for s in data.sections))
-    use = tuple((r.at >= first) & (r.at < stop) for r in rows)
+    pairs = zip(rows, data.sections, strict=True)
+    use = tuple(used_rows(r, s, 1, train) for r, s in pairs)
     for _ in range(2):
         whole = Data(measurement=data, chain=chain, rows=rows, use=use)
         model = PreisachFamily(smoothing=_POLISHED_SMOOTHING).fit(whole).model

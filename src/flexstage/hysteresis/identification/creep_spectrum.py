@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import Creep, CreepSpectrum
+from flexstage.hysteresis.chain import CreepSpectrum
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
+from flexstage.hysteresis.identification.chain_search import used_rows
 from flexstage.hysteresis.identification.families.family import Data, equations
 from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section, thinned
+from flexstage.hysteresis.identification.measurement import Measurement, Section
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 
 __all__ = ["with_spectrum"]
@@ -20,10 +22,9 @@ Array = NDArray[np.float64]
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
-#: Rows that the weights are found from, and samples that are filtered where cycles keep so many.
+#: Rows that the weights are found from, and samples of a record that are filtered.
 _ROWS = 4000
 _SAMPLES = 50_000
-_CYCLE_SAMPLES = 150
 #: The shortest time constant is one over the angular frequency of the fastest cycles and this many
 #: times shorter, as what is faster acts on them as a delay; then comes one a decade.
 _FASTER = 3.0
@@ -111,18 +112,15 @@ class _Fit:
         train: tuple[int, int] | None,
     ) -> None:
         self.times = times
-        data = replace(
-            whole, sections=tuple(thinned(s, _SAMPLES, _CYCLE_SAMPLES) for s in whole.sections)
-        )
+        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
         rows = rows_of(data, _ROWS)
-        first, stop = train or (0, max(s.u.size for s in whole.sections))
-        every = [round(s.dt / w.dt) for s, w in zip(data.sections, whole.sections, strict=True)]
         use = tuple(
-            (r.at * e >= first) & (r.at * e < stop) for r, e in zip(rows, every, strict=True)
+            used_rows(r, s, round(s.dt / w.dt), train)
+            for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
         )
         self._bare = replace(chain, creep_per_decade=0.0, spectrum=None)
         self._data = Data(measurement=data, chain=self._bare, rows=rows, use=use)
-        self._creep = (chain.creep,) if chain.creep_per_decade > 0.0 else ()
+        self._creep = (chain,) if chain.creep_per_decade > 0.0 else ()
         family = PreisachFamily(*_DICTIONARY)
         columns = [
             np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
@@ -139,10 +137,13 @@ class _Fit:
 
     def _at_rows(self, columns: Array, section: Section, rows: Rows) -> Array:
         """Columns, and those behind each lag and behind the creep that is known, side by side."""
-        parts = [filtered(columns, section, rows, self._bare)]
-        lags: list[Creep] = [CreepSpectrum(times=(float(t),), weights=(1.0,)) for t in self.times]
-        for creep in (*lags, *self._creep):
-            parts.append(filtered(_crept(columns, creep, section.dt), section, rows, self._bare))
+        plain = filtered(columns, section, rows, self._bare)
+        lags = [
+            replace(self._bare, spectrum=lag, creep_per_decade=lag.rate_per_decade)
+            for lag in (CreepSpectrum(times=(float(t),), weights=(1.0,)) for t in self.times)
+        ]
+        crept = [filtered(columns, section, rows, c) - plain for c in (*lags, *self._creep)]
+        parts = [plain, *crept]
         return np.concatenate(parts, axis=1)
 
     def _factors(self, weights: Array | None) -> Array:
@@ -193,15 +194,6 @@ class _Fit:
                 own = _contracted(part, np.kron(lags[:, None], np.eye(self._size)))
                 kept.append(_square(own, solution) / part.count)
         return np.array(before), np.array(after)
-
-
-def _crept(columns: Array, creep: Creep, dt: float) -> Array:
-    """What creep adds to columns."""
-    made = np.empty(columns.shape, order="F")
-    for j in range(columns.shape[1]):
-        x = np.ascontiguousarray(columns[:, j])
-        made[:, j] = creep.simulate(x, dt).values - x
-    return made
 
 
 def _contracted(normal: Normal, to: NDArray[Any]) -> Normal:

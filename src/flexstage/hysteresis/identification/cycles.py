@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.compiled import compiled
 
-__all__ = ["Cycles", "cycles", "turning_points"]
+__all__ = ["Cycles", "cycles", "input_noise", "turning_points"]
 
 Array = NDArray[np.float64]
 
@@ -19,6 +19,9 @@ _NOISE_SWINGS = 8.0
 _MAJOR = 0.9
 #: Cycles that take fewer samples to move are jumps from one level to another.
 _FEWEST_STEPS = 8
+#: A signal waits where it stands still for more than this many times as long as it usually does
+#: between two movements: the levels of a staircase are no waits.
+_WAIT = 10.0
 #: Of a record with fewer lower turning points than this, an end counts as one where it is no higher
 #: than this share of the range.
 _FEW = 3
@@ -153,10 +156,7 @@ def cycles(u: Array, dt: float) -> Cycles:
     (array([200, 400, 600, 800]), array([1., 1., 1.]))
     """
     low, high = float(u.min()), float(u.max())
-    # differences of second order see noise, and hardly the movement itself
-    noise = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0) if u.size > 4 else 0.0
-    # a command moves by differences of second order as well: noise is what steps at once exceed
-    noise = min(noise, (high - low) / 100.0)
+    noise = input_noise(u)
     turning = turning_points(u, max(_SMALLEST_SWING * (high - low), _NOISE_SWINGS * noise))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
@@ -168,14 +168,33 @@ def cycles(u: Array, dt: float) -> Cycles:
         part = u[bounds[i] : bounds[i + 1] + 1]
         size = float(np.ptp(part))
         swing[i] = size / (high - low)
-        # a signal that waits between two cycles is no slower for it
-        moving = np.abs(np.diff(part)) > 1e-3 * np.abs(np.diff(part)).max()
-        steps = int(moving.sum())
-        # and one that jumps is no faster: a step has no rate
-        frequency[i] = 1.0 / (dt * (steps if steps >= _FEWEST_STEPS else moving.size))
+        frequency[i] = 1.0 / (dt * _moving_time(part, noise))
     return Cycles(
         bounds=bounds, swing=swing, frequency_hz=frequency, turning=turning, range=(low, high)
     )
+
+
+def input_noise(u: Array) -> float:
+    """Return the estimated standard deviation of the noise of a drive signal."""
+    if u.size < 5:
+        return 0.0
+    # differences of second order see noise, and hardly the movement itself
+    noise = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0)
+    # a command moves by differences of second order as well: noise is what steps at once exceed
+    return min(noise, float(np.ptp(u)) / 100.0)
+
+
+def _moving_time(part: Array, noise: float) -> float:
+    """Number of samples that a cycle moves for, without its waits."""
+    steps = np.abs(np.diff(part))
+    moving = np.flatnonzero(steps > max(1e-3 * float(steps.max()), 4.0 * noise))
+    # a signal that jumps is no faster for it: a step has no rate
+    if moving.size < _FEWEST_STEPS:
+        return float(steps.size)
+    # the time from one movement to the next: 1 where it moves at every sample, more on a staircase
+    between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
+    usual = max(float(np.median(between)), 1.0)
+    return float(np.sum(np.where(between > _WAIT * usual, usual, between)))
 
 
 def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:

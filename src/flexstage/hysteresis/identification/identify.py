@@ -1,5 +1,6 @@
 """From measured records to a model of the drive, with its errors and its warnings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -7,15 +8,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    Start,
+    ValidityRange,
+    start_in_words,
+)
+from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.measurement import Measurement, measurement, thinned
-from flexstage.hysteresis.identification.misfit import Folds, Misfit, cross_validate, misfit
+from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
+from flexstage.hysteresis.identification.measurement import (
+    Measurement,
+    measurement,
+    without_history,
+)
+from flexstage.hysteresis.identification.misfit import (
+    BAND,
+    Folds,
+    Misfit,
+    cross_validate,
+    free_constant,
+    misfit,
+    root_mean_square,
+)
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
+from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.progress import tell
 from flexstage.records import Record
 
@@ -23,9 +43,8 @@ __all__ = ["Candidate", "Identification", "identify"]
 
 #: Stages ring at some 100 Hz: faster cycles than these may show it.
 _SHOWS_MODES_HZ = 10.0
-#: Samples of all records that models are fitted with, where the cycles keep so many each.
-_MOST_SAMPLES = 120_000
-_CYCLE_SAMPLES = 400
+#: Samples of all records that models are fitted with; those of longer ones are averaged.
+_MOST_SAMPLES = 40_000
 
 Array = NDArray[np.float64]
 
@@ -33,8 +52,14 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
-#: A sample further off than this many times the typical distance is none of the motion.
-_FAR_OFF = 12.0
+#: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
+#: is taken to have rested.
+_TELLS = 0.99
+#: Held-out samples over which the input moves by less than this share of its range hold no motion.
+_STILL = 0.1
+#: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
+_NO_PREDICTION = 100.0
+_DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,19 +72,26 @@ class Candidate:
         Name of the model.
     size : int
         Number of its parameters.
-    rms_percent : float
-        Root mean square of what it leaves, over the stroke [%].
+    rms_percent : float or None
+        Root mean square error where it was fitted, as the model predicts, over the stroke [%]; None
+        where it could not be fitted.
     heldout_rms_percent : float or None
         The same on cycles that it was not fitted to [%].
+    heldout_free_rms_percent : float or None
+        The same, where the constant is fitted again to what was held out [%].
     heldout_error_percent : float
         How much the held-out figure differs from the best one by chance [%].
+    failed : str
+        Why it cannot serve; empty where it can.
     """
 
     kind: str
     size: int
-    rms_percent: float
+    rms_percent: float | None
     heldout_rms_percent: float | None
+    heldout_free_rms_percent: float | None = None
     heldout_error_percent: float = 0.0
+    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,13 +105,18 @@ class Identification:
     kind : str
         Name of the hysteresis model.
     rms_percent : float
-        Root mean square of output less model where it was fitted, over the stroke [%].
+        Root mean square of output less prediction where it was fitted, over the stroke [%]. The
+        prediction is that of the model as it is kept, with its one offset.
     max_percent : float
         Largest absolute value of that [%].
     heldout_rms_percent : float or None
         Root mean square on cycles that the model was not fitted to [%]; None where there are none.
+    heldout_free_rms_percent : float or None
+        Root mean square there where the constant is fitted again [%].
     heldout_max_percent : float or None
-        Largest absolute value there [%].
+        Largest absolute value of the prediction's error there [%].
+    heldout_band_percent : float or None
+        Half the width of the band that holds 95 % of the prediction's errors there [%].
     stroke : float
         Range of the output, in its unit.
     noise_percent : float
@@ -88,15 +125,22 @@ class Identification:
         Parameters that mean something by themselves, with standard errors.
     chain : tuple of Estimate
         Values of the linear chain that were found, with standard errors.
+    offset : Estimate
+        The reading at no command without history, with its standard error.
+    settling : float
+        Largest change of the readings by whether the drive rested or moved before the records, in
+        the unit of the output: creep of what was before.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
     candidates : tuple of Candidate
         All models that were tried, the chosen one first.
     measurement : Measurement
-        What it was identified from. Records of more than 120 000 samples are thinned evenly, as far
-        as the fastest cycle keeps 400 of its samples.
+        What it was identified from. Of records of more than 40 000 samples it holds the means of
+        neighbours, as far as these follow the motion.
     predicted : tuple of numpy.ndarray
-        Output of the model beside each section, with its offset and settling, shape (n,).
+        Output of the model beside each section, as it is kept, shape (n,).
+    verdict : Verdict
+        Whether the model explains the records, and what in them is not the motion of a drive.
     settings : Mapping
         Choices that change the result.
     """
@@ -106,15 +150,20 @@ class Identification:
     rms_percent: float
     max_percent: float
     heldout_rms_percent: float | None
+    heldout_free_rms_percent: float | None
     heldout_max_percent: float | None
+    heldout_band_percent: float | None
     stroke: float
     noise_percent: float
     parameters: tuple[Estimate, ...]
     chain: tuple[Estimate, ...]
+    offset: Estimate
+    settling: float
     warnings: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     measurement: Measurement
     predicted: tuple[Array, ...]
+    verdict: Verdict
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -138,6 +187,7 @@ def identify(
     train: tuple[int, int] | None = None,
     resonance: tuple[float, float] | None = None,
     temperature: tuple[float, float] | None = None,
+    drift: bool = False,
 ) -> Identification:
     """Identify the hysteresis of a drive and the linear chain behind it.
 
@@ -167,6 +217,9 @@ def identify(
         its drives in place; looked for where not given.
     temperature : tuple of float, optional
         Lowest and highest temperature while it was recorded [K], for the validity of the model.
+    drift : bool
+        Whether the output of each record drifts at a constant speed: it is fitted beside the model,
+        and thrown away.
 
     Returns
     -------
@@ -190,28 +243,83 @@ def identify(
                 f"the model '{name}' is not known: choose from auto, {', '.join(FAMILIES)}"
             )
     given = [records] if isinstance(records, Record) else list(records)
-    data = measurement(given, input_column, output_column)
+    data = measurement(given, input_column, output_column, drift=drift)
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
-    found = find_chain(data, chain, train=train, resonance=resonance)
+    data, found = _chain_and_start(data, chain, train, resonance)
     if chain is None:
         found = replace(found, values=with_spectrum(data, found.values, train=train))
     if train is None:  # whose samples are counted as they were recorded
-        every = _data(_thinned(data, found), found.values, None)
-    every = replace(every, chain=found.values)
+        every = _data(_shortened(data), found.values, None)
+    every = replace(every, measurement=data, chain=found.values) if train else every
+    still = train is not None and _stands_still(every)
     tried: dict[str, _Tried] = {}
+    failed: list[Candidate] = []
     for i, name in enumerate(names):
         tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
-            tried[name] = _try(FAMILIES[name], every, validate=train is None)
-        except ModelError:
-            if len(names) == 1:
-                raise
+            tried[name] = _try(FAMILIES[name], every, validate=train is None or still)
+        except ModelError as error:
+            failed.append(_failed(FAMILIES[name], f"it cannot be fitted to this record: {error}"))
     if not tried:
-        raise ModelError("none of the models could be fitted to the records: name one to see why")
+        raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
-    made = _result(tried[chosen], candidates, every, found, train)
+    made = _result(tried[chosen], (*candidates, *failed), every, found, train)
     return made if temperature is None else _at(made, temperature)
+
+
+def _chain_and_start(
+    data: Measurement,
+    chain: ChainValues | None,
+    train: tuple[int, int] | None,
+    resonance: tuple[float, float] | None,
+) -> tuple[Measurement, FoundChain]:
+    """Find the chain, and what the drive did before each record, by what they leave together."""
+
+    def search(own: Measurement) -> FoundChain:
+        return find_chain(own, chain, train=train, resonance=resonance)
+
+    def started(starts: Sequence[Start]) -> Measurement:
+        pairs = zip(data.sections, starts, strict=True)
+        return replace(data, sections=tuple(replace(s, start=start) for s, start in pairs))
+
+    def alike(start: Start) -> list[Start]:
+        return [start] * len(data.sections)
+
+    longest = max(s.u.size * s.dt for s in data.sections)
+    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
+    starts, found = alike("rested"), search(data)
+    for other in every[1:]:
+        tried = search(started(alike(other)))
+        if tried.rms < _TELLS * found.rms:
+            starts, found = alike(other), tried
+    if len(starts) < 2 or found.values.creep_per_decade == 0.0:
+        return started(starts), found
+    before = list(starts)
+    for i in range(len(starts)):
+        for other in every:
+            own: list[Start] = [other if k == i else s for k, s in enumerate(starts)]
+            rms = find_chain(started(own), found.values, train=train).rms
+            if rms < _TELLS * found.rms:
+                starts, found = own, replace(found, rms=rms)
+    return started(starts), found if starts == before else search(started(starts))
+
+
+def _stands_still(data: Data) -> bool:
+    """Whether the input hardly moves where samples are held out."""
+    low, high = data.measurement.input_range
+    moved = [
+        float(np.ptp(s.u[r.at[~use]]))
+        for s, r, use in zip(data.measurement.sections, data.rows, data.use, strict=True)
+        if not use.all()
+    ]
+    return max(moved, default=0.0) < _STILL * (high - low)
+
+
+def _failed(family: Family, why: str) -> Candidate:
+    return Candidate(
+        kind=family.kind, size=family.size, rms_percent=None, heldout_rms_percent=None, failed=why
+    )
 
 
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
@@ -225,12 +333,10 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _thinned(data: Measurement, found: FoundChain) -> Measurement:
-    """Leave samples of long records out, which models would take minutes with and gain nothing."""
+def _shortened(data: Measurement) -> Measurement:
+    """Average samples of long records: models would take minutes with them and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
-    mode = found.values.resonance_hz if found.resonance is not None else 0.0
-    sections = tuple(thinned(s, share, _CYCLE_SAMPLES, mode) for s in data.sections)
-    return replace(data, sections=sections)
+    return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
 def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:
@@ -238,7 +344,8 @@ def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) 
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
     else:
-        use = tuple((r.at >= train[0]) & (r.at < train[1]) for r in rows)
+        at = [r.at - s.history + s.first for r, s in zip(rows, data.sections, strict=True)]
+        use = tuple((a >= train[0]) & (a < train[1]) for a in at)
         fitted, held = sum(int(u.sum()) for u in use), sum(int((~u).sum()) for u in use)
         if fitted < 50 or held < 50:
             raise RecordError(
@@ -254,24 +361,53 @@ def _try(family: Family, data: Data, *, validate: bool) -> _Tried:
     return _Tried(family=family, fit=fit, left=misfit(fit.model, data), folds=folds)
 
 
-def _errors(tried: _Tried, data: Data) -> tuple[float, float, float | None, float | None]:
-    """Rms and largest error where fitted and where held out, over the stroke [%]."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Errors:
+    """Errors of the prediction over the stroke [%]; None where nothing was held out."""
+
+    rms: float
+    largest: float
+    held: float | None = None
+    held_free: float | None = None
+    held_largest: float | None = None
+    held_band: float | None = None
+
+
+def _errors(tried: _Tried, data: Data) -> _Errors:
     percent = 100.0 / data.measurement.stroke
-    own = tried.left.at(data.use) * percent
-    rms, largest = float(np.sqrt(np.mean(own**2))), float(np.max(np.abs(own)))
-    if tried.folds is not None:
-        return rms, largest, tried.folds.rms * percent, tried.folds.largest * percent
+    own = np.concatenate(tried.left.predicted_at(data.use)) * percent
+    made = _Errors(rms=root_mean_square(own), largest=float(np.max(np.abs(own))))
     held = tuple(~u for u in data.use)
-    if not any(h.any() for h in held):
-        return rms, largest, None, None
-    other = tried.left.at(held) * percent
-    return rms, largest, float(np.sqrt(np.mean(other**2))), float(np.max(np.abs(other)))
+    if any(h.any() for h in held):
+        parts = tried.left.predicted_at(held)
+        every = np.concatenate(parts) * percent
+        return replace(
+            made,
+            held=root_mean_square(every),
+            held_free=root_mean_square(free_constant(parts)) * percent,
+            held_largest=float(np.max(np.abs(every))),
+            held_band=float(np.quantile(np.abs(every), BAND)),
+        )
+    if tried.folds is None:
+        return made
+    return replace(
+        made,
+        held=tried.folds.rms * percent,
+        held_free=tried.folds.free_rms * percent,
+        held_largest=tried.folds.largest * percent,
+        held_band=tried.folds.band * percent,
+    )
 
 
 def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candidate, ...]]:
     """Take the simplest model that is as good as the best on held-out cycles, within noise."""
     rows = {name: _errors(t, data) for name, t in tried.items()}
-    score = {n: r[2] if r[2] is not None else r[0] for n, r in rows.items()}
+    percent = 100.0 / data.measurement.stroke
+    # what was held out says nothing where it stands still: parts of what was fitted were held out
+    score = {
+        n: t.folds.rms * percent if t.folds is not None else (rows[n].held or rows[n].rms)
+        for n, t in tried.items()
+    }
     # one that has no inverse cannot compensate, however well it fits
     usable = [n for n in score if _invertible(tried[n])] or list(score)
     best = min(usable, key=lambda n: score[n])
@@ -290,9 +426,11 @@ def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candida
         Candidate(
             kind=n,
             size=tried[n].family.size,
-            rms_percent=rows[n][0],
-            heldout_rms_percent=rows[n][2],
+            rms_percent=rows[n].rms,
+            heldout_rms_percent=rows[n].held,
+            heldout_free_rms_percent=rows[n].held_free,
             heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
+            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order
     )
@@ -317,52 +455,84 @@ def _result(
     found: FoundChain,
     train: tuple[int, int] | None,
 ) -> Identification:
-    rms, largest, held, held_largest = _errors(tried, data)
-    parameters, said = estimates(tried.fit, data, tried.left, found.searched)
+    errors = _errors(tried, data)
+    parameters, offset, said = estimates(tried.fit, data, tried.left, found.searched)
+    settling = _settling(tried, data)
     own = len(tried.fit.names)
     m = data.measurement
     drive = _drive_model(tried, data)
-    percent = 100.0 / m.stroke
+    noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
+    error = errors.rms if errors.held is None else max(errors.rms, errors.held)
+    judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
     settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
     if train is not None:
         settings["fitted samples"] = f"{train[0]} to {train[1]}"
     return Identification(
         model=drive,
         kind=tried.family.kind,
-        rms_percent=rms,
-        max_percent=largest,
-        heldout_rms_percent=held,
-        heldout_max_percent=held_largest,
+        rms_percent=errors.rms,
+        max_percent=errors.largest,
+        heldout_rms_percent=errors.held,
+        heldout_free_rms_percent=errors.held_free,
+        heldout_max_percent=errors.held_largest,
+        heldout_band_percent=errors.held_band,
         stroke=m.stroke,
-        noise_percent=max(s.noise for s in m.sections) * percent,
+        noise_percent=noise,
         parameters=parameters[:own],
         chain=(*parameters[own:], *_resonance(found)),
+        offset=replace(offset, value=m.sign * offset.value),
         warnings=(
+            *judged.sentences,
             *m.warnings,
+            *_no_motion(train, data),
+            *_history(settling, errors, data),
             *_hidden_mode(found, m),
-            *_left_out(tried, data),
             *_broken(tried),
             *tried.fit.notes,
             *said,
         ),
+        settling=settling,
         candidates=candidates,
-        measurement=m,
+        measurement=replace(m, sections=tuple(map(without_history, m.sections))),
         predicted=_predicted(tried, data),
+        verdict=judged,
         settings=settings,
     )
 
 
-def _left_out(tried: _Tried, data: Data) -> tuple[str, ...]:
-    """Say where samples lie far off, as spikes do: they pull a least-squares fit."""
-    left = np.abs(tried.left.at(data.use))
-    # most samples of a perfect record differ by rounding alone, of which nothing is far off
-    typical = max(1.4826 * float(np.median(left)), 1e-4 * data.measurement.stroke)
-    far = int(np.sum(left > _FAR_OFF * typical))
-    if far == 0 or far > 0.01 * left.size:
+def _settling(tried: _Tried, data: Data) -> float:
+    """Largest change of a prediction by whether the drive had rested or had moved before."""
+    if data.chain.creep_per_decade == 0.0:
+        return 0.0
+    quasi = [tried.fit.model.simulate(s.u).values[:, None] for s in data.measurement.sections]
+    ends = []
+    for start in ("rested", 0.0, math.inf):
+        sections = tuple(replace(s, start=start) for s in data.measurement.sections)
+        own = replace(data, measurement=replace(data.measurement, sections=sections))
+        ends.append(np.concatenate(behind_chain(quasi, own)))
+    return float(np.max(np.ptp(ends, axis=0)))
+
+
+def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
+    """Say where what the drive did before matters more than the model's own error."""
+    m = data.measurement
+    held = errors.held if errors.held is not None else errors.rms
+    own = 100.0 * settling / m.stroke
+    if own <= held:
         return ()
     return (
-        f"{far} samples lie more than {_FAR_OFF:g} times the typical error off the model, as "
-        "spikes do: look at the record, and take them out",
+        f"before the record the drive {start_in_words(m.sections[0].start)}, as it seems: by what "
+        f"it did before, creep changes the readings by up to {own:.2g} % of the stroke",
+    )
+
+
+def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
+    if train is None or not _stands_still(data):
+        return ()
+    return (
+        "the input hardly moves over the samples that were held out: their error says nothing of "
+        "the hysteresis, and the model was chosen by parts of what was fitted; hold out whole "
+        "cycles",
     )
 
 
@@ -410,7 +580,7 @@ def _drive_model(tried: _Tried, data: Data) -> DriveModel:
         creep=chain.creep if chain.creep_per_decade > 0.0 else None,
         modes=chain.modes,
         lag=chain.lag if chain.delay > 0.0 else None,
-        offset=m.sign * float(tried.left.nuisance[0][0]),
+        offset=m.sign * tried.left.offset,
         sign=m.sign,
         input_unit=m.input_unit,
         output_unit=m.output_unit,
@@ -419,6 +589,7 @@ def _drive_model(tried: _Tried, data: Data) -> DriveModel:
             output_range=(float(min(e.min() for e in ends)), float(max(e.max() for e in ends))),
             rate_range_hz=(rates[0], rates[-1]),
         ),
+        start=m.sections[0].start,
     )
 
 
@@ -426,11 +597,10 @@ def _predicted(tried: _Tried, data: Data) -> tuple[Array, ...]:
     from flexstage.hysteresis.identification.chain_filter import Rows, filtered
 
     made = []
-    for s, own in zip(data.measurement.sections, tried.left.nuisance, strict=True):
+    for s in data.measurement.sections:
         at = np.arange(s.u.size)
         rows = Rows(at=at, cycle=at)
         quasi = tried.fit.model.simulate(s.u).values[:, None]
-        made.append(
-            data.measurement.sign * (filtered(quasi, s, rows, data.chain)[:, 0] + s.nuisance @ own)
-        )
+        behind = filtered(quasi, s, rows, data.chain)[s.history :, 0]
+        made.append(data.measurement.sign * (behind + tried.left.offset))
     return tuple(made)

@@ -7,10 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.drive_model import Start
+from flexstage.hysteresis.identification.cycles import Cycles, cycles, input_noise
+from flexstage.hysteresis.identification.faults import (
+    Finding,
+    butterfly,
+    butterfly_text,
+    findings_of_record,
+)
+from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record
 
-__all__ = ["Measurement", "Section", "measurement", "thinned"]
+__all__ = ["Measurement", "Section", "measurement"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +31,10 @@ _LONGEST_WARM_UP = 0.4
 _NARROW_LOOP = 0.004
 #: An output whose correlation with the input is less than this does not follow it.
 _UNRELATED = 0.1
+#: A change of the input that is less than this share of its range is no motion; ...
+_SMALLEST_MOVE = 0.002
+#: ... samples that are kept of a rest before it.
+_REST = 20
 #: Ranges of a column whose squares and products are numbers.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 
@@ -44,10 +56,20 @@ class Section:
     warm_up : int
         Number of first samples that still know what was before the record.
     nuisance : numpy.ndarray
-        Columns that are fitted beside every model and belong to none: the offset, and the settling
-        after what was before the record, shape (n, 2).
+        Columns that are fitted beside every model and belong to none: the offset, shape (n, 1).
     noise : float
         Estimated standard deviation of the noise of the output, in its unit.
+    first : int
+        Sample of the record that the first measured one is: a rest before it is left out.
+    begin : float
+        When that is in the record [s].
+    history : int
+        Number of first samples that stand for what was before the record, and were not measured:
+        both ends of the range, after which the memory is that of cycles over all of it.
+    start : "rested" or float
+        What the drive did before, for its creep.
+    straight : numpy.ndarray or None
+        Of means of neighbouring samples those that stand for them, shape (n,); all where None.
     """
 
     u: Array
@@ -57,6 +79,11 @@ class Section:
     warm_up: int
     nuisance: Array
     noise: float
+    first: int = 0
+    begin: float = 0.0
+    history: int = 0
+    start: Start = "rested"
+    straight: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,6 +104,10 @@ class Measurement:
         Range of the output after the warm-up, in its unit.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
+    findings : tuple of Finding
+        Spikes that were taken out, clipping, butterfly loops.
+    drift : bool
+        Whether the last column beside the model is a drift.
     """
 
     sections: tuple[Section, ...]
@@ -85,6 +116,8 @@ class Measurement:
     output_unit: str
     stroke: float
     warnings: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    drift: bool = False
 
     @property
     def input_range(self) -> tuple[float, float]:
@@ -97,15 +130,15 @@ class Measurement:
     @property
     def rates_hz(self) -> tuple[float, ...]:
         """Rates of the cycles of all records, that differ by more than half [Hz]."""
-        found: list[float] = []
-        for f in sorted(f for s in self.sections for f in s.cycles.rates_hz):
-            if not found or f > 1.5 * found[-1]:
-                found.append(f)
-        return tuple(found)
+        return rates_of([f for s in self.sections for f in s.cycles.rates_hz])
 
 
 def measurement(
-    records: Sequence[Record], input_column: str | int, output_column: str | int
+    records: Sequence[Record],
+    input_column: str | int,
+    output_column: str | int,
+    *,
+    drift: bool = False,
 ) -> Measurement:
     """Prepare records for identification, after checking that they can serve.
 
@@ -117,6 +150,8 @@ def measurement(
         The column that drives.
     output_column : str or int
         The column that follows.
+    drift : bool
+        Whether the output of each record drifts at a constant speed, to be fitted beside a model.
 
     Returns
     -------
@@ -142,16 +177,20 @@ def measurement(
     if len(units) > 1:
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
-        _require_usable(r, i.name, i.values)
-        _require_usable(r, o.name, o.values)
+        require_usable(r, i.name, i.values)
+        require_usable(r, o.name, o.values)
         if not r.uniform:
             raise RecordError(
                 f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
             )
+    mended = [without_spikes(i.values, o.values) for _, i, o in pairs]
+    pairs = [(r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, mended, strict=True)]
     sign = _sign(pairs)
     sections = tuple(
         _section(i.values, sign * o.values, 1.0 / r.sample_rate_hz, r.source) for r, i, o in pairs
     )
+    if drift:
+        sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
     made = Measurement(
@@ -161,47 +200,34 @@ def measurement(
         output_unit=pairs[0][2].unit,
         stroke=stroke,
         warnings=(),
+        drift=drift,
     )
-    return replace(made, warnings=_warnings(made))
-
-
-def thinned(section: Section, most: int, per_cycle: float, highest_hz: float = 0.0) -> Section:
-    """Leave samples out of a long record, but not so many that it loses its shape.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    most : int
-        Samples that are wanted at most.
-    per_cycle : float
-        Samples that the fastest cycle keeps at least.
-    highest_hz : float
-        Highest frequency that must be followed [Hz]; it keeps 20 samples.
-
-    Returns
-    -------
-    Section
-        The section, thinned evenly; itself where it is short enough.
-    """
-    fastest = max(float(section.cycles.frequency_hz.max(initial=0.0)), 1e-9)
-    by_shape = 1.0 / (per_cycle * fastest * section.dt)
-    by_mode = 1.0 / (20.0 * highest_hz * section.dt) if highest_hz > 0.0 else by_shape
-    every = min(-(-section.u.size // most), int(min(by_shape, by_mode)))
-    if every < 2:
-        return section
+    findings = [
+        findings_of_record(k, without_history(s), spikes, sign, (made.input_unit, made.output_unit))
+        for k, (s, (_, spikes)) in enumerate(zip(sections, mended, strict=True))
+    ]
     return replace(
-        section,
-        u=np.ascontiguousarray(section.u[::every]),
-        y=np.ascontiguousarray(section.y[::every]),
-        dt=section.dt * every,
-        cycles=replace(section.cycles, bounds=section.cycles.bounds // every),
-        warm_up=-(-section.warm_up // every),
-        nuisance=section.nuisance[::every],
+        made, warnings=_warnings(made), findings=tuple(f for own in findings for f in own)
     )
 
 
-def _require_usable(record: Record, name: str, values: Array) -> None:
+def _with_drift(section: Section) -> Section:
+    """Put a column beside the model that rises by 1 over the record."""
+    rise = np.linspace(0.0, 1.0, section.u.size)
+    return replace(section, nuisance=np.column_stack((section.nuisance, rise)))
+
+
+def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
+    """Return rates [Hz] in rising order, those left out that are less than half above another."""
+    found: list[float] = []
+    for f in sorted(rates_hz):
+        if not found or f > 1.5 * found[-1]:
+            found.append(f)
+    return tuple(found)
+
+
+def require_usable(record: Record, name: str, values: Array) -> None:
+    """Refuse a column that cannot be computed with."""
     where = f"column '{name}' of {record.source or 'the record'}"
     if values.size < 50:
         raise RecordError(f"{where} has {values.size} samples: at least 50 are needed")
@@ -224,6 +250,10 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     for r, i, o in pairs:
         share = float(np.corrcoef(i.values, o.values)[0, 1])
         if abs(share) < _UNRELATED:
+            moves = cycles(i.values, 1.0 / r.sample_rate_hz)
+            turned = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
+            if turned is not None:
+                raise RecordError(butterfly_text(turned, i.unit))
             raise RecordError(
                 f"column '{o.name}' of {r.source or 'the record'} does not follow '{i.name}' "
                 f"(correlation {share:.3f}): choose the columns that belong together"
@@ -235,6 +265,8 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
 
 
 def _section(u: Array, y: Array, dt: float, source: str) -> Section:
+    first = first_moving(u)
+    u, y = u[first:], y[first:]
     moves = cycles(u, dt)
     if moves.bounds.size < 2:
         raise RecordError(
@@ -242,24 +274,69 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             "point to the next: identification needs at least one, and better five, over the range "
             "that is to be used"
         )
-    t = np.arange(u.size) * dt
-    # what a drive still does after a change before the record: log-type creep of unknown size
-    slow = np.geomspace(0.1, max(1000.0, 10.0 * t[-1]), 5)
-    settling: Array = np.exp(-t[:, None] / slow).mean(axis=1)
     # differences of third order pass noise and hardly pass a smooth motion
     noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
-    return Section(
-        u=np.ascontiguousarray(u),
-        y=np.ascontiguousarray(y),
-        dt=dt,
-        cycles=moves,
-        warm_up=_warm_up(u, moves),
-        nuisance=np.column_stack((np.ones(t.size), settling)).astype(np.float64),
-        noise=noise,
+    return with_history(
+        Section(
+            u=np.ascontiguousarray(u),
+            y=np.ascontiguousarray(y),
+            dt=dt,
+            cycles=moves,
+            warm_up=warm_up(u, moves),
+            nuisance=np.ones((u.size, 1)),
+            noise=noise,
+            first=first,
+            begin=first * dt,
+        )
     )
 
 
-def _warm_up(u: Array, moves: Cycles) -> int:
+def with_history(section: Section) -> Section:
+    """Return a section with both ends of its range before it, which leave their memory."""
+    moves = section.cycles
+    before = np.array([moves.range[1], moves.range[0]])
+    n = before.size
+    straight = section.straight
+    return replace(
+        section,
+        u=np.concatenate((before, section.u)),
+        y=np.concatenate((np.full(n, section.y[0]), section.y)),
+        cycles=replace(moves, bounds=moves.bounds + n, turning=moves.turning + n),
+        warm_up=section.warm_up + n,
+        nuisance=np.concatenate((section.nuisance[:1].repeat(n, axis=0), section.nuisance)),
+        straight=None if straight is None else np.concatenate((np.ones(n, dtype=bool), straight)),
+        history=n,
+    )
+
+
+def without_history(section: Section) -> Section:
+    """Return a section as it was measured."""
+    n, moves, straight = section.history, section.cycles, section.straight
+    return replace(
+        section,
+        u=section.u[n:],
+        y=section.y[n:],
+        cycles=replace(moves, bounds=moves.bounds - n, turning=moves.turning - n),
+        warm_up=section.warm_up - n,
+        nuisance=section.nuisance[n:],
+        straight=None if straight is None else straight[n:],
+        history=0,
+    )
+
+
+def first_moving(u: Array) -> int:
+    """Return where an input begins to move, less some samples; 0 where it moves from the start."""
+    noise = input_noise(u)
+    still = np.abs(u - float(np.median(u[:_REST]))) <= max(
+        _SMALLEST_MOVE * float(np.ptp(u)), 6.0 * noise
+    )
+    moves = int(np.argmin(still)) if still[0] and not still.all() else 0
+    # a slow start is a part of the motion: only a rest that is long beside it is left out
+    return max(moves - _REST, 0)
+
+
+def warm_up(u: Array, moves: Cycles) -> int:
+    """Return how many first samples still know what was before the record."""
     low, high = moves.range
     reach = _END * (high - low)
     first_high = int(np.argmax(u >= high - reach))
@@ -324,12 +401,11 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
             "fewer than three whole cycles: errors on cycles that were held out say little; record "
             "more"
         )
-    for s in m.sections:
-        if _clipped(s):
-            found.append(
-                "the output stays at an end of its range for long: is the sensor saturated?"
-            )
-            break
+    found += [
+        f"the input rests for {s.begin:.3g} s before it moves: this is left out"
+        for s in m.sections
+        if s.first > 0
+    ]
     if max(_levels(s.u) for s in m.sections) < 10:
         found.append(
             "the input jumps between few levels: what lies between them is not identified; drive "
@@ -338,16 +414,6 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
     if m.sign < 0:
         found.append("the output falls where the input rises: the sign of the output was turned")
     return tuple(found)
-
-
-def _clipped(section: Section) -> bool:
-    """Whether many samples lie at exactly the highest or the lowest value while the input moves."""
-    u, y = section.u, section.y
-    for at_end in (y == y.max(), y == y.min()):
-        many = int(at_end.sum())
-        if many > max(0.02 * y.size, 10) and np.ptp(u[at_end]) > _END * np.ptp(u):
-            return True
-    return False
 
 
 def _levels(u: Array) -> int:

@@ -1,5 +1,6 @@
 """What a model leaves of a measurement, where it was fitted and where it was not."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,20 @@ from flexstage.hysteresis.identification.families.family import Data, Family, be
 from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["Folds", "Misfit", "cross_validate", "misfit"]
+__all__ = [
+    "BAND",
+    "Folds",
+    "Misfit",
+    "cross_validate",
+    "free_constant",
+    "misfit",
+    "root_mean_square",
+]
 
 Array = NDArray[np.float64]
+
+#: Share of the held-out errors that a band of confidence holds.
+BAND = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,13 +33,19 @@ class Misfit:
     Parameters
     ----------
     left : tuple of numpy.ndarray
-        Output less model, shape (r,), of each section.
+        Output less model and the nuisance columns of the section, shape (r,).
+    predicted : tuple of numpy.ndarray
+        Output less what the model predicts with the one offset that is kept, shape (r,).
     nuisance : tuple of numpy.ndarray
         Coefficients of the nuisance columns of each section: the offset first.
+    offset : float
+        The offset that is kept: the mean of what the nuisance columns make of the rows in use.
     """
 
     left: tuple[Array, ...]
+    predicted: tuple[Array, ...]
     nuisance: tuple[Array, ...]
+    offset: float
 
     def at(self, use: tuple[NDArray[np.bool_], ...]) -> Array:
         """Return what is left at some of the rows.
@@ -44,6 +62,21 @@ class Misfit:
         """
         return np.concatenate([e[u] for e, u in zip(self.left, use, strict=True)])
 
+    def predicted_at(self, use: tuple[NDArray[np.bool_], ...]) -> list[Array]:
+        """Return the error of the prediction at some of the rows, section by section.
+
+        Parameters
+        ----------
+        use : tuple of numpy.ndarray
+            Which rows of each section, shape (r,).
+
+        Returns
+        -------
+        list of numpy.ndarray
+            The error there, of each section that has such rows.
+        """
+        return [e[u] for e, u in zip(self.predicted, use, strict=True) if u.any()]
+
 
 def misfit(model: HysteresisModel, data: Data) -> Misfit:
     """Compare a model behind the chain with the output.
@@ -53,8 +86,7 @@ def misfit(model: HysteresisModel, data: Data) -> Misfit:
     model : HysteresisModel
         The model.
     data : Data
-        The data. Offset and settling are fitted to the rows in use; for the rows that are held out,
-        to all.
+        The data. The nuisance columns are fitted to the rows in use alone.
 
     Returns
     -------
@@ -63,17 +95,42 @@ def misfit(model: HysteresisModel, data: Data) -> Misfit:
     """
     sections = data.measurement.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
-    left, found = [], []
-    for c, s, r, use in zip(behind, sections, data.rows, data.use, strict=True):
-        error, nuisance = s.y[r.at] - c[:, 0], s.nuisance[r.at]
+    errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
+    fitted, found = [], []
+    for error, s, r, use in zip(errors, sections, data.rows, data.use, strict=True):
+        columns = s.nuisance[r.at]
         chosen = use if use.any() else np.ones_like(use)
-        own = np.linalg.lstsq(nuisance[chosen], error[chosen], rcond=None)[0]
-        whole = np.linalg.lstsq(nuisance, error, rcond=None)[0]
-        # offset and settling are the record's and not the model's: to extrapolate them to where
-        # nothing was fitted would say more of the record than of the model
-        left.append(np.where(use, error - nuisance @ own, error - nuisance @ whole))
+        own = np.linalg.lstsq(columns[chosen], error[chosen], rcond=None)[0]
+        fitted.append(columns @ own)
         found.append(own)
-    return Misfit(left=tuple(left), nuisance=tuple(found))
+    offset = float(np.mean(np.concatenate([n[u] for n, u in zip(fitted, data.use, strict=True)])))
+    return Misfit(
+        left=tuple(e - n for e, n in zip(errors, fitted, strict=True)),
+        predicted=tuple(e - offset for e in errors),
+        nuisance=tuple(found),
+        offset=offset,
+    )
+
+
+def free_constant(errors: Sequence[Array]) -> Array:
+    """Return errors less the mean of each part: what is left where the constant is fitted again.
+
+    Parameters
+    ----------
+    errors : sequence of numpy.ndarray
+        Errors of some parts.
+
+    Returns
+    -------
+    numpy.ndarray
+        Errors of all parts, each less its mean.
+    """
+    return np.concatenate([e - np.mean(e) for e in errors])
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root of the mean of the squares."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,15 +140,21 @@ class Folds:
     Parameters
     ----------
     rms : float
-        Root mean square over all held-out rows, in the unit of the output.
+        Root mean square over all held-out rows, as predicted, in the unit of the output.
+    free_rms : float
+        The same, where each part may have a constant of its own.
     largest : float
         Largest absolute error there.
+    band : float
+        Absolute error that 95 % of them stay below.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
     """
 
     rms: float
+    free_rms: float
     largest: float
+    band: float
     mean_square: Array
 
 
@@ -105,7 +168,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     data : Data
         The data; rows that are not in use are left out of all.
     start : numpy.ndarray
-        Where the search over nonlinear parameters begins.
+        Where the search over nonlinear parameters has ended for all cycles.
 
     Returns
     -------
@@ -115,15 +178,19 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     folds = folds_of(data)
     if len(folds) < 2:
         return None
-    errors = []
+    errors, free = [], []
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
-        found = family.fit(part, start if start.size else None)
-        errors.append(misfit(found.model, part).at(held))
+        found = family.refit(part, start)
+        own = misfit(found.model, part).predicted_at(held)
+        errors.append(np.concatenate(own))
+        free.append(free_constant(own))
     every = np.concatenate(errors)
     return Folds(
-        rms=float(np.sqrt(np.mean(every**2))),
+        rms=root_mean_square(every),
+        free_rms=root_mean_square(np.concatenate(free)),
         largest=float(np.max(np.abs(every))),
+        band=float(np.quantile(np.abs(every), BAND)),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
     )

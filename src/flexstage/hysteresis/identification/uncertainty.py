@@ -40,13 +40,13 @@ class Estimate:
 
 def estimates(
     fit: Fit, data: Data, left: Misfit, searched: Sequence[str]
-) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
+) -> tuple[tuple[Estimate, ...], Estimate, tuple[str, ...]]:
     """Return the standard errors of parameters and chain, and what cannot be told apart.
 
     Errors that are left are alike within a cycle and from one cycle to the next only by chance, so
     the covariance is that of a sum over cycles (the sandwich estimator of K.-Y. Liang, S. L. Zeger,
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
-    Offset and settling are fitted along, so that their uncertainty is in it.
+    Offsets are fitted along, so that their uncertainty is in it.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def estimates(
 
     Returns
     -------
-    tuple of Estimate and tuple of str
-        Parameters of the model, then values of the chain; warnings.
+    tuple of Estimate, Estimate and tuple of str
+        Parameters of the model, then values of the chain; the offset; warnings.
     """
     names = (*fit.names, *searched)
     # a fit may have columns without a name, that mean nothing by themselves
@@ -70,10 +70,11 @@ def estimates(
     which = np.array(
         [*range(len(fit.names)), *range(columns, columns + len(searched))], dtype=np.intp
     )
-    if not names:
-        return (), ()
     values = np.concatenate((fit.values, [getattr(data.chain, n) for n in searched]))
     J = _jacobian(fit, data, searched)
+    # the offset that is kept is the mean of what the nuisance columns, the last ones, make
+    mean = np.zeros(J.shape[1])
+    mean[columns + len(searched) :] = J[:, columns + len(searched) :].mean(axis=0)
     e = left.at(data.use)
     scale = np.sqrt(np.maximum(np.sum(J**2, axis=0), 1e-300))
     J = J / scale
@@ -84,11 +85,17 @@ def estimates(
     plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
     # with few cycles the sum over them is too small, so the larger of the two is taken
     error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[which] / scale[which]
+    mean /= scale
+    offset = Estimate(
+        name="offset",
+        value=left.offset,
+        standard_error=float(np.sqrt(max(mean @ covariance @ mean, mean @ plain @ mean))),
+    )
     found = tuple(
         Estimate(name=n, value=float(v), standard_error=float(s))
         for n, v, s in zip(names, values, error, strict=True)
     )
-    return found, _warnings(found, plain[np.ix_(which, which)])
+    return found, offset, _warnings(found, plain[np.ix_(which, which)])
 
 
 def _warnings(found: tuple[Estimate, ...], covariance: Array) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """The Bouc-Wen model with a polynomial for what is asymmetric but has no memory."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -160,6 +159,41 @@ class AsymmetricBoucWen(HysteresisModel):
             The output is no finite sequence; it is not reached between the lowest and the highest
             input; or, at one of the samples, it need not rise with the input.
         """
+        found, missed = self._inverted(y, state)
+        if missed >= 0:
+            raise ModelError(
+                f"the output {samples(y, 'output')[missed]:.6g} at sample {missed} is not reached "
+                f"between the lowest_input {self.lowest_input:.6g} and the highest_input "
+                f"{self.highest_input:.6g}: stay within"
+            )
+        return found
+
+    def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input whose output comes nearest to a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs [unit of y], shape (n,).
+        state : array_like, optional
+            Last input and hysteretic displacement; at rest where not given.
+
+        Returns
+        -------
+        Response
+            What `inverse` returns; where an output is out of reach, the input stops at the lowest
+            or the highest.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence; or, at one of the samples, it need not rise with the
+            input.
+        """
+        return self._inverted(y, state)[0]
+
+    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
+        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         outputs = samples(y, "output")
         start = self._state(state)
         low, high = self.lowest_input, self.highest_input
@@ -170,19 +204,15 @@ class AsymmetricBoucWen(HysteresisModel):
             )
         values = np.empty_like(outputs)
         limits = np.array([low, high, self._least_slope()])
-        done, h = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
-        if done < outputs.size and math.isnan(h):
-            raise ModelError(
-                f"the output {outputs[done]:.6g} at sample {done} is not reached between the "
-                f"lowest_input {low:.6g} and the highest_input {high:.6g}: stay within"
-            )
+        compiled = self._compiled()
+        done, h, missed = inverse_samples(outputs, start[0], start[1], limits, *compiled, values)
         if done < outputs.size:
             raise ModelError(
                 f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "
                 f"the least slope {limits[2]:.6g} of the cubic, so that more than one input gives "
                 f"an output; stay within a smaller range, or give a smaller hysteresis_gain"
             )
-        return Response(values=values, state=state_after(_NAME, values[-1], h))
+        return Response(values=values, state=state_after(_NAME, values[-1], h)), missed
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return what is required of the parameters, and whether it holds.

@@ -156,7 +156,7 @@ class BoucWen(HysteresisModel):
             )
         values = np.empty_like(outputs)
         limits = np.array([-math.inf, math.inf, self.gain])
-        done, h = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
+        done, h, _ = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
         if done < outputs.size:
             raise ModelError(
                 f"Bouc-Wen cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "

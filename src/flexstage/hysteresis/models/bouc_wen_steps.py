@@ -190,7 +190,7 @@ def inverse_samples(
     law: Array,
     table: Array,
     out: Array,
-) -> tuple[int, float]:
+) -> tuple[int, float, int]:
     """Write the input that gives each output.
 
     Parameters
@@ -214,12 +214,12 @@ def inverse_samples(
 
     Returns
     -------
-    tuple of int and float
-        Number of samples done, and the last hysteretic displacement. It stops short where the
-        output does not rise with the input, or, with the displacement NaN, where the output
-        is not reached within the limits.
+    tuple of int, float and int
+        Number of samples done, the last hysteretic displacement, and the first sample that is not
+        reached within the limits, at which the input stops, or -1. It stops short where the
+        output does not rise with the input.
     """
-    unloading = min(law[4], law[5], law[8], law[9])
+    unloading, missed = min(law[4], law[5], law[8], law[9]), -1
     for i in range(y.size):
         level = u * (cubic[0] + u * (cubic[1] + u * cubic[2])) - h
         change = y[i] - level
@@ -227,12 +227,15 @@ def inverse_samples(
             # Loading slows down from A; unloading starts at its steepest.
             least = limits[2] - law[0] + min(0.0, unloading) * abs(h) ** law[1]
             if not least > 0.0:
-                return i, h
-            u, h = _inverse_step(change, u, h, least, limits, cubic, law, table)
-            if not np.isfinite(u):
-                return i, np.nan
+                return i, h, missed
+            end, after = _inverse_step(change, u, h, least, limits, cubic, law, table)
+            if not np.isfinite(end):
+                missed = i if missed < 0 else missed
+                end = limits[1] if change > 0.0 else limits[0]
+                after = advance(h, u, end - u, law, table)
+            u, h = end, after
         out[i] = u
-    return y.size, h
+    return y.size, h, missed
 
 
 @compiled

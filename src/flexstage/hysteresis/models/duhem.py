@@ -164,11 +164,45 @@ class Duhem(HysteresisModel):
             The output is no finite sequence, no input in the range reaches it, or the output can
             fall while the input rises.
         """
+        found, missed = self._inverted(y, state)
+        if missed >= 0:
+            low, high = self.input_range
+            raise ModelError(
+                f"no input from {low:g} to {high:g} gives {samples(y, 'output')[missed]:g}, wanted "
+                f"at sample {missed}: stay within the range, or widen it"
+            )
+        return found
+
+    def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input whose output comes nearest to a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            What `inverse` returns; where an output is out of reach, the input stops at the end of
+            its range.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, or it can fall while the input rises.
+        """
+        return self._inverted(y, state)[0]
+
+    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
+        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         wanted, before = samples(y, "output"), self._state(state)
         least = self._extremes()[0]
         if least <= 0.0:
             raise ModelError(
-                f"this duhem model has no inverse, since its slope can be {least:g} m/V: raise "
+                f"this duhem model has no inverse, since its slope can be {least:g}: raise "
                 f"the tangent, lower the rate, or narrow the input range"
             )
         low, high = self.input_range
@@ -176,12 +210,7 @@ class Duhem(HysteresisModel):
         edge = ROUNDING * (high - low)
         ends = (low - edge, high + edge)
         u, missed = _invert(wanted, self.rate, self._f(), self._g(), *ends, before)
-        if missed >= 0:
-            raise ModelError(
-                f"no input from {low:g} to {high:g} V gives {wanted[missed]:g}, wanted at sample "
-                f"{missed}: stay within the range, or widen it"
-            )
-        return Response(values=u, state=before)
+        return Response(values=u, state=before), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
         """Return the output between the samples in closed form.
@@ -393,18 +422,24 @@ def _distance(
 def _invert(
     y: Array, alpha: float, f: Array, g: Array, low: float, high: float, state: Array
 ) -> tuple[Array, int]:
-    """Return the inputs for a sequence of outputs, and the first one that none reaches, or -1."""
+    """Return the inputs for a sequence of outputs, and the first one that none reaches, or -1.
+
+    Where none does, the input stops at the end of the range.
+    """
     u = np.empty(y.size)
-    x, here = state[0], state[1]
+    x, here, missed = state[0], state[1], -1
     for n in range(y.size):
         if y[n] != here:
             sign = 1.0 if y[n] > here else -1.0
             far = (high - x) if sign > 0.0 else (x - low)
+            v = max(far, 0.0)
             if not far > 0.0 or sign * (_step(x, here, far, sign, alpha, f, g) - y[n]) < 0.0:
-                return u, n
-            v = _distance(x, here, y[n], far, sign, alpha, f, g)
-            here = _step(x, here, v, sign, alpha, f, g)
-            x += sign * v
+                missed = n if missed < 0 else missed
+            else:
+                v = _distance(x, here, y[n], far, sign, alpha, f, g)
+            if v > 0.0:
+                here = _step(x, here, v, sign, alpha, f, g)
+                x += sign * v
         u[n] = x
     state[0], state[1] = x, here
-    return u, -1
+    return u, missed

@@ -167,7 +167,7 @@ class GeneralisedBoucWen(HysteresisModel):
             )
         values = np.empty_like(outputs)
         limits = np.array([-math.inf, math.inf, self.gain])
-        done, h = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
+        done, h, _ = inverse_samples(outputs, start[0], start[1], limits, *self._compiled(), values)
         if done < outputs.size:
             raise ModelError(
                 f"{_NAME} cannot be inverted at sample {done}: with h = {h:.6g}, dh/du can reach "

@@ -92,6 +92,40 @@ class PlayModel(HysteresisModel):
             The output is no finite sequence, no input reaches it, or the output can fall while
             the input rises.
         """
+        found, missed = self._inverted(y, state)
+        if missed >= 0:
+            wanted = samples(y, "output")[missed]
+            raise ModelError(
+                f"no input of this {self.kind} model gives {wanted:g}, wanted at sample "
+                f"{missed}: its outermost slopes are zero; stay within its outputs"
+            )
+        return found
+
+    def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        """Return the input whose output comes nearest to a sequence of outputs.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,).
+        state : array_like, optional
+            State before the first of them; `rest` where not given.
+
+        Returns
+        -------
+        Response
+            What `inverse` returns; where an output is out of reach, the input stops where the
+            output does.
+
+        Raises
+        ------
+        ModelError
+            The output is no finite sequence, or it can fall while the input rises.
+        """
+        return self._inverted(y, state)[0]
+
+    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
+        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         after = self._state(state)
         wanted = samples(y, "output")
         if self._least_slope() < 0.0:
@@ -100,12 +134,7 @@ class PlayModel(HysteresisModel):
                 f"{self._least_slope():g}: identify it with weights that are not negative"
             )
         u, missed = play_sum.invert(wanted, *self._sum(), after)
-        if missed >= 0:
-            raise ModelError(
-                f"no input of this {self.kind} model gives {wanted[missed]:g}, wanted at sample "
-                f"{missed}: its outermost slopes are zero; stay within its outputs"
-            )
-        return Response(values=u, state=after)
+        return Response(values=u, state=after), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         """Return the output between the samples as straight pieces.

@@ -214,11 +214,12 @@ def invert(
     -------
     tuple of numpy.ndarray and int
         Inputs, shape (n,), and the first sample that no input reaches, -1 where all are reached.
+        Where none does, the input stops where the sum does.
     """
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
     sums = _sums(p, knots, slopes, offsets, where)
-    x = state[0]
+    x, missed = state[0], -1
     out = np.empty(z.size)
     for n in range(z.size):
         here = gain * x + sums[0]
@@ -233,7 +234,8 @@ def invert(
                     x += (z[n] - here) / slope
                     break
                 if cause < 0:
-                    return out, n
+                    missed = n if missed < 0 else missed
+                    break
                 here += sign * slope * reach
                 x += sign * reach
                 if cause == moving:
@@ -243,7 +245,7 @@ def invert(
             _move(x, sign, p, thresholds, knots, slopes, offsets, where, sums)
         out[n] = x
     state[0] = x
-    return out, -1
+    return out, missed
 
 
 @compiled

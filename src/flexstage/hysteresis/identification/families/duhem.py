@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 _RATE = (-0.5, 2.0)
 #: Coefficients of f and of g.
 _CURVE, _TANGENT = 4, 2
+#: Weight of the square of the constant of f against the misfit. Once the way out of rest is over
+#: it does what the offset does, and without a weight both grow to many strokes of opposite sign.
+_CONSTANT = 3e-9
 
 
 class DuhemFamily(SearchFamily):
@@ -47,6 +50,22 @@ class DuhemFamily(SearchFamily):
         """
         del data
         return np.array([True] * (_CURVE + _TANGENT))
+
+    def penalty(self, data: Data) -> Array:
+        """Return the penalty on the constant of f.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Matrix of a quadratic form of the linear parameters, per sample, shape (6, 6).
+        """
+        del data
+        return np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
         """Return the output for each coefficient of f, then for each of g.

@@ -4,12 +4,13 @@ import functools
 import operator
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered
+from flexstage.hysteresis.identification.averaging import averaged
+from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.measurement import Measurement
 from flexstage.hysteresis.identification.projection import (
     Normal,
@@ -18,9 +19,14 @@ from flexstage.hysteresis.identification.projection import (
 )
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["Data", "Family", "Fit", "behind_chain", "equations", "residual"]
+__all__ = ["Data", "Family", "Fit", "behind_chain", "coarse", "equations", "residual"]
 
 Array = NDArray[np.float64]
+
+#: Samples and rows that a search begins with, and how much more than elsewhere means may miss.
+_COARSE_SAMPLES = 5000
+_COARSE_ROWS = 2500
+_COARSE_LOOSE = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,7 +51,7 @@ class Data:
     chain: ChainValues
     rows: tuple[Rows, ...]
     use: tuple[NDArray[np.bool_], ...]
-    memo: dict[str, list[Array]] = field(default_factory=dict)
+    memo: dict[str, Any] = field(default_factory=dict)
 
     @property
     def input_scale(self) -> float:
@@ -67,6 +73,26 @@ class Data:
             The data.
         """
         return replace(self, use=use)
+
+    def with_output(self, output: list[Array]) -> "Data":
+        """Return the same data with another output.
+
+        Parameters
+        ----------
+        output : list of numpy.ndarray
+            Output at the rows of each section, shape (r,).
+
+        Returns
+        -------
+        Data
+            The data.
+        """
+        made = []
+        for s, r, values in zip(self.measurement.sections, self.rows, output, strict=True):
+            y = s.y.copy()
+            y[r.at] = values
+            made.append(replace(s, y=y))
+        return replace(self, measurement=replace(self.measurement, sections=tuple(made)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,6 +149,23 @@ class Family(ABC):
             The fitted model.
         """
 
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search over nonlinear parameters ended for more samples, shape (s,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        return self.fit(data, optimum if optimum.size else None)
+
     @property
     @abstractmethod
     def size(self) -> int:
@@ -150,7 +193,7 @@ def behind_chain(columns: list[Array], data: Data) -> list[Array]:
     ]
 
 
-def equations(behind: list[Array], data: Data) -> Normal:
+def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
     """Form the normal equations of the samples in use.
 
     Parameters
@@ -159,17 +202,76 @@ def equations(behind: list[Array], data: Data) -> Normal:
         Columns behind the chain at the rows of each section, shape (r, m).
     data : Data
         The data.
+    key : str
+        A name that belongs to these columns alone: sums over all samples are then formed once, and
+        where a part of them is held out it is taken off. Empty where nothing is to be kept.
 
     Returns
     -------
     Normal
         The equations.
     """
-    own = [
-        normal_equations(c[use], s.nuisance[r.at[use]], s.y[r.at[use]])
-        for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True)
-    ]
+    if not key:
+        return _summed(behind, data)
+    name = f"{key} equations"
+    if name not in data.memo:
+        data.memo[name] = data.use, _summed(behind, data)
+    used, whole = data.memo[name]
+    less = [a & ~b for a, b in zip(used, data.use, strict=True)]
+    more = any(np.any(b & ~a) for a, b in zip(used, data.use, strict=True))
+    if more or 2 * sum(map(np.sum, less)) > whole.count:
+        return _summed(behind, data)
+    if not any(map(np.any, less)):
+        return whole
+    return whole - _summed(behind, data.with_use(tuple(less)))
+
+
+def _summed(behind: list[Array], data: Data) -> Normal:
+    own = []
+    for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
+        at, chosen = (r.at, c) if use.all() else (r.at[use], c[use])
+        own.append(normal_equations(chosen, s.nuisance[at], s.y[at]))
     return functools.reduce(operator.add, own)
+
+
+def coarse(data: Data) -> Data:
+    """Return the data of a shorter record, to begin a search with that is ended on all of it.
+
+    Parameters
+    ----------
+    data : Data
+        The data.
+
+    Returns
+    -------
+    Data
+        Means of neighbouring samples, and few rows of them; those that hold any sample which is
+        held out are held out. What families begin with is that of all samples.
+    """
+    if "coarse" not in data.memo:
+        share = _COARSE_SAMPLES // len(data.measurement.sections)
+        sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.measurement.sections)
+        short = replace(data.measurement, sections=sections)
+        data.memo["coarse"] = short, rows_of(short, _COARSE_ROWS)
+    short, rows = data.memo["coarse"]
+    use = tuple(
+        _within(own.at, round(c.dt / s.dt), r.at, u)
+        for own, c, s, r, u in zip(
+            rows, short.sections, data.measurement.sections, data.rows, data.use, strict=True
+        )
+    )
+    memo = {name: kept for name, kept in data.memo.items() if name.endswith(" start")}
+    return replace(data, measurement=short, rows=rows, use=use, memo=memo)
+
+
+def _within(
+    means: NDArray[np.intp], every: int, at: NDArray[np.intp], use: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which means are of samples in use alone, by the rows next to their first and last one."""
+    last = at.size - 1
+    first = np.clip(np.searchsorted(at, means * every, side="right") - 1, 0, last)
+    after = np.clip(np.searchsorted(at, (means + 1) * every - 1), 0, last)
+    return use[first] & use[after]
 
 
 def residual(behind: list[Array], solution: Solution, data: Data) -> Array:

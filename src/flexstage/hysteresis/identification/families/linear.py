@@ -111,7 +111,7 @@ class LinearFamily(Family):
         """
         del start
         behind = self._behind(data)
-        x = self.coefficients(equations(behind, data), behind, data)
+        x = self.coefficients(equations(behind, data, self.kind), behind, data)
         active = np.flatnonzero(x > 0.0)
         names = self.names(data)
         return Fit(
@@ -119,7 +119,7 @@ class LinearFamily(Family):
             names=tuple(names[i] for i in active),
             values=x[active],
             jacobian=np.concatenate(
-                [c[use][:, active] for c, use in zip(behind, data.use, strict=True)]
+                [c[np.ix_(use, active)] for c, use in zip(behind, data.use, strict=True)]
             ),
         )
 
@@ -140,7 +140,10 @@ class LinearFamily(Family):
         numpy.ndarray
             The parameters, shape (m,), zero for columns that do not move.
         """
-        moving = moving_columns(behind)
+        key = f"{self.kind} moving"
+        if key not in data.memo:
+            data.memo[key] = moving_columns(behind)
+        moving = data.memo[key]
         penalty = self.smoothing(data, moving)
         gram, right = normal.gram.copy(), normal.right.copy()
         if penalty is not None:

@@ -1,5 +1,6 @@
 """How a generalised Maxwell-slip model is fitted."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 #: Weight of the penalty on second differences against the misfit.
 _SMOOTHING = 3e-4
+#: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
+_FLATTEST = 0.05
 
 
 class MaxwellSlipFamily(RefinedFamily):
@@ -131,7 +134,11 @@ class MaxwellSlipFamily(RefinedFamily):
             plays = PrandtlIshlinskiiFamily(self._elements).fit(data).model
             assert isinstance(plays, PrandtlIshlinskii)
             kinks = interior_kinks(data, plays, self._kinks)
-            gain, thresholds, weights = plays.inverse_plays()
+            # plays that stand still after a turn, as where noise of the input or a delay blunts
+            # it, have no inverse; some slope there is enough to begin with
+            least = _FLATTEST * data.measurement.stroke / data.input_scale
+            start = replace(plays, gain=max(plays.gain, least))
+            gain, thresholds, weights = start.inverse_plays()
             # a play is the displacement less a stop, so that negative plays are stops and a spring
             data.memo[key] = [np.array([gain + weights.sum()]), thresholds, -weights, kinks]
         return data.memo[key]

@@ -1,5 +1,6 @@
 """How a modified Prandtl-Ishlinskii model is fitted."""
 
+import itertools
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,9 @@ from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
+from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["ModifiedPrandtlIshlinskiiFamily", "interior_kinks"]
@@ -158,6 +161,41 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
             dead_zones=kinks * about_zero,
             dead_zone_weights=np.where(kinks > 0.0, change, -change),
         )
+
+    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+        """Return the change of the output with each parameter, in closed form.
+
+        With v the sum of the plays and S the line behind them, the output S(v) changes by S'(v)
+        with what a play adds to v, and by the way from 0 to v within an interval with its slope.
+
+        Parameters
+        ----------
+        p : numpy.ndarray
+            Gain, weights of plays, then the slopes of the line; shape (k,).
+        scale : numpy.ndarray
+            By how much each may change at once, shape (k,).
+        section : Section
+            The section.
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Change of the quasi-static output with each parameter over its scale, shape (n, k).
+        """
+        start, kinks = self._cached(data)
+        slopes = p[1 + self._plays :]
+        columns = play_columns(section.u, start.thresholds)
+        v = p[0] * section.u + columns @ p[1 : 1 + self._plays]
+        ends = np.concatenate(([-np.inf], kinks, [np.inf]))
+        made = np.empty((section.u.size, p.size), order="F")
+        slope = slopes[np.searchsorted(kinks, v)]
+        made[:, 0] = slope * section.u
+        made[:, 1 : 1 + self._plays] = slope[:, None] * columns
+        for j, (low, high) in enumerate(itertools.pairwise(ends), start=1 + self._plays):
+            made[:, j] = np.clip(v, low, high) - np.clip(0.0, low, high)
+        return made * scale
 
     def _cached(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
         key = f"{self.kind} start"

@@ -173,7 +173,7 @@ class PreisachFamily(LinearFamily):
         if len(folds) < 2:
             return _SMOOTHING[2]
         held = [equations(behind, data.with_use(fold)) for fold in folds]
-        whole = equations(behind, data)
+        whole = equations(behind, data, self.kind)
         left = {w: self._held_out(w, whole, held, behind, data) for w in _SMOOTHING}
         best = min(_SMOOTHING, key=lambda w: left[w].sum())
         # the smoothest that is as good within what differs from part to part by chance

@@ -12,8 +12,10 @@ from flexstage.hysteresis.identification.families.family import (
     Family,
     Fit,
     behind_chain,
+    coarse,
     equations,
 )
+from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 _ITERATIONS = 25
 #: The search has ended when a step takes less than this share of the sum of squares away.
 _DONE = 1e-5
+#: ... and this share where it began at the optimum of more samples.
+_NEARLY = 1e-4
 #: Step of the differences that the output's change with a parameter is found with, of its scale.
 _STEP = 1e-5
 
@@ -120,11 +124,51 @@ class RefinedFamily(Family):
         Fit
             The fitted model.
         """
+        begin = self.begin(data) if start is None else np.asarray(start)
+        begin, _ = self._descended(begin, coarse(data), None)
+        p, J = self._descended(begin, data, self._kept(begin, data))
+        data.memo[self._key(p)] = J
+        low, _ = self.bounds(data)
+        return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search ended for more samples, shape (k,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        p, _ = self._descended(optimum, data, self._kept(optimum, data))
+        return Fit(model=self.build(p, data), search=p)
+
+    def _key(self, p: Array) -> str:
+        return f"{self.kind} at {p.tolist()}"
+
+    def _kept(self, p: Array, data: Data) -> list[Array]:
+        """The change of the output with the parameters where more of the samples were fitted."""
+        if self._key(p) not in data.memo:
+            data.memo[self._key(p)] = self._jacobian(p, self.bounds(data)[1], data)
+        return data.memo[self._key(p)]
+
+    def _descended(
+        self, begin: Array, data: Data, known: list[Array] | None
+    ) -> tuple[Array, list[Array]]:
+        """Go down to the optimum; return it, and the output's change with the parameters there.
+
+        Where that is known for the beginning it serves for all steps: the way is short.
+        """
         low, scale = self.bounds(data)
-        p = np.asarray(self.begin(data) if start is None else start, dtype=np.float64)
-        p = np.maximum(p, low)
+        p = np.maximum(begin, low)
         cost, behind = self._evaluate(p, data)
-        damping, J = 1e-3, self._jacobian(p, behind, scale, data)
+        damping, J = 1e-3, self._jacobian(p, scale, data) if known is None else known
         for _ in range(_ITERATIONS):
             trial = np.maximum(
                 _step(p, behind, J, low, scale, damping, self.penalty(data), data), low
@@ -134,17 +178,19 @@ class RefinedFamily(Family):
             except ModelError:  # beyond what the model allows
                 new, moved = np.inf, behind
             if new >= cost:
+                # from a place that is known to be near, a step that gains nothing is the last
                 damping *= 8.0
-                if damping > 1e8:
+                if damping > (1e8 if known is None else 1.0):
                     break
                 continue
             gained = 1.0 - new / cost
             p, cost, behind = trial, new, moved
             damping = max(damping / 4.0, 1e-9)
-            if gained < _DONE:
+            if gained < (_DONE if known is None else _NEARLY):
                 break
-            J = self._jacobian(p, behind, scale, data)
-        return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))
+            if known is None:
+                J = self._jacobian(p, scale, data)
+        return p, J
 
     def _evaluate(self, p: Array, data: Data) -> tuple[float, list[Array]]:
         model = self.build(p, data)
@@ -159,23 +205,41 @@ class RefinedFamily(Family):
             rough = left.size * float(scaled @ penalty @ scaled)
         return float(left @ left) + rough, behind
 
-    def _jacobian(self, p: Array, behind: list[Array], scale: Array, data: Data) -> list[Array]:
-        """Change of the output with each parameter at every sample, by its scale."""
-        sections = data.measurement.sections
-        base = [self.build(p, data).simulate(s.u).values for s in sections]
-        columns = [np.empty((s.u.size, p.size)) for s in sections]
+    def _jacobian(self, p: Array, scale: Array, data: Data) -> list[Array]:
+        """Change of the output with each parameter at the rows, by its scale."""
+        quasi = [self.changes(p, scale, section, data) for section in data.measurement.sections]
+        return behind_chain(quasi, data)
+
+    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+        """Return the change of the output with each parameter, by differences where not overridden.
+
+        Parameters
+        ----------
+        p : numpy.ndarray
+            The parameters, shape (k,).
+        scale : numpy.ndarray
+            By how much each may change at once, shape (k,).
+        section : Section
+            The section.
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Change of the quasi-static output with each parameter over its scale, shape (n, k).
+        """
+        base = self.build(p, data).simulate(section.u).values
+        made = np.empty((section.u.size, p.size), order="F")
         for j in range(p.size):
             moved = p.copy()
             moved[j] += _STEP * scale[j]
-            model = self.build(moved, data)
-            for k, s in enumerate(sections):
-                columns[k][:, j] = (model.simulate(s.u).values - base[k]) / _STEP
-        del behind
-        return behind_chain(columns, data)
+            made[:, j] = (self.build(moved, data).simulate(section.u).values - base) / _STEP
+        return made
 
     def _active(self, J: list[Array], p: Array, low: Array, data: Data) -> Array:
         inside = np.flatnonzero(p > low)
-        return np.concatenate([c[u][:, inside] for c, u in zip(J, data.use, strict=True)])
+        return np.concatenate([c[np.ix_(u, inside)] for c, u in zip(J, data.use, strict=True)])
 
 
 def _left(behind: list[Array], data: Data) -> Array:
@@ -208,12 +272,7 @@ def _step(
         s.y[r.at] - c[:, 0] + j @ z0
         for s, r, c, j in zip(data.measurement.sections, data.rows, behind, J, strict=True)
     ]
-    sections = tuple(
-        replace(s, y=_placed(s.y, r.at, t))
-        for s, r, t in zip(data.measurement.sections, data.rows, target, strict=True)
-    )
-    moved = replace(data, measurement=replace(data.measurement, sections=sections))
-    normal = equations(J, moved)
+    normal = equations(J, data.with_output(target))
     weight = damping * np.diag(normal.gram)[: p.size]
     gram = normal.gram.copy()
     gram[np.arange(p.size), np.arange(p.size)] += weight
@@ -225,12 +284,6 @@ def _step(
         right[: p.size] -= own @ (base / scale)
     solution: Solution = solve(replace(normal, gram=gram, right=right), free=free)
     return base + scale * solution.coefficients
-
-
-def _placed(y: Array, at: NDArray[np.intp], values: Array) -> Array:
-    made = y.copy()
-    made[at] = values
-    return made
 
 
 def roughness(*groups: int) -> Array:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from flexstage.hysteresis.identification.chain_filter import Rows
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Family,
     Fit,
     behind_chain,
+    coarse,
     equations,
     residual,
 )
@@ -27,10 +27,12 @@ __all__ = ["SearchFamily"]
 
 Array = NDArray[np.float64]
 
-#: Rows that the coarse search looks at.
-_COARSE_ROWS = 2500
 #: Points of the coarse search that are followed to their minimum.
 _FOLLOWED = 3
+#: How far about an optimum costs are looked at to find the one of fewer samples, and how far off
+#: that is believed.
+_ABOUT = 0.025
+_NEAR = 0.06
 #: Step of the differences that uncertainties are found with, relative to each parameter.
 _STEP = 1e-4
 #: Fields of models that are chosen and not fitted.
@@ -102,6 +104,22 @@ class SearchFamily(Family):
         del data
         return None
 
+    def penalty(self, data: Data) -> Array | None:
+        """Return the penalty on linear parameters.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Matrix of a quadratic form of them, per sample, shape (m, m); None for none.
+        """
+        del data
+        return None
+
     def starts(self, data: Data) -> list[Array]:
         """Return the points of the coarse search.
 
@@ -137,7 +155,9 @@ class SearchFamily(Family):
         """
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
-        solution = solve(equations(behind, data), free=self.free(data))
+        normal, penalty = equations(behind, data), self.penalty(data)
+        smoothing = None if penalty is None else normal.count * penalty
+        solution = solve(normal, free=self.free(data), smoothing=smoothing)
         return solution, behind, residual(behind, solution, data) / data.measurement.stroke
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
@@ -156,12 +176,8 @@ class SearchFamily(Family):
         Fit
             The fitted model.
         """
-        begins = [np.asarray(start, dtype=np.float64)] if start is not None else self._best(data)
-        found = [self._follow(begin, data) for begin in begins]
-        cost, place = min(found, key=lambda pair: pair[0])
-        del cost
-        solution, _, _ = self.project(place, data)
-        model = self.build(place, solution.coefficients, data)
+        place = self._found(data) if start is None else self._followed([np.asarray(start)], data)
+        model = self.build(place, self.project(place, data)[0].coefficients, data)
         names, values, jacobian = _sensitivities(model, data)
         inner = np.all((place > 1e-3) & (place < 1.0 - 1e-3))
         notes = () if inner else ("a parameter ended at the border of its search range",)
@@ -169,21 +185,94 @@ class SearchFamily(Family):
             model=model, search=place, names=names, values=values, jacobian=jacobian, notes=notes
         )
 
-    def _best(self, data: Data) -> list[Array]:
-        coarse = _thinned(data)
+    def _found(self, data: Data) -> Array:
+        """Search a grid on a short record, and end the best of what is found on the whole."""
+        key = f"{self.kind} found"
+        # the generalised model begins with what was found for the plain one
+        if key in data.memo and data.memo[key][0] is data.use:
+            return data.memo[key][1]
         points = self.starts(data)
+        short = coarse(data)
+        order = np.argsort([self._cost(point, short) for point in points])
+        place = self._followed([points[i] for i in order[:_FOLLOWED]], data)
+        data.memo[key] = data.use, place
+        return place
+
+    def _followed(self, begins: list[Array], data: Data) -> Array:
+        """Follow points to their minimum on a short record, and the best one on the whole."""
+        short = coarse(data)
+        ends = [self._minimise(begin, short, 1e-4) for begin in begins]
+        best = min(ends, key=lambda place: self._cost(place, short))
+        return self._minimise(best, data, 1e-9)
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Where the search ended for more samples, shape (s,).
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        place = self._moved(optimum, data)
+        solution, _, _ = self.project(place, data)
+        return Fit(model=self.build(place, solution.coefficients, data), search=place)
+
+    def _moved(self, start: Array, data: Data) -> Array:
+        """Go from the optimum of more samples to that of these.
+
+        The first step is on a parabola through costs about the start, whose columns are worked out
+        once for all parts that are held out; the next ones are by the slope where it has led. Where
+        that goes far or uphill, as along a valley, it is searched for.
+        """
+        points = _stencil(start)
         costs = []
         for point in points:
-            _, _, left = self.project(point, coarse)
-            costs.append(float(left @ left))
-        order = np.argsort(costs)
-        return [points[i] for i in order[:_FOLLOWED]]
+            key = f"{self.kind} at {point.tolist()}"
+            if key not in data.memo:
+                quasi = [self.columns(s, point, data) for s in data.measurement.sections]
+                data.memo[key] = behind_chain(quasi, data)
+            normal = equations(data.memo[key], data, key)
+            found = solve(normal, free=self.free(data))
+            z = np.concatenate((found.coefficients, found.nuisance))
+            costs.append(normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z))
+        slope, bend = _parabola(np.array(costs), start.size)
+        place = _downhill(points[0], slope, bend)
+        for _ in range(place.size):
+            place = _downhill(place, self._slope(place, data), bend)
+        near = np.max(np.abs(place - start)) <= _NEAR
+        if near and self._cost(place, data) <= self._cost(start, data):
+            return place
+        return self._minimise(start, data, 1e-6)
 
-    def _follow(self, begin: Array, data: Data) -> tuple[float, Array]:
-        coarse = self._minimise(begin, _thinned(data), 1e-4)
-        place = self._minimise(coarse, data, 1e-9)
+    def _slope(self, place: Array, data: Data) -> Array:
+        """Change of the cost over the stencil's width with each searched parameter.
+
+        At the best linear parameters it does not matter how these would change along.
+        """
+        solution, behind, left = self.project(place, data)
+        x = solution.coefficients
+        slope = np.empty(place.size)
+        for k in range(place.size):
+            other = place.copy()
+            other[k] += _STEP if place[k] < 0.5 else -_STEP
+            quasi = [self.columns(s, other, data) @ x for s in data.measurement.sections]
+            moved = behind_chain([q[:, None] for q in quasi], data)
+            change = np.concatenate(
+                [(m[:, 0] - c @ x)[u] for m, c, u in zip(moved, behind, data.use, strict=True)]
+            )
+            slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
+        return slope * data.measurement.stroke
+
+    def _cost(self, place: Array, data: Data) -> float:
         left = self.project(place, data)[2]
-        return float(left @ left), place
+        return float(left @ left)
 
     def _minimise(self, begin: Array, data: Data, tolerance: float) -> Array:
         found = least_squares(
@@ -200,12 +289,31 @@ class SearchFamily(Family):
         return np.asarray(found.x, dtype=np.float64)
 
 
-def _thinned(data: Data) -> Data:
-    total = sum(r.at.size for r in data.rows)
-    every = max(1, total // _COARSE_ROWS)
-    rows = tuple(Rows(at=r.at[::every], cycle=r.cycle[::every]) for r in data.rows)
-    use = tuple(u[::every] for u in data.use)
-    return replace(data, rows=rows, use=use, memo={})
+def _stencil(centre: Array) -> list[Array]:
+    """Places that determine a parabola: the middle, one to each side, and one between each two."""
+    middle = np.clip(centre, _ABOUT, 1.0 - _ABOUT)
+    sides = _ABOUT * np.eye(centre.size)
+    pairs = [a + b for a, b in itertools.combinations(sides, 2)]
+    return [middle, *(middle + sides), *(middle - sides), *(middle + pair for pair in pairs)]
+
+
+def _parabola(costs: Array, size: int) -> tuple[Array, Array]:
+    """Slope and bend over the stencil's width, in its middle, of the parabola through its costs."""
+    here, up, down = costs[0], costs[1 : 1 + size], costs[1 + size : 1 + 2 * size]
+    bend = np.diag(up - 2.0 * here + down)
+    pairs = itertools.combinations(range(size), 2)
+    for (j, k), cost in zip(pairs, costs[1 + 2 * size :], strict=True):
+        bend[j, k] = bend[k, j] = cost - up[j] - up[k] + here
+    return 0.5 * (up - down), bend
+
+
+def _downhill(place: Array, slope: Array, bend: Array) -> Array:
+    """The lowest place of a parabola; along a valley without a bottom it stays where it is."""
+    values, vectors = np.linalg.eigh(bend)
+    rising = values > 1e-9 * max(float(values.max()), 1e-300)
+    way = np.where(rising, vectors.T @ slope / np.where(rising, values, 1.0), 0.0)
+    step = _ABOUT * np.clip(vectors @ way, -3.0, 3.0)
+    return np.clip(place - step, 1e-6, 1.0 - 1e-6)
 
 
 def _sensitivities(model: HysteresisModel, data: Data) -> tuple[tuple[str, ...], Array, Array]:

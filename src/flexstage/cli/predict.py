@@ -1,0 +1,334 @@
+"""`flexstage predict`: an identified model on a record that it was not made from."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    make_table,
+    output_path,
+    print_json,
+    require_image,
+    write_file,
+)
+from flexstage.cli.model_files import read_model_file
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    read_records,
+)
+from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from flexstage.hysteresis import DriveModel, Prediction
+    from flexstage.hysteresis.drive_model import Start
+    from flexstage.records import Record
+
+__all__ = ["on_records", "predict", "prediction_result", "print_predictions", "start_value"]
+
+
+def predict(
+    model: Annotated[
+        Path,
+        typer.Argument(metavar="MODEL", help="A model that `flexstage identify --out` wrote."),
+    ],
+    records: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
+    ],
+    input: Annotated[
+        str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
+    ],
+    output: Annotated[
+        str, typer.Option(metavar="COLUMN", help="Number or name of the column that follows.")
+    ],
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    input_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
+    ] = None,
+    output_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um".')
+    ] = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|rested|TIME",
+            help="What the drive did before the record: rest at the first command, or move for so "
+            'long, such as "30 s" or inf, since it left the low end of its range; auto takes what '
+            "comes nearest over the samples that are not counted.",
+        ),
+    ] = "auto",
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            parser=output_path,
+            metavar="FILE",
+            help="Draw the measured and the predicted loop of the first record there: .svg, .png "
+            "or .pdf.",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Tell how well an identified model predicts other records: as it stands, nothing fitted."""
+    require_image(figure)
+    before = _start(start)
+    file = read_model_file(model)
+    wanted = [column(input), column(output)]
+    read = read_records(
+        records,
+        wanted,
+        units=[input_unit, output_unit],
+        sample_rate=sample_rate,
+        time=time,
+        format=format,
+        dataset=dataset,
+        rows=rows,
+        skip_lines=skip_lines,
+        delimiter=delimiter,
+        decimal=decimal,
+    )
+    found = on_records(file.model, read, wanted[0], wanted[1], before)
+    written = []
+    if figure is not None:
+        from flexstage.report.figures import draw_prediction, encode
+
+        band = file.errors.get("heldout_95")
+        image = encode(
+            draw_prediction(found[0], file.model, band), figure.suffix.lower().lstrip(".")
+        )
+        write_file(figure, image)
+        written.append(str(figure))
+    result = {
+        "model": file.model.hysteresis.kind,
+        "file": str(model),
+        "output_unit": file.model.output_unit,
+        "errors_percent_of_stroke": dict(file.errors),
+        **_total(found),
+        "records": [prediction_result(p) for p in found],
+        "warnings": list(file.warnings),
+        "notes": sorted({note for r in read for note in r.notes}),
+        "files": written,
+    }
+    if json:
+        print_json(result)
+        return
+    screen = console()
+    print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
+    _print_band(screen, found, file.errors.get("heldout_95"))
+    for name in written:
+        screen.print(f"wrote {name}", markup=False, soft_wrap=True)
+
+
+def on_records(
+    model: "DriveModel",
+    records: "Sequence[Record]",
+    input_column: str | int,
+    output_column: str | int,
+    start: "Start | None" = None,
+) -> "list[Prediction]":
+    """Return how a model predicts each of some records, after checking their units.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The model.
+    records : sequence of Record
+        The records.
+    input_column : str or int
+        The column that drives.
+    output_column : str or int
+        The column that follows.
+    start : "rested" or float, optional
+        What the drive did before; found where not given.
+
+    Returns
+    -------
+    list of Prediction
+        One for each record.
+
+    Raises
+    ------
+    ModelError
+        The units of a record are not those of the model.
+    """
+    from flexstage.hysteresis import predict as run
+
+    sides = (
+        ("input", input_column, model.input_unit),
+        ("output", output_column, model.output_unit),
+    )
+    for record in records:
+        for side, name, unit in sides:
+            own = record.channel(name).unit
+            if own != unit:
+                raise ModelError(
+                    f"the {side} of {record.source or 'the record'} is in "
+                    f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: name "
+                    f"the unit with --{side}-unit"
+                )
+    return [run(model, r, input_column, output_column, start=start) for r in records]
+
+
+def _start(text: str) -> "Start | None":
+    import math
+
+    from flexstage.units import parse
+
+    word = text.strip().lower()
+    if word in ("auto", "rested"):
+        return None if word == "auto" else "rested"
+    seconds = math.inf if word == "inf" else parse(text, "time", bare_unit="s")
+    if seconds < 0.0:
+        raise ModelError(
+            f"--start must be auto, rested or a time that is not negative, got '{text}'"
+        )
+    return seconds
+
+
+def _total(found: "Sequence[Prediction]") -> dict[str, float]:
+    """Both errors over all records, each sample with the same weight."""
+    import numpy as np
+
+    sizes = np.array([p.time.size - p.warm_up for p in found], dtype=np.float64)
+    made = {}
+    for name in ("as_predicted_rms_percent", "free_constant_rms_percent"):
+        squares = np.array([getattr(p, name) ** 2 for p in found])
+        made[name] = float(np.sqrt(np.sum(sizes * squares) / np.sum(sizes)))
+    return made
+
+
+def start_value(start: "Start") -> str | float:
+    """Return what a drive did before as JSON can hold it: a time, or a word."""
+    return "long" if start == float("inf") else start
+
+
+def prediction_result(found: "Prediction") -> dict[str, Any]:
+    """Return a prediction as plain values.
+
+    Parameters
+    ----------
+    found : Prediction
+        The prediction.
+
+    Returns
+    -------
+    dict
+        What `--json` prints of it.
+    """
+    return {
+        "record": found.source,
+        "as_predicted_rms_percent": found.as_predicted_rms_percent,
+        "free_constant_rms_percent": found.free_constant_rms_percent,
+        "constant_percent": found.constant_percent,
+        "largest_percent": found.largest_percent,
+        "stroke": found.stroke,
+        "start": start_value(found.start),
+        "samples_not_counted": found.warm_up,
+        "rates": [
+            {
+                "rate_hz": rate,
+                "cycles": many,
+                "as_predicted_rms_percent": predicted,
+                "free_constant_rms_percent": free,
+            }
+            for rate, many, predicted, free in found.rates
+        ],
+        "cycles": [
+            {
+                "time": c.time,
+                "rate_hz": c.rate_hz,
+                "swing": c.swing,
+                "as_predicted_rms_percent": c.as_predicted_rms_percent,
+                "free_constant_rms_percent": c.free_constant_rms_percent,
+            }
+            for c in found.cycles
+        ],
+        "notes": list(found.notes),
+    }
+
+
+def print_predictions(
+    screen: "Console", found: "Sequence[Prediction]", model: "DriveModel", title: str
+) -> None:
+    """Print a table of how a model predicts records.
+
+    Parameters
+    ----------
+    screen : rich.console.Console
+        Where to.
+    found : sequence of Prediction
+        The predictions.
+    model : DriveModel
+        The model.
+    title : str
+        What the table is called.
+    """
+    table = make_table(
+        title,
+        "record",
+        "<rate, Hz",
+        "cycles",
+        "as predicted, % rms",
+        "with a free constant, % rms",
+        "largest, %",
+    )
+    for p in found:
+        table.add_row(
+            Path(p.source).name or "record",
+            "all",
+            str(len(p.cycles)),
+            f"{p.as_predicted_rms_percent:.3f}",
+            f"{p.free_constant_rms_percent:.3f}",
+            f"{p.largest_percent:.2f}",
+        )
+        for rate, many, predicted, free in p.rates if len(p.rates) > 1 else ():
+            table.add_row("", f"{rate:.3g}", str(many), f"{predicted:.3f}", f"{free:.3f}", "")
+    screen.print(table)
+    from flexstage.hysteresis.drive_model import start_in_words
+
+    unit = model.output_unit or "output"
+    for p in found:
+        screen.print(
+            f"{Path(p.source).name or 'record'}: stroke {p.stroke:.5g} {unit}; constant "
+            f"{p.constant_percent:+.2f} % of it; before the record the drive "
+            f"{start_in_words(p.start)}; {p.warm_up} samples are not counted",
+            markup=False,
+            soft_wrap=True,
+        )
+        for note in p.notes:
+            screen.print(f"note: {note}", style="yellow", markup=False)
+
+
+def _print_band(screen: "Console", found: "Sequence[Prediction]", band: float | None) -> None:
+    if band is None:
+        return
+    import numpy as np
+
+    within = np.concatenate(
+        [np.abs(p.measured - p.predicted)[p.warm_up :] <= 0.01 * band * p.stroke for p in found]
+    )
+    screen.print(
+        f"band of the model, 95 % of its held-out errors: +-{band:.2f} % of the stroke; "
+        f"{100.0 * float(np.mean(within)):.1f} % of these samples lie within it"
+    )

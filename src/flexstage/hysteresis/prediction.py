@@ -1,0 +1,235 @@
+"""An identified drive beside a record that it was not made from."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.errors import RecordError
+from flexstage.hysteresis.drive_model import DriveModel, Start
+from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.identification.measurement import (
+    first_moving,
+    rates_of,
+    require_usable,
+    warm_up,
+)
+from flexstage.hysteresis.identification.misfit import root_mean_square
+from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.suitability import unsuited
+from flexstage.records import Record
+
+__all__ = ["CycleError", "Prediction", "predict"]
+
+#: What a drive can have done before a record: to have moved for long, for some seconds since it
+#: left the low end of its range, or to have rested at the first command.
+_STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(), 0.0, "rested")
+#: Samples of a warm-up that can tell what a drive did before.
+_ENOUGH = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleError:
+    """How far a model is off over one cycle of a record.
+
+    Parameters
+    ----------
+    time : float
+        When the cycle begins [s].
+    rate_hz : float
+        Its rate [Hz].
+    swing : float
+        Range of the input that it moves over, as a share of that of the record [1].
+    as_predicted_rms_percent : float
+        Root mean square error over the stroke of the record [%].
+    free_constant_rms_percent : float
+        The same less its mean over the cycle [%].
+    """
+
+    time: float
+    rate_hz: float
+    swing: float
+    as_predicted_rms_percent: float
+    free_constant_rms_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """A model on a record: nothing of it was fitted to what is counted.
+
+    Parameters
+    ----------
+    source : str
+        The record.
+    time : numpy.ndarray
+        Times from the first sample on [s], shape (n,).
+    command : numpy.ndarray
+        What drives, shape (n,).
+    measured : numpy.ndarray
+        What was measured, shape (n,).
+    predicted : numpy.ndarray
+        What the model says, shape (n,).
+    warm_up : int
+        Number of first samples that still know what was before the record; they are not counted.
+    start : "rested" or float
+        What the drive is taken to have done before the record.
+    stroke : float
+        Range of what was measured after the warm-up, in its unit.
+    as_predicted_rms_percent : float
+        Root mean square of measured less predicted, over the stroke [%].
+    free_constant_rms_percent : float
+        The same less its mean: what would be left with another constant [%].
+    constant_percent : float
+        That mean [%].
+    largest_percent : float
+        Largest absolute error as predicted [%].
+    cycles : tuple of CycleError
+        The whole cycles after the warm-up.
+    notes : tuple of str
+        What a reader should know of the record and the model.
+    """
+
+    source: str
+    time: Array
+    command: Array
+    measured: Array
+    predicted: Array
+    warm_up: int
+    start: Start
+    stroke: float
+    as_predicted_rms_percent: float
+    free_constant_rms_percent: float
+    constant_percent: float
+    largest_percent: float
+    cycles: tuple[CycleError, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def rates(self) -> tuple[tuple[float, int, float, float], ...]:
+        """Rate [Hz], number of cycles, and both errors [%] over all cycles of about that rate."""
+        made = []
+        for rate in rates_of([c.rate_hz for c in self.cycles]):
+            own = [c for c in self.cycles if rate <= c.rate_hz <= 1.5 * rate]
+            squares = [(c.as_predicted_rms_percent**2, c.free_constant_rms_percent**2) for c in own]
+            both = np.sqrt(np.mean(squares, axis=0))
+            made.append((rate, len(own), float(both[0]), float(both[1])))
+        return tuple(made)
+
+
+def predict(
+    model: DriveModel,
+    record: Record,
+    input_column: str | int,
+    output_column: str | int,
+    *,
+    start: Start | None = None,
+) -> Prediction:
+    """Compare a model as it stands with a record.
+
+    The memory of the hysteresis and the creep of what was before the record are not known. The
+    memory is wiped out where the input has reached both ends of its range, and the samples before
+    that are not counted. From them it is estimated what the drive did before, as the start state of
+    any prediction is: it rested at the first command, or had moved for so long since it left the
+    low end of its range.
+
+    Parameters
+    ----------
+    model : DriveModel
+        The model.
+    record : Record
+        The record, in the units of the model.
+    input_column : str or int
+        The column that drives.
+    output_column : str or int
+        The column that follows.
+    start : "rested" or float, optional
+        What the drive did before the record; found as said above where not given.
+
+    Returns
+    -------
+    Prediction
+        The error as predicted, and with a free constant.
+
+    Raises
+    ------
+    RecordError
+        The record cannot serve.
+    """
+    given, read = record.channel(input_column), record.channel(output_column)
+    for channel in (given, read):
+        require_usable(record, channel.name, channel.values)
+    if not record.uniform:
+        raise RecordError(
+            f"{record.source or 'the record'} is not evenly sampled: resample it to a constant rate"
+        )
+    dt = 1.0 / record.sample_rate_hz
+    u, y = given.values, read.values
+    first = first_moving(u)
+    moves = cycles(u[first:], dt)
+    whole = moves.bounds.size > 1
+    begin = first + (warm_up(u[first:], moves) if whole else 0)
+    # a median, as the first samples after a jump are none of the model
+    before = slice(first, begin) if begin - first >= _ENOUGH else slice(0)
+    start, predicted = _started(model, u, y, dt, before, start)
+    stroke = float(np.ptp(y[begin:]))
+    percent = 100.0 / stroke
+    error = (y - predicted) * percent
+    counted = error[begin:]
+    return Prediction(
+        source=record.source,
+        time=(np.arange(u.size) * dt).astype(np.float64),
+        command=u,
+        measured=y,
+        predicted=predicted,
+        warm_up=begin,
+        start=start,
+        stroke=stroke,
+        as_predicted_rms_percent=root_mean_square(counted),
+        free_constant_rms_percent=float(np.std(counted)),
+        constant_percent=float(np.mean(counted)),
+        largest_percent=float(np.max(np.abs(counted))),
+        cycles=_cycles(error, moves, first, begin, dt),
+        notes=_notes(model, u, y, dt, moves),
+    )
+
+
+def _started(
+    model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
+) -> tuple[Start, Array]:
+    """Readings after what the drive did before, by the samples that are not counted."""
+    starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
+    made: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
+    if before.stop == 0:
+        return made[0]
+    return min(made, key=lambda m: float(np.median(np.abs(y - m[1])[before])))
+
+
+def _cycles(
+    error: Array, moves: Cycles, first: int, begin: int, dt: float
+) -> tuple[CycleError, ...]:
+    made = []
+    for i in range(moves.swing.size):
+        start, stop = first + int(moves.bounds[i]), first + int(moves.bounds[i + 1])
+        if start < begin or stop - start < 2:
+            continue
+        own = error[start:stop]
+        made.append(
+            CycleError(
+                time=start * dt,
+                rate_hz=float(moves.frequency_hz[i]),
+                swing=float(moves.swing[i]),
+                as_predicted_rms_percent=root_mean_square(own),
+                free_constant_rms_percent=float(np.std(own)),
+            )
+        )
+    return tuple(made)
+
+
+def _notes(model: DriveModel, u: Array, y: Array, dt: float, moves: Cycles) -> tuple[str, ...]:
+    said = [model.outside(u), *unsuited(model, dt, command=u, reading=y)]
+    if moves.bounds.size < 2:
+        said.append(
+            "the record makes no whole cycle: the memory of what was before it is taken to be that "
+            "of cycles over the whole range, and every sample is counted"
+        )
+    return tuple(s for s in said if s)

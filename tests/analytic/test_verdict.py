@@ -1,0 +1,324 @@
+"""What no model of a drive explains is found, named and placed; clean records show nothing."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from flexstage.errors import RecordError
+from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.identification import ChainValues, cycles, identify, measurement
+from flexstage.hysteresis.identification.faults import butterfly, clipped
+from flexstage.hysteresis.identification.spikes import without_spikes
+from flexstage.hysteresis.identification.verdict import steps_of
+from flexstage.hysteresis.models.dahl import Dahl
+from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+from flexstage.hysteresis.virtual_stack import virtual_stack
+from flexstage.records import Channel, Record
+
+DT = 0.005
+CHAIN = ChainValues(creep_per_decade=0.013)
+NOISE = 0.04
+#: Its output stands still behind every turning point, over 26 V.
+BACKLASH = PrandtlIshlinskii(gain=0.02, thresholds=np.array([13.0]), weights=np.array([0.3]))
+
+
+def drive(size=6000, rate_hz=1.3):
+    """Cycles of falling amplitude from 2 V to 112 V at most."""
+    t = np.arange(size) * DT
+    share = np.clip(1.3 - t / (size * DT), 0.12, 1.0)
+    return 2.0 + 55.0 * (1.0 - share * np.cos(2.0 * np.pi * rate_hz * t))
+
+
+def stack(u, seed=7, noise=NOISE, late=0.0):
+    """A stack of 38 um over 120 V, in um, with creep, a delay and noise."""
+    free = virtual_stack((0.0, 120.0), 38.0, 0.13).simulate(u).values
+    y = LogCreep(rate_per_decade=0.013).simulate(free, DT).values - 11.3
+    y = Lag(delay=late).simulate(y, DT).values if late else y
+    return y + np.random.default_rng(seed).normal(0.0, noise, u.size)
+
+
+def record(u, y):
+    channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=y, unit="um"))
+    return Record(channels=channels, time=np.arange(u.size) * DT, source="a drive")
+
+
+def found_in(u, y, model="preisach", chain=CHAIN, **more):
+    return identify(record(u, y), "u", "y", model=model, chain=chain, **more)
+
+
+def kinds(found):
+    return [f.kind for f in found.verdict.findings]
+
+
+U = drive()
+TIME = np.arange(U.size) * DT
+CLEAN = stack(U)
+STROKE = float(np.ptp(CLEAN))
+#: 40 cycles alike.
+EVEN = 50.0 - 50.0 * np.cos(2.0 * np.pi * np.arange(6000) / 150.0)
+
+
+def staircase(hold=20, levels=60):
+    steps = 56.0 + 50.0 * np.sin(np.arange(levels) * 0.31) * np.linspace(1.0, 0.3, levels)
+    return np.repeat(steps, hold)
+
+
+def ringing(u, dt=1e-3):
+    """A stage at 97 Hz, hardly damped, seen at 1 kHz."""
+    modes = StageModes(frequency_hz=(97.0,), damping_ratio=(0.02,), share=(1.0,))
+    return modes.simulate(0.34 * u, dt).values
+
+
+def polarised(e, coercive=31.0, width=9.0):
+    """Strain of a ferroelectric, P^2, whose polarisation P relaxes to its branch with the field."""
+    p, strain = -1.0, np.empty(e.size)
+    last = e[0]
+    for k, now in enumerate(e):
+        branch = np.tanh((now - np.sign(now - last) * coercive) / width)
+        p += (branch - p) * (1.0 - np.exp(-abs(now - last) / 4.0))
+        strain[k] = 12.0 * p * p + 0.05 * now * p
+        last = now
+    return strain
+
+
+# ---------------------------------------------------------------------------------------- spikes
+
+
+def test_no_motion_is_taken_for_spikes():
+    rng = np.random.default_rng(5)
+    triangle = 90.0 * np.abs((np.arange(3000) / 97.3) % 2.0 - 1.0)
+    fast = 50.0 + 47.0 * np.sin(2.0 * np.pi * np.arange(3000) / 17.0)
+    held = staircase()
+    jump = CLEAN + np.where(TIME > 17.3, 3.0, 0.0)
+    toggling = np.where(np.arange(U.size) % 97 == 0, 1.0, 0.0)
+    records = {
+        "clean": (U, CLEAN),
+        "without noise": (U, stack(U, noise=0.0)),
+        "triangle": (triangle, BACKLASH.simulate(triangle).values),
+        "17 samples in a cycle": (fast, 0.3 * fast + rng.normal(0.0, 0.02, fast.size)),
+        "staircase": (held, 0.34 * held),
+        "staircase with ringing": (held, ringing(held)),
+        "late staircase": (held, np.roll(ringing(held), 3) + rng.normal(0.0, 0.1, held.size)),
+        "coarse converter": (U, np.round(CLEAN / 0.7) * 0.7),
+        "bit that toggles": (U, np.round(CLEAN / 0.7 + 0.5 * toggling) * 0.7),
+        "jump": (U, jump),
+        "noisy input": (U + rng.normal(0.0, 0.6, U.size), CLEAN),
+        "heavy tails": (U, CLEAN + 0.02 * rng.standard_t(5, U.size)),
+    }  # fmt: skip
+    taken = {name: without_spikes(u, y)[1].tolist() for name, (u, y) in records.items()}
+    assert taken == {name: [] for name in records}
+
+
+@pytest.mark.parametrize("size", [0.05, 0.3, 20.0])
+@pytest.mark.parametrize("length", [1, 2, 3])
+def test_spikes_are_taken_out_and_nothing_else(size, length):
+    rng = np.random.default_rng(8)
+    places = np.array([611, 2203, 2299, 4507])
+    at = np.concatenate([places + k for k in range(length)])
+    y = CLEAN.copy()
+    y[at] += size * STROKE * np.tile(rng.choice([-1.0, 1.0], places.size), length)
+    mended, found = without_spikes(U, y)
+    assert found.tolist() == sorted(at.tolist())
+    assert np.abs(mended - CLEAN)[at].max() < 8.0 * NOISE
+    assert np.array_equal(np.delete(mended, at), np.delete(CLEAN, at))
+
+
+def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
+    u = drive(7000)
+    y = stack(u, late=0.012)
+    spiked = y.copy()
+    spiked[[1609, 3030, 4444, 6012]] += np.array([90.0, -200.0, 35.0, 60.0])
+    clean, found = (found_in(u, own, model="dahl", chain=None) for own in (y, spiked))
+    assert found.stroke == pytest.approx(clean.stroke, rel=1e-3)
+    for one, other in zip(found.chain, clean.chain, strict=True):
+        assert abs(one.value - other.value) < 0.1 * other.standard_error
+    assert clean.warnings == tuple(w for w in found.warnings if "spikes" not in w)
+    (finding,) = found.verdict.findings
+    assert finding.kind == "spikes"
+    assert finding.at == pytest.approx(np.array([1609, 3030, 4444, 6012]) * DT)
+    assert "4 samples of the output are spikes (at 8.045, 15.15, 22.22, ... s)" in finding.text
+
+
+# -------------------------------------------------------------------------------------- clipping
+
+
+def ends(u, y, noise=NOISE):
+    return clipped(u, y, cycles(u, DT), noise)
+
+
+@pytest.mark.parametrize("cut", [0.13, 0.03])
+@pytest.mark.parametrize("after", [0.0, NOISE])
+def test_an_output_that_stops_is_found(cut, after):
+    rng = np.random.default_rng(3)
+    high, low = CLEAN.max(), CLEAN[200:].min()  # at first it is lower than it comes back to
+    for y, level in (
+        (np.minimum(CLEAN, high - cut * STROKE), high - cut * STROKE),
+        (np.maximum(CLEAN, low + cut * STROKE), low + cut * STROKE),
+    ):
+        found = ends(U, y + rng.normal(0.0, after, U.size))
+        assert found is not None
+        assert found[0] == pytest.approx(level, abs=0.004 * STROKE)
+        assert 0.3 * cut * STROKE < found[1] < 1.3 * cut * STROKE
+        truth = int(np.sum(np.abs(y - level) < 1e-9))
+        assert found[2] == pytest.approx(truth, rel=0.5)
+
+
+def test_one_sample_in_a_hundred_is_enough():
+    level = float(np.quantile(CLEAN, 0.99))
+    found = ends(U, np.minimum(CLEAN, level))
+    assert found is not None
+    assert (found[0], found[2]) == (level, 60)
+
+
+def test_an_amplifier_that_limits_softly_is_found():
+    soft = 30.0 * np.tanh(CLEAN / 15.0)
+    assert ends(U, soft) is not None
+
+
+def test_an_end_that_is_reached_is_none_that_clips():
+    rng = np.random.default_rng(4)
+    held = np.repeat(staircase(1), 20)
+    waits = np.concatenate((np.full(900, 112.0), U, np.full(700, 2.0)))
+    for name, (u, y) in {
+        "clean": (U, CLEAN),
+        "late": (U, stack(U, late=0.04)),
+        "stands still behind turns": (U, BACKLASH.simulate(U).values),
+        "the same with noise": (U, BACKLASH.simulate(U).values + rng.normal(0.0, NOISE, U.size)),
+        "waits at both ends": (waits, np.round(stack(waits), 1)),
+        "coarse converter": (U, np.round(CLEAN / 0.7) * 0.7),
+        "staircase": (held, 0.3 * held),
+        "noisy input": (U + rng.normal(0.0, 0.6, U.size), CLEAN),
+    }.items():
+        assert ends(u, y, 0.0 if "noise" not in name else NOISE) is None, name
+
+
+def test_clipping_is_named_with_the_value_of_the_record():
+    found = measurement([record(U, -np.minimum(CLEAN, 20.0))], "u", "y")
+    (finding,) = found.findings
+    assert finding.kind == "clipping"
+    assert "stays at -20 um" in finding.text
+
+
+# ------------------------------------------------------------------------------------- butterfly
+
+
+def test_a_butterfly_is_told_from_a_lag():
+    t = np.arange(4000) * DT
+    u = 11.0 + 83.0 * np.sin(2.0 * np.pi * 0.47 * t)
+    for sign in (1.0, -1.0):
+        found = butterfly(u, sign * polarised(u), cycles(u, DT))
+        assert found is not None
+        # the polarisation follows its branch some volts late
+        assert 26.0 < found[0] < 44.0
+        assert -44.0 < found[1] < -26.0
+    even = butterfly(u, 0.002 * (u - 20.0) ** 2, cycles(u, DT))
+    assert even is not None
+    assert even[0] == pytest.approx(even[1], abs=1e-9)
+    for late in (0.02, 0.1, 0.3, 0.5):  # up to a quarter of a cycle
+        follows = 11.0 + 83.0 * np.sin(2.0 * np.pi * 0.47 * (t - late))
+        assert butterfly(u, follows, cycles(u, DT)) is None
+    for u, y in ((U, CLEAN), (staircase(), ringing(staircase())), (U, BACKLASH.simulate(U).values)):
+        assert butterfly(u, y, cycles(u, DT)) is None
+
+
+def test_no_model_fits_a_butterfly():
+    t = np.arange(3000) * DT
+    u = 21.0 + 73.0 * np.sin(2.0 * np.pi * 0.47 * t)
+    found = found_in(u, polarised(u), chain=ChainValues())
+    assert not found.verdict.fits
+    assert kinds(found) == ["butterfly"]
+    assert found.warnings[0].startswith("nothing here fits: the best model leaves")
+    assert "keep the drive voltage unipolar" in found.warnings[1]
+    even = 83.0 * np.sin(2.0 * np.pi * 0.47 * t)
+    with pytest.raises(RecordError, match="butterfly loop: the output turns back"):
+        measurement([record(even, polarised(even))], "u", "y")
+
+
+# --------------------------------------------------------------------------------- jump and drift
+
+
+@pytest.mark.parametrize(("share", "place"), [(0.02, 3550), (-0.05, 4801), (0.2, 3777)])
+def test_a_jump_of_the_zero_is_placed(share, place):
+    y = CLEAN + np.where(np.arange(U.size) >= place, share * STROKE, 0.0)
+    found = found_in(U, y)
+    (jump,) = found.verdict.findings
+    assert jump.kind == "jump"
+    assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
+    assert jump.size == pytest.approx(share * STROKE, rel=0.35)
+    assert f"at {jump.at[0]:.6g} s and stays there" in found.warnings[int(not found.verdict.fits)]
+
+
+def test_what_has_no_jump_shows_none():
+    """Misfits that are alike over a cycle, of the shape of a cycle, and those that wander."""
+    rng = np.random.default_rng(12)
+    cycle = 150
+    alarms = 0
+    for _ in range(60):
+        white = rng.normal(0.0, 1.0, 6000)
+        wander = np.convolve(white, np.exp(-np.arange(800) / cycle), mode="same")
+        shape = np.cumsum(rng.normal(0.0, 1.0, cycle))
+        shape -= np.linspace(shape[0], shape[-1], cycle)
+        each = np.repeat(1.0 + 0.2 * rng.normal(size=40), cycle) * np.tile(shape, 40)
+        for e in (white, wander / wander.std(), each / each.std()):
+            alarms += len(steps_of(e, EVEN, cycle)) > 0
+    assert alarms <= 2  # of 180
+
+
+def test_two_jumps_are_two():
+    rng = np.random.default_rng(2)
+    e = rng.normal(0.0, 0.2, 6000)
+    e[1500:] += 1.0
+    e[4000:] -= 0.7
+    found = sorted(steps_of(e, EVEN, 150))
+    assert [k for k, _ in found] == pytest.approx([1500, 4000], abs=4)
+    assert [size for _, size in found] == pytest.approx([1.0, -0.7], abs=0.15)
+
+
+def test_a_jump_that_the_input_makes_is_no_jump_of_the_zero():
+    e = np.where(np.arange(6000) >= 2500, 1.0, 0.0)
+    steps = EVEN + np.where(np.arange(6000) >= 2500, 40.0, 0.0)
+    begins = np.where(np.arange(6000) >= 2500, EVEN, EVEN[2500])
+    assert steps_of(e, EVEN, 150)
+    assert not steps_of(e, steps, 150)
+    assert not steps_of(e, begins, 150)
+
+
+def test_drift_is_named_and_fitted():
+    speed = 0.2
+    y = CLEAN + speed * TIME
+    blind = found_in(U, y)
+    (drift,) = blind.verdict.findings
+    assert drift.kind == "drift"
+    assert drift.size == pytest.approx(speed * TIME[-1], rel=0.25)
+    assert "--drift" in drift.text
+    clean, told = found_in(U, CLEAN), found_in(U, y, drift=True)
+    assert kinds(told) == []
+    assert told.heldout_rms_percent < 0.4 * blind.heldout_rms_percent
+    assert told.heldout_rms_percent < 1.2 * clean.heldout_rms_percent * clean.stroke / told.stroke
+    moved = [f.model.hysteresis.simulate(U).values for f in (clean, told, blind)]
+    told_off, blind_off = (np.ptp(moved[0] - other) for other in moved[1:])
+    assert told_off < 0.5 * blind_off
+
+
+def test_what_creeps_does_not_drift():
+    settles = CLEAN + 0.02 * STROKE * np.log10(1.0 + TIME / 0.1)
+    assert kinds(found_in(U, settles)) == []
+
+
+def test_clean_records_show_nothing():
+    u = U[:4000]
+    for model, seed in itertools.product(("preisach", "dahl"), (1, 2)):
+        found = found_in(u, stack(u, seed), model=model)
+        assert kinds(found) == []
+        assert found.verdict.fits
+        assert found.verdict.line_percent > 2.0
+
+
+def test_noise_is_nothing_that_a_model_should_explain():
+    u = drive(1500)
+    y = Dahl(gain=0.3, stiffness=1e-3, limit=2e-2).simulate(u).values
+    loud = y + np.random.default_rng(6).normal(0.0, 1.6, u.size)
+    found = found_in(u, loud, model="dahl", chain=ChainValues())
+    assert found.rms_percent > 3.0
+    assert found.verdict.fits
