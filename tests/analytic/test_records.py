@@ -1,6 +1,7 @@
 """Measured files of each format, written by hand or by another library, and what is read."""
 
 import hashlib
+import re
 import struct
 import subprocess
 import sys
@@ -14,10 +15,12 @@ from scipy.io import savemat
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.records import (
+    LARGEST_UNEVEN_STEP,
     Channel,
     Record,
     column_number,
     constant_columns,
+    evened,
     noise_estimate,
     quantisation_step,
     read_record,
@@ -611,7 +614,7 @@ def test_parts_and_their_refusals() -> None:
     for wrong in (0.0, -1.0, np.nan, 1e-3, 1e30):
         with pytest.raises(RecordError):
             resampled(record, wrong)
-    with pytest.raises(RecordError, match="linear or cubic"):
+    with pytest.raises(RecordError, match="linear, cubic or mean"):
         resampled(record, kind="nearest")  # type: ignore[arg-type]
     for bad in (U[:1], np.array([0.1, np.nan, 0.3]), np.zeros((3, 3))):
         for estimate in (noise_estimate, saturation, quantisation_step):
@@ -643,3 +646,166 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     wrong = Record(channels=(Channel(name="time", values=U, unit="s"),), time=T)
     with pytest.raises(RecordError, match="rename it"):
         record_bytes(wrong, "csv")
+
+
+# ------------------------------------------------------------------ text beside numbers
+
+ROWS = [(0.5, 1.25), (0.625, 1.5), (0.75, -2.0), (0.875, 3.125)]
+
+
+@pytest.mark.parametrize(
+    ("heading", "rows", "left_out"),
+    [
+        ("u,y,status", ["{},{},OK"] * 4, "status ('OK')"),
+        ("u,y,status", ["{},{},OK", "{},{},", "{},{},ERR 7", "{},{},OK"], "status ('OK')"),
+        ("u,y,status", ["{},{},"] * 3 + ["{},{},late"], "status ('late')"),
+        ("u,y,status", ["{},{},OK", "{},{},OK", "{},{},7", "{},{},ERR"], "status ('OK')"),
+        ("u,y,status", ['{},{},"a, b"', '{},{},"c"'] * 2, "status ('a, b')"),
+        ("u;y;Datum", ["{};{};06.05.2024"] * 4, "Datum ('06.05.2024')"),
+        ("u\ty\twhen", ["{}\t{}\t05/06/2024 12:00:01"] * 4, "when ('05/06/2024 12:00:01')"),
+        ("u y note", ["{} {} OK", "{} {}", "{} {} no", "{} {} OK"], "note ('OK')"),
+        ("u,y,load", ["{},{},12 %"] * 4, "load ('12 %')"),
+        ("u,y", ["{},{}", "{},{} # paused, then on", "{},{}", "{},{}"], "'# paused, then on'"),
+        ("u y", ["{} {}", "{} {}  % on", "{} {}", "{} {} jumps here"], "2 rows, such as '% on'"),
+        ("rate,200,Hz\ngain,3,x\nu,y,s", ["{},{},a"] * 4, "s ('a')"),
+    ],
+)
+def test_text_beside_numbers_is_left_out(
+    tmp_path: Path, heading: str, rows: list[str], left_out: str
+) -> None:
+    lines = [heading, *(row.format(*pair) for row, pair in zip(rows, ROWS, strict=True))]
+    record = read_record(
+        text(tmp_path, "\n".join(lines) + "\n"), sample_rate_hz=10.0, columns=["u", "y"]
+    )
+    assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
+    assert any(note.startswith("left out") and left_out in note for note in record.notes)
+
+
+def test_text_in_a_column_that_is_used(tmp_path: Path) -> None:
+    path = text(tmp_path, "t (s),u,y,s\n0,1,2,a\n# \n1,1.5,over,b\n2,2,5,c\nlost,3,7,d\n5,6,7,e\n")
+    said = r"line 4, column 2: 'over' is not a number, and 1 of 5 rows of column 'y' hold text"
+    with pytest.raises(RecordError, match=said):
+        read_record(path, sample_rate_hz=2.0, columns=["u", "y"])
+    with pytest.raises(RecordError, match="is not a number"):
+        read_record(path, sample_rate_hz=2.0)
+    assert values(read_record(path, sample_rate_hz=2.0, columns=["u"]), "u") == [[1, 1.5, 2, 3, 6]]
+    for time in ("t", None):
+        with pytest.raises(RecordError, match="line 6, column 0: 'lost' is not a number"):
+            read_record(path, columns=["u"], time=time)
+    cut = read_record(path, columns=["u", "y"], rows=(2, None), sample_rate_hz=2.0)
+    assert values(cut, "y") == [[5, 7, 7]]
+    # numbers that cannot be read are no text, also where nobody has said which columns are used
+    with pytest.raises(RecordError, match=r"'1\.234,5' is not a number"):
+        read_record(text(tmp_path, "u;y\n1.234,5;2\n1.235,5;3\n"), sample_rate_hz=2.0)
+
+
+def test_rows_with_text_are_told_from_a_heading(tmp_path: Path) -> None:
+    numbers = "".join(f"{u},{y}\n" for u, y in ROWS)
+    for heading in ("rate,200\ngain,3\nu,y\n", "rate,200\ngain,3\nmode,1\nrange,7\n"):
+        record = read_record(text(tmp_path, heading + numbers), sample_rate_hz=2.0)
+        assert list(zip(*values(record, 0, 1), strict=True)) == ROWS
+    # a state that is a word for long and a number at last
+    many = "u,y,s\n" + "1.5,2.5,OK\n" * 40 + "1.5,2.5,0\n" * 3
+    assert read_record(text(tmp_path, many), sample_rate_hz=2.0, columns=["u", "y"]).size == 43
+
+
+def test_many_rows_with_text_are_read_fast(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(*_: object) -> None:
+        raise AssertionError("row by row")
+
+    monkeypatch.setattr("flexstage.records.text._numbers_slowly", slow)
+    rows = "".join(f"{u};x;{y};OK\n".replace(".", ",") for u, y in ROWS)
+    record = read_record(
+        text(tmp_path, "u;none;y;s\n" + rows), sample_rate_hz=2.0, columns=["u", "y"]
+    )
+    assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
+
+
+# ------------------------------------------------------------------ uneven times
+
+
+def uneven(share: float, seed: int = 8, rate: float = 10.4, size: int = 3000) -> np.ndarray:
+    """Times of a logger whose steps differ by up to a share of their mean."""
+    return np.cumsum(1.0 + np.random.default_rng(seed).uniform(-share, share, size)) / rate
+
+
+def test_uneven_samples_of_a_line_and_their_means() -> None:
+    time = uneven(0.3)
+    line = Channel(name="x", values=0.7 * time - 3.0)
+    bent = Channel(name="y", values=np.sin(0.9 * time) + 0.2 * np.sin(31.0 * time))
+    record = Record(channels=(line, bent), time=time)
+    for rate in (None, 10.0, 3.3):
+        made = evened(record, rate)
+        require_uniform(made)
+        np.testing.assert_allclose(made.channel("x").values, 0.7 * made.time - 3.0, atol=1e-11)
+        assert made.numbers is not None
+        np.testing.assert_allclose(np.interp(made.time, time, np.arange(time.size)), made.numbers)
+    # means are those of the straight lines between the samples, on a grid that holds their ends
+    made = resampled(record, 3.3, kind="mean")
+    k = 57
+    ends = made.time[k] + np.array([-0.5, 0.5]) / 3.3
+    inside = time[(time > ends[0]) & (time < ends[1])]
+    corners = np.concatenate((ends[:1], inside, ends[1:]))
+    y = np.interp(corners, time, bent.values)
+    assert made.channel("y").values[k] == pytest.approx(np.trapezoid(y, corners) * 3.3, rel=1e-12)
+
+
+@pytest.mark.parametrize("rate", [10.4, 3.1])
+def test_what_resampling_says_is_lost(rate: float) -> None:
+    time = uneven(0.2)
+    note = evened(Record(channels=(Channel(name="x", values=time),), time=time), rate).notes[-1]
+    said = re.search(r"by ([\d.]+) % rms .* motion above ([\d.]+) Hz is lowered by more", note)
+    assert said is not None
+    # uniform steps of +-20 %
+    assert float(said[1]) == pytest.approx(20.0 / np.sqrt(3.0), rel=0.05)
+    slow, late = float(said[2]), 0.0213
+    channels = tuple(
+        Channel(name=n, values=np.sin(2.0 * np.pi * slow * (time - d)))
+        for n, d in (("u", 0.0), ("y", late))
+    )
+    made = evened(Record(channels=channels, time=time), rate)
+    wave = np.exp(-2j * np.pi * slow * made.time)
+    whole = np.arange(made.size) < int(np.floor(made.time[-1] * slow - 1) / slow * rate)
+    u, y = (2.0 * np.mean((c.values * wave)[whole]) for c in made.channels)
+    assert 0.989 < abs(u) < 0.999
+    # times that are right, however uneven, leave the delay between two columns as it is
+    assert -np.angle(y / u) / (2.0 * np.pi * slow) == pytest.approx(late, abs=2e-4)
+
+
+def test_times_that_are_only_rounded(tmp_path: Path) -> None:
+    rows = [f"{k / 300.0:.3f},{k % 7}" for k in range(60)]
+    record = read_record(text(tmp_path, "\n".join(["time (s),u", *rows])))
+    with pytest.raises(
+        RecordError, match=r"even but for the digits .*: give the sample rate .*(299|300)\.\d+ Hz"
+    ):
+        require_uniform(record)
+    time = uneven(0.2)
+    with pytest.raises(RecordError, match="by the option resample"):
+        require_uniform(Record(channels=(Channel(name="x", values=time),), time=time))
+
+
+def test_rates_and_gaps_that_cannot_be_evened(tmp_path: Path) -> None:
+    time = uneven(0.2)
+    record = Record(channels=(Channel(name="x", values=time),), time=time)
+    with pytest.raises(RecordError, match=r"at 12 Hz, as its samples come at 10\.\d+ Hz"):
+        evened(record, 12.0)
+    for wrong in (0.0, -1.0, np.nan, 1e-9):
+        with pytest.raises(RecordError):
+            evened(record, wrong)
+    lost = "time (s),u\n0,1\n0.5,2\n1,3\n2.0,4\n2.5,5\n"
+    refuse(text(tmp_path, lost), "make the times even by the option resample")
+    assert read_record(text(tmp_path, lost), largest_step=LARGEST_UNEVEN_STEP).size == 5
+    far = "time (s),u\n0,1\n0.5,2\n1,3\n2.5,4\n3.0,5\n"
+    refuse(text(tmp_path, far), "gap of 1.5 s.*option rows$", largest_step=LARGEST_UNEVEN_STEP)
+
+
+def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
+    path = text(tmp_path, "u\n" + "\n".join(str(i * i % 11) for i in range(40)))
+    whole = read_record(path, sample_rate_hz=5.0)
+    assert whole.numbers is None
+    part = read_record(path, sample_rate_hz=5.0, rows=(7, 30))
+    assert part.numbers is not None
+    assert part.numbers.tolist() == list(range(7, 30))
+    assert selected(part, 3, 9).numbers.tolist() == list(range(10, 16))  # type: ignore[union-attr]
+    with pytest.raises(RecordError, match="a number each"):
+        Record(channels=part.channels, time=part.time, numbers=part.numbers[1:])

@@ -243,6 +243,25 @@ def test_rates_and_spans_that_do_not_suit_are_said(capsys, tmp_path, model_file)
     assert sum("is its unit right?" in n for n in notes) == 2  # of the reference, of the command
 
 
+def test_a_reference_of_uneven_times_is_made_even(capsys, tmp_path, model_file):
+    y = reference()
+    t = np.arange(y.size) / RATE + np.random.default_rng(4).uniform(-0.2, 0.2, y.size) / RATE
+    even = np.arange(y.size) / RATE
+    rows = [f"{a:.9f},{b:.9f},OK" for a, b in zip(t, np.interp(t, even, y), strict=True)]
+    file = tmp_path / "r.csv"
+    file.write_text("\n".join(["time (s),wanted (um),state", *rows]))
+    words = ("--reference", file, "--column", "wanted")
+    status, _, err = run(capsys, "compensate", model_file, *words)
+    assert status == 2
+    assert "option resample" in err
+    status, out, _ = run(capsys, "compensate", model_file, *words, "--resample", "250", "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert result["samples"] == pytest.approx(y.size, abs=2)
+    for said in ("resampled at 250 Hz", "left out, as they hold text: state ('OK')"):
+        assert any(note.startswith(said) for note in result["notes"])
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

@@ -18,6 +18,7 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
@@ -49,6 +50,7 @@ def compensate(
     ] = "0",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
     ] = None,
@@ -131,14 +133,13 @@ def compensate(
         skip_lines=skip_lines,
         delimiter=delimiter,
         decimal=decimal,
+        resample=resample,
+        even=True,
     )[0]
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    from flexstage.records import require_uniform
-
-    require_uniform(record)
     if start not in ("conditioned", "rest"):
         raise ModelError(f"--start is conditioned or rest, got '{start}'")
     bounds = _limits(limits)
@@ -153,7 +154,7 @@ def compensate(
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
-    notes = (*file.warnings, *((converted,) if converted else ()), *made.notes)
+    notes = (*file.warnings, *((converted,) if converted else ()), *made.notes, *record.notes)
     result = _result(made, drive, notes, out)
     if json:
         print_json(result)

@@ -21,6 +21,7 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
@@ -114,6 +115,7 @@ def frf(
     ] = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     rows: RowsOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
@@ -169,6 +171,7 @@ def frf(
             delimiter=delimiter,
             decimal=decimal,
             over="any",
+            resample=resample,
         )
         if ring_down:
             result, draw = _decayed(read, outputs, count)
@@ -188,6 +191,8 @@ def frf(
                 exponential=exponential,
                 fit={"band": fitted_band, "count": count, "delay": delay, "lag": lag},
             )
+    said = (note for record in read for note in record.notes)
+    result["notes"] = list(dict.fromkeys((*result["notes"], *said)))
     result["files"] = _written(out, figure, response, read, draw)
     if json:
         print_json(result)

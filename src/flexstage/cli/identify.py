@@ -17,6 +17,7 @@ from flexstage.cli.common import (
     require_image,
     write_file,
 )
+from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
 from flexstage.cli.predict import (
     on_records,
     prediction_result,
@@ -28,13 +29,11 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
     TimeOption,
-    column,
-    read_records,
-    row_range,
 )
 from flexstage.errors import ModelError, RecordError
 
@@ -60,8 +59,11 @@ def identify(
         str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
     ],
     output: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that follows.")
-    ],
+        str | None,
+        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+    ] = None,
+    branches: BranchesOption = None,
+    curve: CurveOption = None,
     model: Annotated[
         str,
         typer.Option(
@@ -73,6 +75,7 @@ def identify(
     ] = "auto",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     input_unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
     ] = None,
@@ -83,8 +86,9 @@ def identify(
         str | None,
         typer.Option(
             metavar="START:STOP",
-            help="Samples to fit; all others are held out. Where not given, all are fitted, and "
-            "held-out errors come from cross-validation over whole cycles.",
+            help="Samples to fit, counted in the file as --rows does; all others are held out. "
+            "Where not given, all are fitted, and held-out errors come from cross-validation over "
+            "whole cycles.",
         ),
     ] = None,
     delay: Annotated[
@@ -165,7 +169,8 @@ def identify(
         typer.Option(
             parser=output_path,
             metavar="FILE",
-            help="Draw measured and modelled loop there: .svg, .png or .pdf.",
+            help="Draw measured and modelled loops there, of four records at most: .svg, .png "
+            "or .pdf.",
         ),
     ] = None,
     json: JsonOption = False,
@@ -176,13 +181,18 @@ def identify(
     require_image(figure)
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
-    wanted = [column(input), column(output)]
-    given = read_records(
+    if test and curve == "files":
+        raise RecordError("--curve files makes one record of all files: leave --test out")
+    given, driven, follows = read_drive(
         [*records, *(test or ())],
-        wanted,
-        units=[input_unit, output_unit],
+        input,
+        output,
+        branches=branches,
+        curve=curve,
+        units=(input_unit, output_unit),
         sample_rate=sample_rate,
         time=time,
+        resample=resample,
         format=format,
         dataset=dataset,
         rows=rows,
@@ -191,19 +201,21 @@ def identify(
         decimal=decimal,
     )
     read, others = given[: len(records)], given[len(records) :]
+    if (branches or curve) and sample_rate is None and delay is None and creep is None:
+        delay = "0 s"  # which rows without times do not tell
     with progress_bar():
         found = run(
             read,
-            wanted[0],
-            wanted[1],
+            driven,
+            follows,
             model=[word.strip() for word in model.split(",") if word.strip()],
             chain=_chain(delay, creep),
             resonance=_mode(resonance, damping),
             temperature=_temperature(temperature),
             drift=drift,
-            train=_train(train, max(r.size for r in read)),
+            train=train_range(train, read),
         )
-    tested = on_records(found.model, others, wanted[0], wanted[1])
+    tested = on_records(found.model, others, driven, follows)
     if stage is not None:
         from flexstage.cli.drive_description import against_description
 
@@ -258,16 +270,6 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
     return numbers[0], numbers[-1]
 
 
-def _train(text: str | None, size: int) -> tuple[int, int] | None:
-    given = row_range(text, "--train")
-    if given is None:
-        return None
-    first = given[0] or 0
-    if first >= size:
-        raise RecordError(f"--train begins at sample {first}, the longest record has {size}")
-    return first, size if given[1] is None else given[1]
-
-
 def _write(
     found: "Identification", read: "list[Record]", out: Path | None, figure: Path | None
 ) -> list[Path]:
@@ -279,7 +281,8 @@ def _write(
     if figure is not None:
         from flexstage.report.figures import draw_identification, encode
 
-        image = encode(draw_identification(found), figure.suffix.lower().lstrip("."))
+        drawn = draw_identification(found, [r.source for r in read])
+        image = encode(drawn, figure.suffix.lower().lstrip("."))
         content.append((figure, image))
     for path, own in content:
         write_file(path, own)

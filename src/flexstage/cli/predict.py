@@ -14,18 +14,18 @@ from flexstage.cli.common import (
     require_image,
     write_file,
 )
+from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.model_files import read_model_file
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    ResampleOption,
     RowsOption,
     SampleRateOption,
     SkipLinesOption,
     TimeOption,
-    column,
-    read_records,
 )
 from flexstage.errors import ModelError
 
@@ -54,10 +54,14 @@ def predict(
         str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
     ],
     output: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that follows.")
-    ],
+        str | None,
+        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+    ] = None,
+    branches: BranchesOption = None,
+    curve: CurveOption = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
+    resample: ResampleOption = None,
     input_unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
     ] = None,
@@ -94,13 +98,16 @@ def predict(
     require_image(figure)
     before = _start(start)
     file = read_model_file(model)
-    wanted = [column(input), column(output)]
-    read = read_records(
+    read, driven, follows = read_drive(
         records,
-        wanted,
-        units=[input_unit, output_unit],
+        input,
+        output,
+        branches=branches,
+        curve=curve,
+        units=(input_unit, output_unit),
         sample_rate=sample_rate,
         time=time,
+        resample=resample,
         format=format,
         dataset=dataset,
         rows=rows,
@@ -108,7 +115,7 @@ def predict(
         delimiter=delimiter,
         decimal=decimal,
     )
-    found = on_records(file.model, read, wanted[0], wanted[1], before)
+    found = on_records(file.model, read, driven, follows, before)
     written = []
     if figure is not None:
         from flexstage.report.figures import draw_prediction, encode

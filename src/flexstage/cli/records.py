@@ -18,11 +18,13 @@ __all__ = [
     "DelimiterOption",
     "FormatOption",
     "LengthUnitOption",
+    "ResampleOption",
     "RowsOption",
     "SampleRateOption",
     "SkipLinesOption",
     "TimeOption",
     "column",
+    "file_rates",
     "read_records",
     "record_format",
     "row_range",
@@ -82,6 +84,14 @@ RowsOption = Annotated[
     str | None,
     typer.Option(
         metavar="START:STOP", help="Samples to read, counted from 0; either end may be left out."
+    ),
+]
+ResampleOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="RATE|median",
+        help='Put unevenly timed samples onto even times: at a rate such as "10 Hz", no finer than '
+        "they are, or at that of the median step; with commas, one for each file.",
     ),
 ]
 
@@ -157,8 +167,12 @@ def read_records(
     skip_lines: int,
     delimiter: str | None,
     decimal: str | None,
-    over: Literal["time", "point", "frequency", "any"] = "time",
+    over: Literal["time", "point", "frequency", "any", "table"] = "time",
     length_unit: str | None = None,
+    resample: str | None = None,
+    even: bool = False,
+    labels: str | int | None = None,
+    partial: "Sequence[str | int]" = (),
 ) -> "list[Record]":
     """Read the files that a command was given.
 
@@ -169,7 +183,7 @@ def read_records(
     columns : sequence of str or int, optional
         The columns that will be used; all of them, where not given.
     units : sequence of str or None
-        Their units, where an option says them.
+        Their units, and those of `partial`, where an option says them.
     sample_rate : str or None
         Sample rate, or one for each file with commas.
     time : str or None
@@ -186,10 +200,19 @@ def read_records(
         What divides the columns.
     decimal : str or None
         Decimal sign.
-    over : {"time", "point", "frequency", "any"}
-        What the samples must follow one another by. With point, rows of a text need no times.
+    over : {"time", "point", "frequency", "any", "table"}
+        What the samples must follow one another by. With point, rows of a text need no times; with
+        table, times are not looked at.
     length_unit : str or None
         Unit of all lengths of a measuring machine, where an option says it.
+    resample : str or None
+        Rate of even times to resample at, or median; one for each file with commas.
+    even : bool
+        Whether uneven times are refused.
+    labels : str or int, optional
+        The column that labels the rows, with numbers or texts.
+    partial : sequence of str or int
+        Further columns that will be used, and may be incomplete.
 
     Returns
     -------
@@ -201,19 +224,18 @@ def read_records(
     RecordError
         A file cannot be used as it is, or is over something else.
     """
-    from flexstage.records import read_record
-    from flexstage.units import parse
+    from flexstage.records import (
+        LARGEST_STEP,
+        LARGEST_UNEVEN_STEP,
+        evened,
+        read_record,
+        require_uniform,
+    )
 
-    rates: Sequence[float | None] = [None] * len(files)
-    if sample_rate is not None:
-        given = [parse(word, "frequency", bare_unit="Hz") for word in sample_rate.split(",")]
-        if len(given) not in (1, len(files)):
-            raise RecordError(
-                f"--sample-rate needs one rate, or one for each of {len(files)} files, got "
-                f"{len(given)}"
-            )
-        rates = given * len(files) if len(given) == 1 else given
-    named = {str(c): u for c, u in zip(columns or (), units, strict=True) if u is not None}
+    rates = file_rates(sample_rate, "--sample-rate", len(files))
+    new_rates = file_rates(resample, "--resample", len(files))
+    all_used = (*(columns or ()), *partial)
+    named = {str(c): u for c, u in zip(all_used, units, strict=True) if u is not None}
     if length_unit is not None:
         named["length"] = length_unit
     read = [
@@ -229,16 +251,29 @@ def read_records(
             skip_lines=skip_lines,
             delimiter=_spelled(delimiter),
             decimal=decimal,
-            over="point" if over == "point" else "time",
+            over="point" if over in ("point", "table") else "time",
+            largest_step=LARGEST_STEP if resample is None else LARGEST_UNEVEN_STEP,
+            labels=labels,
         )
         for file, rate in zip(files, rates, strict=True)
     ]
     for file, record in zip(files, read, strict=True):
-        if over not in ("any", record.over):
+        if over not in ("any", "table", record.over):
             raise RecordError(
                 f"'{file}' is over {record.over}, and a record over {over} is needed: give "
                 f"{_SUCH[over]}"
             )
+    if resample is not None:
+        for record in read:
+            if record.over != "time":
+                raise RecordError(
+                    f"'{record.source}' is over {record.over}, and --resample is for samples over "
+                    "time: leave it out"
+                )
+        read = [evened(record, rate) for record, rate in zip(read, new_rates, strict=True)]
+    if even:
+        for record in read:
+            require_uniform(record)
     return read
 
 
@@ -278,3 +313,42 @@ def record_format(out: Path | None) -> str:
 def _spelled(delimiter: str | None) -> str | None:
     # a shell passes a backslash and a letter where a tab is meant
     return None if delimiter is None else delimiter.replace("\\t", "\t")
+
+
+def file_rates(text: str | None, option: str, files: int) -> "Sequence[float | None]":
+    """Return a rate for each file.
+
+    Parameters
+    ----------
+    text : str or None
+        What the option was given: a rate, or one for each file with commas.
+    option : str
+        The option; a rate of --resample may be the median one.
+    files : int
+        Number of files.
+
+    Returns
+    -------
+    sequence of float or None
+        Rates [Hz]; None where none is given.
+
+    Raises
+    ------
+    RecordError
+        There are not so many rates as files.
+    """
+    from flexstage.units import parse
+
+    if text is None:
+        return [None] * files
+    given = [
+        None
+        if option == "--resample" and word.strip() == "median"
+        else parse(word, "frequency", bare_unit="Hz")
+        for word in text.split(",")
+    ]
+    if len(given) not in (1, files):
+        raise RecordError(
+            f"{option} needs one rate, or one for each of {files} files, got {len(given)}"
+        )
+    return given * files if len(given) == 1 else given

@@ -1,5 +1,11 @@
 """Measured and simulated data: records, the files they come from, and what is wrong with them."""
 
+from flexstage.records.curves import (
+    curves_in_columns,
+    curves_in_records,
+    curves_in_rows,
+    from_branches,
+)
 from flexstage.records.quality import (
     Saturation,
     constant_columns,
@@ -11,6 +17,9 @@ from flexstage.records.read import FORMATS, read_record
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.require import require_live, require_unclipped, require_unit
 from flexstage.records.sampling import (
+    LARGEST_STEP,
+    LARGEST_UNEVEN_STEP,
+    evened,
     require_complete,
     require_rising,
     require_uniform,
@@ -22,11 +31,18 @@ from flexstage.records.write import record_bytes, write_record
 
 __all__ = [
     "FORMATS",
+    "LARGEST_STEP",
+    "LARGEST_UNEVEN_STEP",
     "Channel",
     "Record",
     "Saturation",
     "column_number",
     "constant_columns",
+    "curves_in_columns",
+    "curves_in_records",
+    "curves_in_rows",
+    "evened",
+    "from_branches",
     "noise_estimate",
     "quantisation_step",
     "read_record",

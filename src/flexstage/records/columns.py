@@ -32,12 +32,15 @@ class Column:
     si : tuple, optional
         How many SI units one `unit` is, and which, where the format says what the unit alone leaves
         open: ``g`` of an acceleration is no gram.
+    words : numpy.ndarray, optional
+        What stands where a number should, shape (n,); empty where there is one.
     """
 
     name: str
     values: NDArray[np.float64]
     unit: str = ""
     si: tuple[float, str] | None = None
+    words: NDArray[np.str_] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,6 +69,8 @@ class Columns:
         The frequency of each sample, where they follow by frequency [Hz], shape (n,).
     groups : Mapping
         Names that stand for several columns at once, and the numbers of those.
+    lines : numpy.ndarray, optional
+        The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
     """
 
     columns: tuple[Column, ...]
@@ -78,6 +83,7 @@ class Columns:
     over: Literal["time", "frequency", "point"] = "time"
     axis: NDArray[np.float64] | None = None
     groups: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    lines: NDArray[np.intp] | None = None
 
     def renamed(self, names: Sequence[str]) -> "Columns":
         """Return the same columns with other names.
@@ -103,10 +109,88 @@ class Columns:
                 "one for each"
             )
         named = (
-            replace(labelled(label, c.values, c.unit), si=c.si)
+            replace(labelled(label, c.values, c.unit), si=c.si, words=c.words)
             for label, c in zip(names, self.columns, strict=True)
         )
         return replace(self, columns=tuple(named))
+
+    def part(self, rows: slice) -> "Columns":
+        """Return some of the rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Which.
+
+        Returns
+        -------
+        Columns
+            The same columns with those.
+        """
+        first = rows.indices(self.columns[0].values.size)[0]
+        return replace(
+            self,
+            columns=tuple(
+                replace(
+                    c,
+                    values=c.values[rows].copy(),
+                    words=None if c.words is None else c.words[rows],
+                )
+                for c in self.columns
+            ),
+            start=self.start + (first / self.sample_rate_hz if self.sample_rate_hz else 0.0),
+            axis=None if self.axis is None else self.axis[rows].copy(),
+            lines=None if self.lines is None else self.lines[rows],
+        )
+
+    def numbered(self, number: int) -> "Columns":
+        """Return the same columns with the texts of one numbered as they first appear.
+
+        Parameters
+        ----------
+        number : int
+            Number of the column.
+
+        Returns
+        -------
+        Columns
+            The same, where the column holds no text.
+        """
+        column = self.columns[number]
+        if column.words is None or not (column.words != "").any():
+            return self
+        texts = [w or f"{v:.17g}" for w, v in zip(column.words, column.values, strict=True)]
+        order = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
+        values = np.array([order[text] for text in texts])
+        made = replace(column, values=values, unit="", words=None)
+        note = f"texts of '{column.name}' are numbered as they appear"
+        columns = (*self.columns[:number], made, *self.columns[number + 1 :])
+        return replace(self, columns=columns, notes=(*self.notes, note))
+
+    def require_numbers(self, number: int) -> None:
+        """Refuse a column with text among its numbers.
+
+        Parameters
+        ----------
+        number : int
+            Number of the column.
+
+        Raises
+        ------
+        RecordError
+            A text stands there; the line is said.
+        """
+        column = self.columns[number]
+        if column.words is None or self.lines is None:
+            return
+        held = np.flatnonzero(column.words != "")
+        if held.size:
+            raise RecordError(
+                f"line {self.lines[held[0]]}, column {number}: '{column.words[held[0]]}' is not a "
+                f"number, and {held.size} of {column.words.size} rows of column '{column.name}' "
+                "hold text: mend them, read rows without them by the option rows, leave lines out "
+                "by skip_lines, or choose another column"
+            )
 
 
 @lru_cache(maxsize=256)

@@ -1,6 +1,7 @@
 """Reading a measured file into a record: format, columns, units, time, and the checks."""
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +19,16 @@ from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
 from flexstage.records.numpy_file import read_numpy
 from flexstage.records.record import Channel, Record, column_number
-from flexstage.records.sampling import require_complete
+from flexstage.records.sampling import LARGEST_STEP, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
 from flexstage.records.universal_file import read_universal
 
 __all__ = ["FORMATS", "read_record"]
+
+# with marks of thousands, two decimal signs, or none that is known
+_LIKE_NUMBER = re.compile(r"(?!\d\d?\.\d\d?\.\d{2,4}$)[+-]?[\d.,' ]+([eE][+-]?\d+)?")
 
 
 def read_record(
@@ -42,6 +46,8 @@ def read_record(
     delimiter: str | None = None,
     decimal: str | None = None,
     over: Literal["time", "point"] = "time",
+    largest_step: float = LARGEST_STEP,
+    labels: str | int | None = None,
 ) -> Record:
     r"""Read columns of measured data from a file.
 
@@ -70,7 +76,8 @@ def read_record(
     names : sequence of str, optional
         Names of the columns, in place of those in the file.
     columns : sequence of str or int, optional
-        The columns that will be used: only they must be complete. All, where not given.
+        The columns that will be used: only they must be complete. All, where not given, but those
+        that hold nothing but text, whose values are NaN.
     rows : tuple of int, optional
         First sample to read and the one before which to stop, either of them None.
     skip_lines : int
@@ -81,6 +88,10 @@ def read_record(
         The decimal sign of a text file.
     over : {"time", "point"}
         What the rows of a file follow one another by that does not say it: time, or their number.
+    largest_step : float
+        Longest step of a column of time that is no gap, over the median one.
+    labels : str or int, optional
+        A column that labels the rows: texts in it are numbered as they first appear.
 
     Returns
     -------
@@ -117,18 +128,26 @@ def read_record(
         if names is not None:
             raw = raw.renamed(names)
         raw = _distinct(raw)
-        raw = _part(raw, rows)
+        first = 0
+        if rows is not None and raw.columns:
+            first = slice(*rows).indices(raw.columns[0].values.size)[0]
+            raw = raw.part(slice(*rows))
         if not raw.columns or raw.columns[0].values.size < 2:
             raise RecordError("there are fewer than two samples: a record needs at least two")
+        if labels is not None:
+            raw = raw.numbered(column_number([c.name for c in raw.columns], labels))
+        used = _used(raw, columns)
+        for number in sorted(used):
+            raw.require_numbers(number)
         channels, notes = _in_si(raw, units or {})
         kind = _kind(raw, over, time, sample_rate_hz)
         if kind == "time":
-            channels, times, more = timed(raw, channels, time, sample_rate_hz)
+            channels, times, more = timed(raw, channels, time, sample_rate_hz, largest_step)
             notes += more
         else:
             size = raw.columns[0].values.size
             times = np.arange(size, dtype=np.float64) if raw.axis is None else raw.axis
-        notes += _incomplete(raw, channels, columns)
+        notes += _left_out(raw, channels, used)
     except OSError as error:
         raise RecordError(f"'{file}' cannot be read: {error.strerror or error}") from error
     except RecordError as error:
@@ -143,6 +162,7 @@ def read_record(
         notes=(*raw.notes, *notes),
         attributes=dict(raw.attributes),
         over=kind,
+        numbers=None if not first else np.arange(first, first + times.size, dtype=np.float64),
     )
 
 
@@ -206,19 +226,6 @@ def _distinct(raw: Columns) -> Columns:
         columns.append(replace(column, name=name))
     note = f"columns of the same name ({', '.join(again)}) are told apart by their number"
     return replace(raw, columns=tuple(columns), notes=(*raw.notes, note))
-
-
-def _part(raw: Columns, rows: tuple[int | None, int | None] | None) -> Columns:
-    if rows is None or not raw.columns:
-        return raw
-    part = slice(*rows)
-    first = part.indices(raw.columns[0].values.size)[0]
-    return replace(
-        raw,
-        columns=tuple(replace(c, values=c.values[part].copy()) for c in raw.columns),
-        start=raw.start + (first / raw.sample_rate_hz if raw.sample_rate_hz else 0.0),
-        axis=None if raw.axis is None else raw.axis[part].copy(),
-    )
 
 
 def _kind(
@@ -299,20 +306,32 @@ def _known(text: str) -> tuple[float, str] | None:
         return None
 
 
-def _incomplete(
-    raw: Columns, channels: Sequence[Channel], wanted: Sequence[str | int] | None
-) -> list[str]:
-    """Refuse incomplete columns among those that are wanted; return a note on the others."""
-    names = [c.name for c in channels]
-    used = (
-        set(range(len(names)))
-        if wanted is None
-        else {number for selector in wanted for number in _numbers(raw, names, selector)}
-    )
-    incomplete = []
-    for number, channel in enumerate(channels):
+def _used(raw: Columns, wanted: Sequence[str | int] | None) -> set[int]:
+    """Return the columns that must be complete: those wanted, or all but those of text alone."""
+    names = [c.name for c in raw.columns]
+    if wanted is not None:
+        return {number for selector in wanted for number in _numbers(raw, names, selector)}
+    return {i for i, column in enumerate(raw.columns) if not _is_text(column)}
+
+
+def _is_text(column: Column) -> bool:
+    """Say whether a column holds text alone, and none that was meant as a number."""
+    if column.words is None or np.isfinite(column.values).any():
+        return False
+    return not any(_LIKE_NUMBER.fullmatch(word) for word in np.unique(column.words) if word)
+
+
+def _left_out(raw: Columns, channels: Sequence[Channel], used: set[int]) -> list[str]:
+    """Refuse incomplete columns among those that are used; return notes on the others."""
+    incomplete, text = [], []
+    for number, (column, channel) in enumerate(zip(raw.columns, channels, strict=True)):
         if number in used:
             require_complete(channel.values, channel.name)
+        elif column.words is not None and (column.words != "").any():
+            text.append(f"{channel.name} ('{column.words[(column.words != '').argmax()]}')")
         elif not np.isfinite(channel.values).all():
             incomplete.append(channel.name)
-    return [f"incomplete, as it is not used: column {', '.join(incomplete)}"] if incomplete else []
+    notes = [f"left out, as they hold text: {', '.join(text)}"] if text else []
+    if incomplete:
+        notes.append(f"incomplete, as it is not used: column {', '.join(incomplete)}")
+    return notes

@@ -55,6 +55,10 @@ class Record:
     over : {"time", "frequency", "point"}
         What the samples follow one another by: time, frequency as in a spectrum, or no more than
         their number, as points of a measuring machine.
+    numbers : numpy.ndarray, optional
+        Number that each sample has in the file, from 0, where it is not the one that it has here:
+        of a part, and between two where it was resampled; NaN where nothing was measured. Shape
+        (n,).
     """
 
     channels: tuple[Channel, ...]
@@ -64,6 +68,7 @@ class Record:
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
     over: Literal["time", "frequency", "point"] = "time"
+    numbers: Array | None = None
 
     def __post_init__(self) -> None:
         t = self.time
@@ -75,6 +80,11 @@ class Record:
                     f"column '{channel.name}' must have {t.size} samples as the time has, got "
                     f"shape {channel.values.shape}"
                 )
+        if self.numbers is not None and self.numbers.shape != t.shape:
+            raise RecordError(
+                f"the {t.size} samples of a record must have a number each, got shape "
+                f"{self.numbers.shape}"
+            )
 
     @property
     def size(self) -> int:

@@ -7,9 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
+from flexstage.records.quality import quantisation_step
 from flexstage.records.record import Channel, Record
 
 __all__ = [
+    "LARGEST_STEP",
+    "LARGEST_UNEVEN_STEP",
+    "evened",
     "require_complete",
     "require_rising",
     "require_uniform",
@@ -20,8 +24,16 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# a step this many times the usual one means that samples are missing
-_GAP = 1.5
+#: A step this many times the usual one means that samples are missing, ...
+LARGEST_STEP = 1.5
+#: ... and of times that are to be made even, that more than one is.
+LARGEST_UNEVEN_STEP = 2.5
+#: An even rate may be said with so few digits that it is a little above that of the samples.
+_FINEST = 1.05
+#: A rate below this share of that of the samples has several in each new step.
+_COARSE = 0.8
+#: Even times that were rounded when they were written are told from uneven ones by so many.
+_FEWEST = 20
 
 
 def require_complete(values: Array, name: str) -> None:
@@ -50,7 +62,7 @@ def require_complete(values: Array, name: str) -> None:
         )
 
 
-def require_rising(time: Array, name: str = "time") -> None:
+def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
     """Refuse times that do not rise, and gaps between them.
 
     Parameters
@@ -59,11 +71,13 @@ def require_rising(time: Array, name: str = "time") -> None:
         Times [s], shape (n,).
     name : str
         What the column is called.
+    largest_step : float
+        Longest step that is no gap, over the median one.
 
     Raises
     ------
     RecordError
-        A time is no number, is repeated or goes back, or a step is over 1.5 times the median.
+        A time is no number, is repeated or goes back, or a step is a gap.
     """
     require_complete(time, name)
     if time.size < 2:
@@ -76,7 +90,8 @@ def require_rising(time: Array, name: str = "time") -> None:
             raise RecordError(
                 f"the time in '{name}' is repeated: samples {at} and {at + 1} are both at "
                 f"{time[at]:.9g} s ({count} such steps): if it was written with too few digits, "
-                "give the sample rate instead"
+                f"give the sample rate instead{_mean_rate(time)}; if rows stand there twice, take "
+                "them out"
             )
         raise RecordError(
             f"the time in '{name}' goes back from {time[at]:.9g} s to {time[at + 1]:.9g} s after "
@@ -84,14 +99,23 @@ def require_rising(time: Array, name: str = "time") -> None:
             "recording? Read a part by the option rows, or give the sample rate instead"
         )
     usual = float(np.median(steps))
-    wide = steps > _GAP * usual
+    wide = steps > largest_step * usual
     if wide.any():
         at = int(wide.argmax())
+        even = steps.max() <= LARGEST_UNEVEN_STEP * usual
+        uneven = (
+            ", or, if no more than one sample is lost, make the times even by the option resample"
+        )
         raise RecordError(
             f"the time in '{name}' has a gap of {steps[at]:.6g} s after sample {at} (t = "
             f"{time[at]:.9g} s), where a step is {usual:.6g} s; {int(wide.sum())} such gaps: read "
-            "the part before or after by the option rows"
+            f"the part before or after by the option rows{uneven if even else ''}"
         )
+
+
+def _mean_rate(time: Array) -> str:
+    span = float(time[-1] - time[0])
+    return f" (in the mean it is {(time.size - 1) / span:.6g} Hz)" if span > 0.0 else ""
 
 
 def time_jitter(time: Array) -> float:
@@ -131,18 +155,30 @@ def require_uniform(record: Record) -> None:
         Its steps of time differ by more than a thousandth.
     """
     if not record.uniform:
+        mend = "make them even by the option resample, resampled(record) in Python, or"
+        if _is_rounded(record.time):
+            mend = "they are even but for the digits that times are written with:"
         raise RecordError(
             f"the samples of '{record.source or 'the record'}' are not evenly spaced: steps "
-            f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; make them "
-            "even with resampled(record), or give the sample rate instead of the time"
+            f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; {mend} "
+            f"give the sample rate instead of the time{_mean_rate(record.time)}"
         )
+
+
+def _is_rounded(time: Array) -> bool:
+    """Say whether times are even but for the digits that they are written with."""
+    if time.size < _FEWEST:
+        return False
+    number = np.arange(time.size)
+    even = np.polynomial.Polynomial.fit(number, time, 1)(number)
+    return bool(np.abs(time - even).max() <= quantisation_step(time))
 
 
 def resampled(
     record: Record,
     sample_rate_hz: float | None = None,
     *,
-    kind: Literal["linear", "cubic"] = "cubic",
+    kind: Literal["linear", "cubic", "mean"] = "cubic",
 ) -> Record:
     """Return a record at evenly spaced times, by interpolation.
 
@@ -152,19 +188,22 @@ def resampled(
         A record without gaps.
     sample_rate_hz : float, optional
         The new sample rate [Hz]; the mean one of the record where not given.
-    kind : {"linear", "cubic"}
-        Straight lines between the samples, or a cubic spline through them.
+    kind : {"linear", "cubic", "mean"}
+        Straight lines between the samples, a cubic spline through them, or the mean of the straight
+        lines over each new step.
 
     Returns
     -------
     Record
-        The same columns from the first time to the last, with a note.
+        The same columns from the first time to the last, with a note; means are at the middle of
+        their steps.
 
     Validity
     --------
     Interpolation is no filter: below the record's own rate, what is faster than half the new rate
-    comes back as slow motion. A line lowers a sine of f by (pi f / rate)^2 / 2 at the most, a
-    spline far less where there are more than some 5 samples in a period.
+    comes back as slow motion, but from means. A line lowers a sine of f by (pi f / rate)^2 / 2 at
+    the most, a mean by (pi f / rate)^2 / 6, a spline far less where there are more than some 5
+    samples in a period; a spline swings over at a step.
 
     Raises
     ------
@@ -178,34 +217,111 @@ def resampled(
     >>> resampled(r, 1.0).channel("x").values
     array([0., 2., 4., 6.])
     """
-    if kind not in ("linear", "cubic"):
-        raise RecordError(f"the kind of interpolation must be linear or cubic, got {kind!r}")
+    if kind not in ("linear", "cubic", "mean"):
+        raise RecordError(f"the kind of interpolation must be linear, cubic or mean, got {kind!r}")
     rate = record.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
     if not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"the sample rate must be positive, got {rate} Hz")
     old = record.time
     span = float(old[-1] - old[0])
     # the last sample is kept where it falls on the new times but for rounding
-    count = int(np.floor(span * rate * (1.0 + 1e-12) + 1e-9)) + 1
+    count = int(np.floor(span * rate * (1.0 + 1e-12) + 1e-9)) + (kind != "mean")
     if count < 2 or count > 2**29:
         raise RecordError(f"at {rate:g} Hz a record of {span:g} s would have {count} samples")
-    time = np.minimum(old[0] + np.arange(count) / rate, old[-1])
+    middle = 0.5 if kind == "mean" else 0.0
+    time = np.minimum(old[0] + (np.arange(count) + middle) / rate, old[-1])
     channels = tuple(
-        replace(c, values=_interpolated(time, old, c.values, kind)) for c in record.channels
+        replace(c, values=_interpolated(time, old, c.values, kind, rate)) for c in record.channels
     )
-    note = f"resampled at {rate:g} Hz by {kind} interpolation"
-    if rate < 0.999 * record.sample_rate_hz:
+    numbers = np.arange(old.size) if record.numbers is None else record.numbers
+    note = f"resampled at {rate:g} Hz by {_MANNERS[kind]}"
+    if kind != "mean" and rate < 0.999 * record.sample_rate_hz:
         note += f", below its {record.sample_rate_hz:g} Hz and without a filter"
-    return replace(record, channels=channels, time=time, notes=(*record.notes, note))
+    return replace(
+        record,
+        channels=channels,
+        time=time,
+        notes=(*record.notes, note),
+        numbers=np.interp(time, old, numbers),
+    )
 
 
-def _interpolated(time: Array, old: Array, values: Array, kind: str) -> Array:
-    if kind == "linear" or old.size < 4:
+_MANNERS = {
+    "linear": "linear interpolation",
+    "cubic": "cubic interpolation",
+    "mean": "means over each step",
+}
+
+
+def _interpolated(time: Array, old: Array, values: Array, kind: str, rate: float) -> Array:
+    if kind == "mean":
+        area = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(old))))
+        ends = np.append(time - 0.5 / rate, time[-1] + 0.5 / rate)
+        at = np.clip(np.searchsorted(old, ends, "right") - 1, 0, old.size - 2)
+        # the trapezoid from the sample before on, so that each end is exact
+        there = np.interp(ends, old, values)
+        integral = area[at] + 0.5 * (values[at] + there) * (ends - old[at])
+        return np.diff(integral) * rate
+    if kind == "linear" or old.size < 4 or not np.isfinite(values).all():
         return np.interp(time, old, values)
     from scipy.interpolate import make_interp_spline
 
     # times from the first on, so that the spline does not lose digits to a distant origin
     return np.asarray(make_interp_spline(old - old[0], values, k=3)(time - old[0]))
+
+
+def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
+    """Return a record whose samples came at uneven times at even ones, no finer than they were.
+
+    Straight lines between the samples make no turning point that was not measured, as a spline
+    does; of a lower rate each sample is the mean over its step.
+
+    Parameters
+    ----------
+    record : Record
+        A record without gaps.
+    sample_rate_hz : float, optional
+        The new sample rate [Hz]; the reciprocal of the record's median step where not given.
+
+    Returns
+    -------
+    Record
+        The same columns, with a note that says what is lost.
+
+    Raises
+    ------
+    RecordError
+        The rate is higher than that of the samples, or leaves fewer than two.
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 0.9, 2.1, 3.0])
+    >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
+    >>> evened(r).channel("x").values.round(2)
+    array([0. , 1.8, 3.6, 5.4])
+    """
+    steps = np.diff(record.time)
+    usual = float(np.median(steps))
+    rate = 1.0 / usual if sample_rate_hz is None else sample_rate_hz
+    if rate * usual > _FINEST:
+        raise RecordError(
+            f"'{record.source or 'the record'}' cannot be resampled at {rate:g} Hz, as its samples "
+            f"come at {1.0 / usual:.6g} Hz: give that rate or a lower one"
+        )
+    coarse = rate * usual < _COARSE
+    made = resampled(record, rate, kind="mean" if coarse else "linear")
+    off = steps - usual
+    # where a sine is lowered by a hundredth, by the straight lines and by the means
+    slow = np.sqrt(0.01 / (usual**2 / 2.0 + coarse / (6.0 * rate**2))) / np.pi
+    rms, largest = float(np.std(off)), float(np.abs(off).max())
+    # turning points lie anywhere in a step that is averaged
+    late = float(np.hypot(rms, 0.1 * coarse / rate))
+    lost = (
+        f"steps of time differ from their median by {100.0 * rms / usual:.3g} % rms and up to "
+        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about {1e3 * late:.2g} ms, and "
+        f"motion above {slow:.3g} Hz is lowered by more than 1 %"
+    )
+    return replace(made, notes=(*record.notes, f"{made.notes[-1]}: {lost}"))
 
 
 def selected(
@@ -266,5 +382,12 @@ def selected(
     channels = tuple(
         Channel(name=c.name, values=c.values[part], unit=c.unit) for c in record.channels
     )
+    numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
     note = f"samples {first} to {last - 1} of {record.size}"
-    return replace(record, channels=channels, time=record.time[part], notes=(*record.notes, note))
+    return replace(
+        record,
+        channels=channels,
+        time=record.time[part],
+        notes=(*record.notes, note),
+        numbers=numbers[part],
+    )

@@ -23,6 +23,7 @@ def timed(
     channels: list[Channel],
     wanted: str | int | None,
     rate: float | None,
+    largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
     """Return the times, and the channels with the column of time in seconds.
 
@@ -36,6 +37,8 @@ def timed(
         Name or number of the column of time.
     rate : float, optional
         The sample rate that was given [Hz].
+    largest_step : float
+        Longest step that is no gap, over the median one.
 
     Returns
     -------
@@ -56,9 +59,10 @@ def timed(
     names = [c.name for c in channels]
     if wanted is not None:
         number = column_number(names, wanted)
+        raw.require_numbers(number)
         channels[number], notes = _as_seconds(channels[number])
         times = channels[number].values
-        require_rising(times, names[number])
+        require_rising(times, names[number], largest_step)
         given = rate if rate is not None else raw.sample_rate_hz
         where = "given" if rate is not None else f"in {raw.rate_source}"
         _require_same_rate(times, given, names[number], where)
@@ -85,8 +89,9 @@ def timed(
         return channels, start + np.arange(size) / used, [f"sample rate {used:g} Hz, {source}"]
     number = _own_time(names, sure)
     if number is not None:
+        raw.require_numbers(number)
         times = channels[number].values
-        require_rising(times, names[number])
+        require_rising(times, names[number], largest_step)
         return channels, times, [f"times from column '{names[number]}'", *_unevenness(times)]
     raise RecordError(_no_time(raw, names, called))
 

@@ -462,7 +462,7 @@ def _result(
     m = data.measurement
     drive = _drive_model(tried, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
-    error = errors.rms if errors.held is None else max(errors.rms, errors.held)
+    error = max(errors.rms, errors.held or 0.0)
     judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
     settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
     if train is not None:

@@ -1,11 +1,13 @@
-"""A measured loop beside the model that was identified from it."""
+"""Measured loops beside the model that was identified from them."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.hysteresis.identification import Identification
-from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figure
+from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,30 +19,55 @@ __all__ = ["draw_identification"]
 _POINTS = 4000
 #: Cycles of which the loop is drawn.
 _CYCLES = 7
+#: Records that are drawn below one another.
+_RECORDS = 4
+#: Letters of a name, or of a title, that a plot has room for.
+_NAME = 44
 _SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
-def draw_identification(found: Identification, section: int = 0) -> "Figure":
-    """Draw measured and modelled loop, and what the model leaves over time.
+def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
+    """Draw measured and modelled loop of each record, and what the model leaves over time.
 
     Parameters
     ----------
     found : Identification
         The identification.
-    section : int
-        Number of the record, counted from 0.
+    names : sequence of str
+        What each of its records is called; numbers from 1 where not given.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The loop over the input; beside it output less model over time, with the noise of the output
-        as a band.
+        For each of the first four records, the loop over the input, with the cycles and times that
+        are drawn; beside it output less model over time, with the noise of the output as a band and
+        those cycles shaded.
     """
-    figure = new_figure(9.6, 3.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    _loop(left, found, section)
-    _residual(right, found, section)
+    sections = found.measurement.sections
+    called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
+    shown = min(len(sections), _RECORDS)
+    figure = new_figure(9.6, 0.5 + 3.2 * shown)
+    plots = figure.subplots(shown, 2, width_ratios=(1.0, 1.25), squeeze=False)
+    for i, (left, right) in enumerate(plots):
+        within = _shown(found, i)
+        _loop(left, found, i, within, _short(called[i]))
+        _residual(right, found, i, within)
+    held = (
+        "" if found.heldout_rms_percent is None else f", held out {found.heldout_rms_percent:.2f}"
+    )
+    more = len(sections) - shown
+    beyond = f"; {more} more record{'s' if more > 1 else ''} not drawn" if more else ""
+    every = f" over {len(sections)} records" if len(sections) > 1 else ""
+    figure.suptitle(
+        f"{found.kind}{every}: {found.rms_percent:.2f} % rms of the stroke{held}; largest "
+        f"{found.max_percent:.2f}; noise {found.noise_percent:.2f} (dashed){beyond}",
+        x=0.01, ha="left", fontsize=9.5, color=INK,
+    )  # fmt: skip
     return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _NAME else f"{name[: _NAME // 2]}...{name[-_NAME // 2 + 3 :]}"
 
 
 def scale(unit: str) -> tuple[str, float]:
@@ -60,10 +87,9 @@ def scale(unit: str) -> tuple[str, float]:
     return (f" [{name}]" if name else "", factor)
 
 
-def _loop(axes: "Axes", found: Identification, section: int) -> None:
+def _loop(axes: "Axes", found: Identification, section: int, within: np.ndarray, name: str) -> None:
     s = found.measurement.sections[section]
     sign = found.measurement.sign
-    within = _shown(found, section)
     unit, factor = scale(found.model.output_unit)
     dress(axes)
     axes.plot(
@@ -77,31 +103,43 @@ def _loop(axes: "Axes", found: Identification, section: int) -> None:
     axes.set_xlabel(f"input{scale(found.model.input_unit)[0]}", color=INK)
     axes.set_ylabel(f"output{unit}", color=INK)
     axes.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)
-    entitle(axes, "loop")
+    entitle(axes, f"{name}\n{_extent(found, section, within)}", 8.0)
 
 
-def _residual(axes: "Axes", found: Identification, section: int) -> None:
+def _extent(found: Identification, section: int, within: np.ndarray) -> str:
+    """Say which cycles of a record are drawn, and when they are."""
     s = found.measurement.sections[section]
-    at = _thin(np.arange(s.warm_up, s.u.size))
-    percent = 100.0 / found.stroke
-    left = (found.measurement.sign * s.y - found.predicted[section]) * percent
-    t = at * s.dt
+    first, last = (int(np.searchsorted(s.cycles.bounds, within[i])) for i in (0, -1))
+    count = s.cycles.swing.size
+    which = f"cycle {last}" if last == first + 1 else f"cycles {first + 1} to {last}"
+    cycles = f"all {count} cycles" if last - first == count > 1 else f"{which} of {count}"
+    begin, end = (s.first + within[[0, -1]]) * s.dt
+    return f"{cycles}, {begin:.4g} to {end:.4g} s"
+
+
+def _residual(axes: "Axes", found: Identification, section: int, within: np.ndarray) -> None:
+    s = found.measurement.sections[section]
+    left = (found.measurement.sign * s.y - found.predicted[section]) * (100.0 / found.stroke)
+    counted = s.warm_up + np.flatnonzero(np.isfinite(left[s.warm_up :]))
+    own = left[counted]
+    begin, end = (float((s.first + i) * s.dt) for i in counted[[0, -1]])
+    shaded = [float((s.first + i) * s.dt) for i in within[[0, -1]]]
     dress(axes)
-    axes.plot(t, left[at], color=CYCLE[0], linewidth=0.5)
-    for end in (-found.noise_percent, found.noise_percent):
-        axes.axhline(end, color=INK, linewidth=0.8, linestyle=(0, (5, 3)))
-    axes.set_xlim(t[0], t[-1])
-    top = 1.15 * float(np.abs(left[at]).max())
+    axes.axvspan(*shaded, color=MUTED, alpha=0.12, linewidth=0.0)
+    at = counted[_extremes(own)]
+    axes.plot((s.first + at) * s.dt, left[at], color=CYCLE[0], linewidth=0.5)
+    for level in (-found.noise_percent, found.noise_percent):
+        axes.axhline(level, color=INK, linewidth=0.8, linestyle=(0, (5, 3)))
+    axes.set_xlim(begin, end)
+    top = 1.15 * max(float(np.abs(own).max()), found.noise_percent)
     axes.set_ylim(-top, top)
     axes.set_xlabel("time [s]", color=INK)
     axes.set_ylabel("output less model [% of stroke]", color=INK)
-    held = (
-        "" if found.heldout_rms_percent is None else f", held out {found.heldout_rms_percent:.2f}"
-    )
     entitle(
         axes,
-        f"{found.rms_percent:.2f} % rms{held}; largest {found.max_percent:.2f}; noise "
-        f"{found.noise_percent:.2f} (dashed)",
+        f"{begin:.4g} to {end:.4g} s: {np.sqrt(np.mean(own**2)):.2f} % rms, largest "
+        f"{np.abs(own).max():.2f}\nshaded: the cycles at the left",
+        8.0,
     )
 
 
@@ -117,5 +155,11 @@ def _shown(found: Identification, section: int) -> np.ndarray:
     return np.arange(bounds[min(first, stop - 1)], bounds[stop] + 1)
 
 
-def _thin(at: np.ndarray) -> np.ndarray:
-    return at[:: max(1, at.size // _POINTS)]
+def _extremes(values: np.ndarray) -> np.ndarray:
+    """Return where a curve of so many samples is lowest and highest, bin by bin."""
+    if values.size <= _POINTS:
+        return np.arange(values.size)
+    bins = np.array_split(values, _POINTS // 2)
+    starts = np.concatenate(([0], np.cumsum([b.size for b in bins])[:-1]))
+    ends = [sorted((int(b.argmin()), int(b.argmax()))) for b in bins]
+    return (starts[:, None] + np.array(ends)).ravel()

@@ -67,7 +67,7 @@ def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) 
     axes.axhline(
         found.constant_percent, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), label="mean"
     )
-    axes.set_xlim(found.time[at[0]], found.time[at[-1]])
+    axes.set_xlim(float(found.time[at[0]]), float(found.time[at[-1]]))
     top = 1.2 * max(float(np.abs(error).max()), band or 0.0)
     axes.set_ylim(-top, top)
     axes.set_xlabel("time [s]", color=INK)

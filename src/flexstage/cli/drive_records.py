@@ -1,0 +1,239 @@
+"""Records of a drive: over time, or as tables of branches and of reversal curves."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.records import column, file_rates, read_records, row_range
+from flexstage.errors import RecordError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flexstage.records import Record
+
+__all__ = ["BranchesOption", "CurveOption", "read_drive", "train_range"]
+
+BranchesOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UP,DOWN",
+        help="In place of the output: columns of it while the input rose and while it fell, of a "
+        "table with one row for each input and no times.",
+    ),
+]
+CurveOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="COLUMN|files|columns",
+        help="First-order reversal curves, measured on the way back to saturation: the column that "
+        'numbers them or holds their reversals; "files" where each file is one, "columns" where '
+        "--output lists one column for each.",
+    ),
+]
+
+
+def read_drive(
+    files: "Sequence[Path]",
+    input: str,
+    output: str | None,
+    *,
+    branches: str | None,
+    curve: str | None,
+    units: tuple[str | None, str | None],
+    sample_rate: str | None,
+    time: str | None,
+    resample: str | None,
+    **how: Any,
+) -> "tuple[list[Record], str | int, str | int]":
+    """Read what a drive was told and what followed: over time, or as tables of curves.
+
+    Parameters
+    ----------
+    files : sequence of pathlib.Path
+        The files.
+    input : str
+        Column of the input; of curves in columns, one for each with commas.
+    output : str or None
+        Column of the output; of curves in columns, one for each with commas.
+    branches : str or None
+        Columns of the output while the input rose, and while it fell.
+    curve : str or None
+        Column that numbers reversal curves, or how they are arranged.
+    units : tuple of str or None
+        Units of input and output, where an option says them.
+    sample_rate, time, resample : str or None
+        As of `read_records`.
+    **how
+        Further options of `read_records`.
+
+    Returns
+    -------
+    records : list of Record
+        Evenly sampled, with NaN where nothing was measured.
+    input_column : str or int
+        The column that drives.
+    output_column : str or int
+        The column that follows.
+
+    Raises
+    ------
+    RecordError
+        Options do not go together, or a file cannot be used as it is.
+    """
+    if output is None and branches is None:
+        raise RecordError(
+            "there is no output: give the column that follows by --output, or two branches of a "
+            "table by --branches"
+        )
+    if branches is None and curve is None:
+        wanted = [column(input), column(output or "")]
+        read = read_records(
+            files, wanted, units=units, sample_rate=sample_rate, time=time, resample=resample,
+            even=True, **how,
+        )  # fmt: skip
+        return read, wanted[0], wanted[1]
+    option = "--branches" if branches is not None else "--curve"
+    for other, given in (("--time", time), ("--resample", resample)):
+        if given is not None:
+            raise RecordError(f"{option} is for tables without times: leave {other} out")
+    if branches is not None and (curve is not None or output is not None):
+        other = "--output" if output is not None else "--curve"
+        raise RecordError(f"--branches names both columns of the output: leave {other} out")
+    rates = file_rates(sample_rate, "--sample-rate", len(files))
+    if branches is not None:
+        made = _loops(files, column(input), _columns(branches), units, rates, how)
+    else:
+        made = _curves(
+            files, _columns(input), _columns(output or ""), curve or "", units, rates, how
+        )
+    driven, follows = made[0].channels
+    return made, driven.name, follows.name
+
+
+def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
+    """Return the samples to fit as they are counted in the records that were read.
+
+    Parameters
+    ----------
+    text : str or None
+        What --train was given: a range of samples as they are counted in the files.
+    read : list of Record
+        The records.
+
+    Returns
+    -------
+    tuple of int or None
+        First sample, and the one before which to stop; None where nothing was given.
+
+    Raises
+    ------
+    RecordError
+        It is no range, holds no sample that is read, or is not the same range of all records.
+    """
+    given = row_range(text, "--train")
+    if given is None:
+        return None
+    spans = {_span(given, record) for record in read}
+    if len(spans) > 1:
+        raise RecordError(
+            "--train is one range of samples for all files, which differ in how they were "
+            "resampled: give one file, or leave --train out"
+        )
+    first, stop = spans.pop()
+    size = max(r.size for r in read)
+    if first >= size or (stop is not None and stop <= 0):
+        raise RecordError(
+            f"--train {text} holds none of the samples that are read, {_numbered(read)}"
+        )
+    return max(first, 0), size if stop is None else stop
+
+
+def _span(given: tuple[int | None, int | None], record: "Record") -> tuple[int, int | None]:
+    import numpy as np
+
+    numbers = record.numbers
+    if numbers is None:
+        return given[0] or 0, given[1]
+    if np.isnan(numbers).any():
+        raise RecordError(
+            "--train counts samples over time: of branches or curves, leave rows out by --rows"
+        )
+    if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)):
+        begin = int(numbers[0])
+        return (given[0] or 0) - begin, None if given[1] is None else given[1] - begin
+    first, stop = (None if n is None else int(np.searchsorted(numbers, n)) for n in given)
+    return first or 0, stop
+
+
+def _numbered(read: "list[Record]") -> str:
+    ends = [(0, r.size - 1) if r.numbers is None else r.numbers[[0, -1]] for r in read]
+    return f"{min(e[0] for e in ends):.0f} to {max(e[1] for e in ends):.0f}"
+
+
+def _loops(
+    files: "Sequence[Path]",
+    input: str | int,
+    branches: list[str | int],
+    units: tuple[str | None, str | None],
+    rates: "Sequence[float | None]",
+    how: dict[str, Any],
+) -> "list[Record]":
+    from flexstage.records import from_branches
+
+    if len(branches) != 2:
+        raise RecordError(f"--branches needs two columns, UP,DOWN, got {len(branches)}")
+    up, down = branches
+    read = _tables(files, [units[0], units[1], units[1]], {**how, "columns": [input, up, down]})
+    return [
+        from_branches(table, input, up, down, sample_rate_hz=rate)
+        for table, rate in zip(read, rates, strict=True)
+    ]
+
+
+def _curves(
+    files: "Sequence[Path]",
+    inputs: list[str | int],
+    outputs: list[str | int],
+    curve: str,
+    units: tuple[str | None, str | None],
+    rates: "Sequence[float | None]",
+    how: dict[str, Any],
+) -> "list[Record]":
+    from flexstage.records import curves_in_columns, curves_in_records, curves_in_rows
+
+    if curve != "columns" and len(inputs) * len(outputs) != 1:
+        raise RecordError(
+            "--input and --output name one column each; where each curve has its own column, say "
+            "so by --curve columns"
+        )
+    if curve == "columns":
+        each = [units[0]] * len(inputs) + [units[1]] * len(outputs)
+        # where a curve was not measured its column is empty
+        used = {"columns": inputs[:1], "partial": [*inputs[1:], *outputs]}
+        read = _tables(files, each, {**how, **used})
+        return [
+            curves_in_columns(table, inputs, outputs, sample_rate_hz=rate)
+            for table, rate in zip(read, rates, strict=True)
+        ]
+    pair = [inputs[0], outputs[0]]
+    if curve == "files":
+        read = _tables(files, units, {**how, "columns": pair})
+        return [curves_in_records(read, inputs[0], outputs[0], sample_rate_hz=rates[0])]
+    by = column(curve)
+    read = _tables(files, [*units, None], {**how, "columns": [*pair, by], "labels": by})
+    return [
+        curves_in_rows(table, inputs[0], outputs[0], by, sample_rate_hz=rate)
+        for table, rate in zip(read, rates, strict=True)
+    ]
+
+
+def _tables(
+    files: "Sequence[Path]", units: "Sequence[str | None]", how: dict[str, Any]
+) -> "list[Record]":
+    return read_records(files, units=units, sample_rate=None, time=None, over="table", **how)
+
+
+def _columns(text: str) -> list[str | int]:
+    return [column(word) for word in text.split(",") if word.strip()]

@@ -1,0 +1,381 @@
+"""Tables of branches and of reversal curves, as the record that their measurement was."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.errors import RecordError
+from flexstage.records.record import Channel, Record
+
+__all__ = ["curves_in_columns", "curves_in_records", "curves_in_rows", "from_branches"]
+
+Array = NDArray[np.float64]
+
+#: An input that is measured may go back by this share of its range.
+_NOISE = 0.02
+#: A loop is closed whose ends are no further apart than this share of its width.
+_CLOSED = 0.2
+#: Rows of a table without times are taken to follow one another at this rate [Hz].
+_NOMINAL_HZ = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Piece:
+    """Rows that were measured one after another while the input went one way."""
+
+    u: Array
+    y: Array
+    rows: Array
+    name: str = ""
+    reversal: float | None = None
+
+    @property
+    def way(self) -> float:
+        """1 where the input rises, -1 where it falls."""
+        return float(np.sign(self.u[-1] - self.u[0]))
+
+    def turned(self) -> "_Piece":
+        return replace(self, u=self.u[::-1], y=self.y[::-1], rows=self.rows[::-1])
+
+
+def from_branches(
+    record: Record,
+    input: str | int,
+    up: str | int,
+    down: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the loop that a table of its two branches holds.
+
+    The input rises along the first branch and falls along the second. Where the loop is closed, it
+    was run before: it then begins with a loop that nothing was measured in. Where it is open at its
+    lower end, the first branch began at rest.
+
+    Parameters
+    ----------
+    record : Record
+        The table: one row for each input, rising or falling.
+    input : str or int
+        The column of the input.
+    up, down : str or int
+        The columns of the output, while the input rose and while it fell.
+    sample_rate_hz : float, optional
+        Rate at which the rows were measured [Hz]; 1 Hz where not given.
+
+    Returns
+    -------
+    Record
+        Input and output over time; the output is NaN, and so is the number of the sample, where
+        nothing was measured.
+
+    Raises
+    ------
+    RecordError
+        The input of the rows does not go one way, or the branches have other units.
+
+    Examples
+    --------
+    >>> table = {"u": [0.0, 5.0, 10.0], "up": [0.0, 1.0, 3.0], "down": [0.4, 2.0, 3.0]}
+    >>> channels = tuple(Channel(name=n, values=np.array(v)) for n, v in table.items())
+    >>> loop = from_branches(Record(channels=channels, time=np.arange(3.0)), "u", "up", "down")
+    >>> loop.channel("u").values
+    array([ 0.,  5., 10., 10.,  5.,  0.])
+    """
+    driven = record.channel(input)
+    branches = [record.channel(c) for c in (up, down)]
+    if branches[0] is branches[1] or driven in branches:
+        raise RecordError("input, up and down branch must be three columns: choose one for each")
+    if branches[0].unit != branches[1].unit:
+        raise RecordError(
+            f"the branches are in {branches[0].unit or 'no unit'} and in "
+            f"{branches[1].unit or 'no unit'}: give the unit of both"
+        )
+    pieces = [_piece(record, driven.values, b.values, b.name) for b in branches]
+    step = _step(pieces)
+    _require_one_way(pieces, float(np.ptp(driven.values)), driven.name)
+    rise, fall = (p if p.way == way else p.turned() for p, way in zip(pieces, (1, -1), strict=True))
+    wide = np.interp(rise.u, fall.u[::-1], fall.y[::-1]) - rise.y
+    closed = abs(fall.y[-1] - rise.y[0]) <= _CLOSED * float(np.abs(wide).max())
+    low, high = float(rise.u[0]), float(rise.u[-1])
+    before = [_unmeasured(rise.u[:1]), _way([low, high, low], step)] if closed else []
+    state = (
+        "the loop is closed: taken as run before, so that the memory is that of a loop"
+        if closed
+        else "the loop is open at its lower end: taken to begin at rest"
+    )
+    output = replace(branches[0], name=f"{branches[0].name}, {branches[1].name}")
+    return _assembled(record, driven, output, [*before, rise, fall], sample_rate_hz, state)
+
+
+def curves_in_rows(
+    record: Record,
+    input: str | int,
+    output: str | int,
+    curve: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that stand below one another in a table.
+
+    First-order reversal curves (I. D. Mayergoyz, Phys. Rev. Lett. 56 (1986) 1518): from saturation
+    the input goes to a reversal, where nothing is measured, and back, which is measured.
+
+    Parameters
+    ----------
+    record : Record
+        The table.
+    input, output : str or int
+        The columns of input and output.
+    curve : str or int
+        The column that is the same in all rows of a curve: its number, or where it was reversed.
+    sample_rate_hz : float, optional
+        Rate at which the rows were measured [Hz]; 1 Hz where not given.
+
+    Returns
+    -------
+    Record
+        Input and output over time, from the first way to saturation on; the output is NaN, and so
+        is the number of the sample, where nothing was measured.
+
+    Raises
+    ------
+    RecordError
+        The column numbers no curves, or the input of one goes back and forth.
+    """
+    driven, follows, labels = (record.channel(c) for c in (input, output, curve))
+    if len({driven.name, follows.name, labels.name}) < 3:
+        raise RecordError("input, output and curve must be three columns: choose one for each")
+    ends = np.flatnonzero(np.diff(labels.values)) + 1
+    bounds = [0, *ends.tolist(), record.size]
+    if len(bounds) - 1 > record.size // 2:
+        raise RecordError(
+            f"column '{labels.name}' has {len(bounds) - 1} values in {record.size} rows, one after "
+            "another: it does not number curves of several rows; choose the column that does"
+        )
+    pieces = [
+        replace(
+            _piece(record, driven.values, follows.values, f"{labels.values[a]:g}", slice(a, b)),
+            reversal=float(labels.values[a]),
+        )
+        for a, b in pairwise(bounds)
+    ]
+    return _reversal_curves(record, driven, follows, pieces, sample_rate_hz)
+
+
+def curves_in_columns(
+    record: Record,
+    inputs: Sequence[str | int],
+    outputs: Sequence[str | int],
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that have a column each.
+
+    Parameters
+    ----------
+    record : Record
+        The table; a row without an output was not measured.
+    inputs : sequence of str or int
+        The column of the input, or one for each curve.
+    outputs : sequence of str or int
+        The column of the output of each curve.
+    sample_rate_hz : float, optional
+        As of `curves_in_rows`.
+
+    Returns
+    -------
+    Record
+        As of `curves_in_rows`.
+
+    Raises
+    ------
+    RecordError
+        The columns do not belong together, or the input of a curve goes back and forth.
+    """
+    driven = [record.channel(c) for c in inputs]
+    follow = [record.channel(c) for c in outputs]
+    if len(driven) not in (1, len(follow)):
+        raise RecordError(
+            f"{len(follow)} curves need one column of input, or one each, got {len(driven)}"
+        )
+    for channels in (driven, follow):
+        if len({c.unit for c in channels}) > 1:
+            listed = ", ".join(f"{c.name} in {c.unit or 'no unit'}" for c in channels)
+            raise RecordError(f"the curves have different units ({listed}): give them by option")
+    pieces = [
+        _piece(record, u.values, y.values, y.name)
+        for u, y in zip(driven * (len(follow) // len(driven)), follow, strict=True)
+    ]
+    return _reversal_curves(record, driven[0], follow[0], pieces, sample_rate_hz)
+
+
+def curves_in_records(
+    records: Sequence[Record],
+    input: str | int,
+    output: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that have a record each.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The curves, in the order in which they were measured.
+    input, output : str or int
+        The columns of input and output.
+    sample_rate_hz : float, optional
+        As of `curves_in_rows`.
+
+    Returns
+    -------
+    Record
+        As of `curves_in_rows`; the samples are numbered through all records.
+
+    Raises
+    ------
+    RecordError
+        The units differ, or the input of a curve goes back and forth.
+    """
+    pairs = [(r.channel(input), r.channel(output)) for r in records]
+    units = sorted({(u.unit, y.unit) for u, y in pairs})
+    if len(units) > 1:
+        raise RecordError(f"the curves have different units: {units}; give them by option")
+    before = np.concatenate(([0], np.cumsum([r.size for r in records])))
+    pieces = [
+        replace(piece, rows=piece.rows + first)
+        for piece, first in (
+            (_piece(r, u.values, y.values, r.source), first)
+            for r, (u, y), first in zip(records, pairs, before[:-1], strict=True)
+        )
+    ]
+    base = replace(
+        records[0],
+        source=", ".join(r.source for r in records),
+        source_hash=", ".join(r.source_hash for r in records),
+        notes=tuple(dict.fromkeys(note for r in records for note in r.notes)),
+    )
+    return _reversal_curves(base, *pairs[0], pieces, sample_rate_hz)
+
+
+def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(None)) -> _Piece:
+    """Return the rows of a curve at which it was measured."""
+    numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
+    there = np.isfinite(u[rows]) & np.isfinite(y[rows])
+    if not there.any():
+        raise RecordError(f"curve '{name}' has no row with an input and an output")
+    return _Piece(u=u[rows][there], y=y[rows][there], rows=numbers[rows][there], name=name)
+
+
+def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
+    for piece in pieces:
+        u = piece.u if piece.way >= 0.0 else -piece.u
+        back = np.maximum.accumulate(u) - u
+        at = int(back.argmax())
+        if back[at] > _NOISE * span:
+            raise RecordError(
+                f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
+                f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
+                "one way; a table that holds the way to each reversal too is a plain record: leave "
+                "the option of branches or curves out"
+            )
+
+
+def _step(pieces: Sequence[_Piece]) -> float:
+    """Return the usual step of the input from row to row."""
+    steps = np.concatenate([np.abs(np.diff(p.u)) for p in pieces])
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        raise RecordError("the input is the same in all rows: choose the column that drives")
+    return float(np.median(steps))
+
+
+def _unmeasured(u: Array) -> _Piece:
+    return _Piece(u=u, y=np.full(u.size, np.nan), rows=np.full(u.size, np.nan))
+
+
+def _way(corners: Sequence[float], step: float) -> _Piece:
+    """Return the way through some inputs that nothing was measured on, without its two ends."""
+    own = [c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]]
+    parts = [
+        np.linspace(a, b, max(int(np.ceil(abs(b - a) / step - 1e-9)), 1) + 1)[:-1]
+        for a, b in pairwise(own)
+    ]
+    return _unmeasured(np.concatenate(parts)[1:] if parts else np.zeros(0))
+
+
+def _reversal_curves(
+    record: Record,
+    driven: Channel,
+    follows: Channel,
+    pieces: Sequence[_Piece],
+    rate: float | None,
+) -> Record:
+    """Put curves one after another, each from saturation to its reversal and back."""
+    every, step = np.concatenate([p.u for p in pieces]), _step(pieces)
+    _require_one_way(pieces, float(np.ptp(every)), driven.name)
+    ways = {p.way for p in pieces} - {0.0}
+    if len(ways) != 1:
+        falls = [p.name for p in pieces if p.way < 0.0]
+        raise RecordError(
+            f"the input '{driven.name}' rises along some curves and falls along others "
+            f"({', '.join(falls[:5])}): reversal curves are all measured one way; give those of "
+            "either way by themselves"
+        )
+    way = ways.pop()
+    saturated = float((way * every).max() * way)
+    opposite = float((way * every).min() * way)
+    reversals = _reversals(pieces, way, step)
+    path, last = [_unmeasured(np.array([opposite]))], opposite
+    for piece, reversal in zip(pieces, reversals, strict=True):
+        path += [_way([last, saturated, reversal, float(piece.u[0])], step), piece]
+        last = float(piece.u[-1])
+    state = (
+        f"{len(pieces)} reversal curves, each taken to start from {saturated:g}"
+        f"{' ' + driven.unit if driven.unit else ''}, the end of the table, as from saturation"
+    )
+    return _assembled(record, driven, follows, path, rate, state)
+
+
+def _reversals(pieces: Sequence[_Piece], way: float, step: float) -> list[float]:
+    """Return where each curve was reversed: as its label says, or at its first row."""
+    first = [float(p.u[0]) for p in pieces]
+    said = [p.reversal for p in pieces]
+    # a label that is next below the first row of every curve is the reversal, and no number
+    if all(
+        s is not None and 0.0 <= way * (u - s) <= 1.5 * step
+        for s, u in zip(said, first, strict=True)
+    ):
+        return [float(s) for s in said if s is not None]
+    return first
+
+
+def _assembled(
+    record: Record,
+    driven: Channel,
+    follows: Channel,
+    path: Sequence[_Piece],
+    rate: float | None,
+    state: str,
+) -> Record:
+    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+        raise RecordError(f"the sample rate must be positive, got {rate} Hz")
+    u, y, rows = (np.concatenate([getattr(p, f) for p in path]) for f in ("u", "y", "rows"))
+    if rate is None:
+        state += (
+            f"; rows without times are taken as {_NOMINAL_HZ:g} in a second: delay and creep "
+            "cannot be found"
+        )
+    return Record(
+        channels=(replace(driven, values=u), replace(follows, values=y)),
+        time=np.arange(u.size) / (_NOMINAL_HZ if rate is None else rate),
+        source=record.source,
+        source_hash=record.source_hash,
+        notes=(*record.notes, state),
+        attributes=record.attributes,
+        numbers=rows,
+    )

@@ -1,0 +1,326 @@
+"""Where the rows of a text file begin, and how they are written."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+
+from flexstage.records.text_heading import COMMENT_MARKS, split_line
+
+__all__ = ["NUMBER", "STAMP", "Layout", "day", "first_row", "is_comment", "is_missing", "row_of"]
+
+NUMBER = re.compile(
+    r"[+-]?(?:(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?|nan)", re.IGNORECASE
+)
+STAMP = re.compile(r"(?:\d{4}-\d\d-\d\d[ T])?\d\d?:\d\d:\d\d(?:[.,]\d{1,9})?Z?")
+_MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#qnan", "-1.#ind"))
+# a remark behind numbers; a sign of percent is one only before a word
+_REMARK = re.compile(r"(?:(?<=[\s,;])|^)(?:#|//|!|%(?=\s*[^\W\d]))")
+_REMARK_OR_SEMICOLON = re.compile(_REMARK.pattern + r"|(?<=\s);")
+
+_LONGEST_HEADING = 5000
+#: Rows that are looked at to learn how all are written.
+_SAMPLE = 400
+#: Lines of text and numbers that are rows, and not a heading, where no other row tells.
+_FEWEST = 3
+#: So many are no heading.
+_MANY = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """How a row is written.
+
+    Parameters
+    ----------
+    delimiter : str, optional
+        What divides the columns; white space where None.
+    comma : bool
+        Whether numbers have a decimal comma.
+    width : int
+        Number of columns.
+    trailing : bool
+        Whether rows end in a delimiter.
+    stamps : tuple of int
+        Columns of dates and times of day.
+    words : frozenset of int
+        Columns that hold text and no numbers, as far as was looked.
+    first_day : int
+        Number of the day of the first date.
+    """
+
+    delimiter: str | None
+    comma: bool
+    width: int
+    trailing: bool
+    stamps: tuple[int, ...] = ()
+    words: frozenset[int] = frozenset()
+    first_day: int = 0
+
+
+def is_comment(line: str, delimiter: str | None = None) -> bool:
+    """Say whether a line is a remark as a whole.
+
+    Parameters
+    ----------
+    line : str
+        The line.
+    delimiter : str, optional
+        What divides the columns.
+
+    Returns
+    -------
+    bool
+        Whether it begins with the mark of one.
+    """
+    return line.lstrip().startswith(tuple(m for m in COMMENT_MARKS if m != delimiter))
+
+
+def is_missing(field: str) -> bool:
+    """Say whether a field stands for a number that is not there.
+
+    Parameters
+    ----------
+    field : str
+        The field.
+
+    Returns
+    -------
+    bool
+        Whether it is empty or says so.
+    """
+    return field.lower() in _MISSING
+
+
+def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
+    """Return the fields of a row, and the remark at its end.
+
+    Parameters
+    ----------
+    line : str
+        The line.
+    delimiter : str, optional
+        What divides the columns; white space where not given.
+
+    Returns
+    -------
+    fields : list of str
+        Its fields.
+    remark : str
+        What stands behind the mark of a remark; empty where there is none.
+    """
+    if '"' not in line and delimiter not in COMMENT_MARKS[:2]:
+        found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
+        if found is not None:
+            return split_line(line[: found.start()], delimiter), line[found.start() :].strip()
+    return split_line(line, delimiter), ""
+
+
+def day(field: str) -> int:
+    """Return the number of the day of a date.
+
+    Parameters
+    ----------
+    field : str
+        A date with a time of day, or that alone.
+
+    Returns
+    -------
+    int
+        0 for a time alone, -1 for a date that is none.
+    """
+    if len(field) < 10 or field[4] != "-":
+        return 0
+    try:
+        return date.fromisoformat(field[:10]).toordinal()
+    except ValueError:
+        return -1
+
+
+def first_row(
+    lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
+) -> tuple[int, Layout] | None:
+    """Find the first row of numbers, or of numbers beside text.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The lines of the file.
+    skip : int
+        Lines at the start that are not looked at.
+    delimiters : sequence of str or None
+        What may divide the columns; None is white space.
+    decimal : str, optional
+        The decimal sign, where it is known.
+
+    Returns
+    -------
+    tuple of int and Layout, or None
+        Number of the line, and how it is written; None where there is no such row.
+    """
+    found = _numbers_alone(lines, skip, delimiters, decimal)
+    if found is not None and found[1].width > 1:
+        first, layout = found
+        return _settled(lines, _above(lines, skip, first, layout), layout)
+    beside = _beside_text(lines, skip, delimiters, decimal)
+    if beside is not None and (found is None or beside[1].width > 1):
+        return _settled(lines, *beside)
+    return found
+
+
+def _numbers_alone(
+    lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
+) -> tuple[int, Layout] | None:
+    """Return the first line that holds nothing but numbers."""
+    lone: tuple[int, Layout] | None = None
+    for number in range(skip, min(len(lines), skip + _LONGEST_HEADING)):
+        line = lines[number]
+        if not line.strip() or is_comment(line, delimiters[0]):
+            continue
+        layout = _layout(line, delimiters, decimal)
+        if layout is None:
+            continue
+        # a lone number above rows of several is how many rows there are
+        if layout.width > 1:
+            return number, layout
+        if lone is not None:
+            return lone
+        lone = number, layout
+    return lone
+
+
+def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) -> Layout | None:
+    """Return how a line is written, if it is a row of numbers alone."""
+    for candidate in delimiters:
+        if candidate is not None and candidate not in line and len(delimiters) > 1:
+            continue
+        fields, _ = row_of(line, candidate)
+        trailing = len(fields) > 1 and fields[-1] == ""
+        fields = fields[:-1] if trailing else fields
+        kinds = _kinds(fields)
+        # something must stand there beside times, if only that a number is missing
+        if "t" in kinds or not any(f for f, k in zip(fields, kinds, strict=True) if k != "s"):
+            continue
+        comma = _has_comma([fields]) or decimal == ","
+        if (comma and candidate == "," and '"' not in line) or (comma and decimal == "."):
+            continue
+        return Layout(delimiter=candidate, comma=comma, width=len(fields), trailing=trailing)
+    return None
+
+
+def _kinds(fields: Sequence[str]) -> str:
+    """Return a letter for each field: missing, number, stamp of time, or text."""
+    return "".join(
+        "m" if is_missing(f) else "n" if NUMBER.fullmatch(f) else "s" if STAMP.fullmatch(f) else "t"
+        for f in fields
+    )
+
+
+def _has_comma(rows: Sequence[Sequence[str]]) -> bool:
+    return any("," in f and NUMBER.fullmatch(f) is not None for row in rows for f in row)
+
+
+def _rows(lines: Sequence[str], delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield the lines that are no remarks, with their fields."""
+    for number, line in enumerate(lines):
+        if line.strip() and not is_comment(line, delimiter):
+            yield number, row_of(line, delimiter)[0]
+
+
+def _sample(lines: Sequence[str], first: int, delimiter: str | None) -> list[list[str]]:
+    return [fields for _, fields in _rows(lines[first : first + _SAMPLE], delimiter)]
+
+
+def _columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return the kinds of the fields of each column."""
+    kinds = [_kinds(row[:width]).ljust(width, "m") for row in rows]
+    return ["".join(column) for column in zip(*kinds, strict=True)]
+
+
+def _settled(lines: Sequence[str], first: int, layout: Layout) -> tuple[int, Layout]:
+    """Learn from many rows how all are written."""
+    rows = _sample(lines, first, layout.delimiter)
+    count = Counter(map(len, rows)).most_common(1)[0][0]
+    alike = [row for row in rows if len(row) == count]
+    trailing = count > 1 and all(row[-1] == "" for row in alike)
+    columns = _columns(alike, count - trailing)
+    stamps = tuple(j for j, kinds in enumerate(columns) if 2 * kinds.count("s") > len(kinds))
+    origin = next((day(row[stamps[0]]) for row in alike if row[stamps[0]]), 0) if stamps else 0
+    words = frozenset(j for j, kinds in enumerate(columns) if "t" in kinds and "n" not in kinds)
+    return first, replace(
+        layout,
+        width=count - trailing,
+        trailing=trailing,
+        stamps=stamps,
+        words=words - set(stamps),
+        first_day=origin,
+    )
+
+
+def _above(lines: Sequence[str], skip: int, first: int, layout: Layout) -> int:
+    """Return the first of the rows with text that stand above the first row of numbers alone.
+
+    A heading of words with a number each looks alike: its words stand where rows have numbers.
+    """
+    rows = _sample(lines, first, layout.delimiter)
+    below = _columns(rows, max(map(len, rows)))
+    known = any("t" in kinds for kinds in below)
+    sure, top, count, fits = first, first, 0, True
+    for number, fields in reversed(list(_rows(lines[skip:first], layout.delimiter))):
+        own = _kinds(fields)
+        if len(fields) < layout.width or "n" in own[layout.width :] or "n" not in own:
+            break
+        pairs = zip(own, below, strict=False)
+        fits = fits and not any(k == "t" and "n" in b and "t" not in b for k, b in pairs)
+        top, count = skip + number, count + 1
+        sure = top if fits and (known or count >= _FEWEST) else sure
+    return top if count >= _MANY else sure
+
+
+def _beside_text(
+    lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
+) -> tuple[int, Layout] | None:
+    """Return the first row of a file of which every row holds text beside its numbers."""
+    best: tuple[Layout, list[int]] | None = None
+    for candidate in delimiters:
+        rows = _tail(lines[skip:], candidate)
+        if len(rows) < 2:
+            continue
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        alike = [row for row in rows if len(row) == width]
+        numbers = [
+            j
+            for j, kinds in enumerate(_columns(alike, width))
+            if kinds.count("n") > kinds.count("t")
+        ]
+        comma = _has_comma(alike) or decimal == ","
+        if (comma and candidate == ",") or (comma and decimal == "."):
+            continue
+        if numbers and (best is None or len(numbers) > len(best[1])):
+            layout = Layout(delimiter=candidate, comma=comma, width=width, trailing=False)
+            best = layout, numbers
+        if numbers and candidate in ("\t", ";"):  # which stand in no number and in few words
+            break
+    if best is None:
+        return None
+    layout, numbers = best
+    found, run = None, 0
+    for number, fields in _rows(lines[skip : skip + _LONGEST_HEADING], layout.delimiter):
+        kinds = _kinds(fields)
+        if len(fields) >= layout.width and all(kinds[j] in "nm" for j in numbers) and "n" in kinds:
+            found, run = (skip + number if found is None else found), run + 1
+        elif "n" not in kinds and run < _FEWEST:  # names of columns: what is above is a heading
+            found, run = None, 0
+    return None if found is None else (found, layout)
+
+
+def _tail(lines: Sequence[str], delimiter: str | None) -> list[list[str]]:
+    """Return the last rows of a file, up to the heading in a short one."""
+    rows: list[list[str]] = []
+    for _, fields in reversed(list(_rows(lines[-_SAMPLE:], delimiter))):
+        if "n" in _kinds(fields):
+            rows.append(fields)
+        elif len(rows) > 1:
+            break
+    return rows
