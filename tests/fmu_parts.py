@@ -18,7 +18,7 @@ from fmpy.logging import addLoggerProxy
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.fmu import fmu_files
-from flexstage.hysteresis import LogCreep, Sensor
+from flexstage.hysteresis import CreepSpectrum, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 
 __all__ = ["VERSIONS", "Run", "Stepper", "fmu_folder", "model", "needs_compiler", "read_model"]
@@ -46,6 +46,10 @@ def model(name: str, step: float = 1e-4) -> DynamicModel:
     if name == "bare":
         stage = design("vgtu-piezo")
         return dynamic_model(stage, lumped_system(stage), step=step, mode_count=7)
+    if name == "relaxing":
+        stage = design("vgtu-piezo")
+        creep = CreepSpectrum(times=(0.0006, 0.04, 3.1), weights=(0.14, 0.03, 0.08))
+        return dynamic_model(stage, lumped_system(stage), step=step, mode_count=7, creep=creep)
     if name == "humming":
         stage = design("parallelogram")
         system = lumped_system(stage)

@@ -11,7 +11,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.export import DynamicModel, ModelDrive, dynamic_model
 from flexstage.export.source import c_variables, render_source
-from flexstage.hysteresis import BoucWen, LogCreep, Sensor
+from flexstage.hysteresis import BoucWen, Creep, CreepSpectrum, LogCreep, Sensor
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.model import Array
 from flexstage.lumped import lumped_system
@@ -138,12 +138,15 @@ def _tuned_drive(
     if d.creep is None:
         return d
     rate = own.get("creep.rate_per_decade", d.creep.rate_per_decade)
-    creep = replace(d.creep, rate_per_decade=rate)
+    if isinstance(d.creep, CreepSpectrum):
+        creep: Creep = d.creep.scaled(rate)
+    else:
+        creep = replace(d.creep, rate_per_decade=rate)
     # a mode behind a lag: residues of 1/(1 + tau s) times the mode
-    reach, poles, a = model.probe_shapes * d.modal_gain, 1.0 / creep.time_constants, creep.lag_gain
+    reach, poles, a = model.probe_shapes * d.modal_gain, 1.0 / creep.time_constants, creep.lag_gains
     c = 1.0 / (1.0 - 2.0 * zeta * poles[:, None] / omega + (poles[:, None] / omega) ** 2)
-    deflections = reach * (1.0 + a * (1.0 - c).sum(axis=0))
-    rates = -reach * a * (c * poles[:, None]).sum(axis=0) / omega**2
+    deflections = reach * (1.0 + a @ (1.0 - c))
+    rates = -reach * ((a * poles) @ c) / omega**2
     return replace(
         d,
         creep=creep,
@@ -152,20 +155,25 @@ def _tuned_drive(
     )
 
 
-def piezo() -> DynamicModel:
+LOGARITHM = LogCreep(rate_per_decade=0.017)
+SPECTRUM = CreepSpectrum(times=(0.0004, 0.013, 5.1), weights=(0.21, 0.03, 0.08))
+
+
+def piezo(creep: Creep = LOGARITHM) -> DynamicModel:
     stage = design("vgtu-piezo")
     return dynamic_model(
         stage,
         lumped_system(stage),
         mode_count=17,
         bandwidth_hz=1700.0,
-        creep=LogCreep(rate_per_decade=0.017),
+        creep=creep,
         sensors={"y": Sensor(gain=1.02, bandwidth_hz=4100.0, quantisation=1e-9)},
     )
 
 
-def test_tuned_parameters_give_the_model_built_with_them(tmp_path: Path) -> None:
-    model = piezo()
+@pytest.mark.parametrize("creep", [LOGARITHM, SPECTRUM], ids=["logarithm", "spectrum"])
+def test_tuned_parameters_give_the_model_built_with_them(creep: Creep, tmp_path: Path) -> None:
+    model = piezo(creep)
     given = {
         "mode.1.frequency_hz": 417.0,
         "mode.2.damping_ratio": 0.083,

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import exp1, gamma
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Amplifier, Lag, LogCreep, Sensor, StageModes
+from flexstage.hysteresis.chain import Amplifier, CreepSpectrum, Lag, LogCreep, Sensor, StageModes
 from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.first_order import lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
@@ -166,6 +166,47 @@ def test_creep_is_undone_exactly() -> None:
     back = creep.inverse(y.values, dt)
     assert np.abs(back.values - x).max() < 1e-12 * np.abs(x).max()
     assert back.state == pytest.approx(y.state, rel=1e-12)
+
+
+_SPECTRUM = CreepSpectrum(times=(0.0007, 0.021, 0.37, 52.0), weights=(0.9, 0.04, 0.0, 0.07))
+
+
+def test_a_spectrum_against_integration() -> None:
+    x, dt = polyline(), 0.0017
+    tau = _SPECTRUM.time_constants
+    lags = integrated(lambda s, u: (u - s) / tau, [x[0]] * tau.size, x, dt)
+    exact = x + lags @ np.array([0.9, 0.04, 0.0, 0.07])
+    assert np.abs(_SPECTRUM.simulate(x, dt).values - exact).max() < 1e-11
+
+
+def test_a_jump_relaxes_as_the_weights_say() -> None:
+    dt = 0.0031
+    state = _SPECTRUM.settled(0.0, dt)
+    state[0] = 7.3
+    t = dt * np.arange(1, 900)
+    y = _SPECTRUM.simulate(np.full(t.size, 7.3), dt, state).values
+    exact = 7.3 * (
+        2.01 - 0.9 * np.exp(-t / 0.0007) - 0.04 * np.exp(-t / 0.021) - 0.07 * np.exp(-t / 52.0)
+    )
+    assert y == pytest.approx(exact, rel=1e-12)
+    assert _SPECTRUM.step_response(t) * 7.3 == pytest.approx(exact, rel=1e-13)
+
+
+def test_a_spectrum_is_undone_exactly_where_its_lags_are_faster_than_the_samples() -> None:
+    x, dt = polyline(400), 0.01
+    y = _SPECTRUM.simulate(x, dt)
+    back = _SPECTRUM.inverse(y.values, dt)
+    assert np.abs(back.values - x).max() < 1e-12 * np.abs(x).max()
+    assert back.state == pytest.approx(y.state, rel=1e-12)
+
+
+def test_a_logarithm_is_the_spectrum_of_its_lags() -> None:
+    log = LogCreep(rate_per_decade=0.031, shortest=0.2, longest=90.0, per_decade=2)
+    same = CreepSpectrum(times=tuple(log.time_constants), weights=tuple(log.lag_gains))
+    x, dt = polyline(60), 0.37
+    assert same.simulate(x, dt).values == pytest.approx(log.simulate(x, dt).values, rel=1e-14)
+    assert same.static_gain == pytest.approx(log.static_gain, rel=1e-14)
+    assert same.lag_gains == pytest.approx(log.lag_gains, rel=1e-14)
 
 
 # ----------------------------------------------------------------------------------------- stage
@@ -432,6 +473,11 @@ def test_sensor_without_noise_is_undone() -> None:
         (lambda: LogCreep(rate_per_decade=-0.01), "not negative"),
         (lambda: LogCreep(rate_per_decade=0.01, shortest=2.0, longest=1.0), "longest above it"),
         (lambda: LogCreep(rate_per_decade=0.01, per_decade=0), "1 to 100"),
+        (lambda: CreepSpectrum(times=(0.1, 0.1), weights=(0.1, 0.2)), "finite and rising"),
+        (lambda: CreepSpectrum(times=(), weights=()), "finite and rising"),
+        (lambda: CreepSpectrum(times=(0.1, 0.2), weights=(0.1, -0.2)), "none negative"),
+        (lambda: CreepSpectrum(times=(0.1, 0.2), weights=(0.1,)), "one weight for each"),
+        (lambda: CreepSpectrum(times=(0.1,), weights=(0.0,)), "not all zero"),
         (lambda: StageModes(frequency_hz=[1.0, 2.0], damping_ratio=[0.1]), "as many of"),
         (lambda: StageModes(frequency_hz=[-1.0], damping_ratio=[0.1]), "must be positive"),
         (lambda: StageModes(frequency_hz=[1.0], damping_ratio=[-0.1]), "not be negative"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
@@ -59,6 +59,7 @@ EACH = {
 CHAINS = {
     "no chain": {},
     "creep": {"creep": LogCreep(rate_per_decade=0.013)},
+    "spectrum": {"creep": CreepSpectrum(times=(0.002, 0.3, 41.0), weights=(0.3, 0.04, 0.06))},
     "delay": {"lag": Lag(delay=0.0104)},
     "resonance": {"modes": StageModes(frequency_hz=(41.0,), damping_ratio=(0.023,), share=(1.0,))},
     "all": {

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.chain import (
     Amplifier,
+    CreepSpectrum,
     Lag,
     LogCreep,
     StageModes,
@@ -22,8 +23,16 @@ sequences = st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30).map(np.a
 
 
 @st.composite
+def spectra(draw: st.DrawFn) -> CreepSpectrum:
+    rising = draw(st.lists(times, min_size=1, max_size=4, unique=True).map(sorted))
+    weight = st.floats(1e-6, 2.0)
+    weights = draw(st.lists(weight, min_size=len(rising), max_size=len(rising)))
+    return CreepSpectrum(times=tuple(rising), weights=tuple(weights))
+
+
+@st.composite
 def linear_elements(draw: st.DrawFn) -> ChainElement:
-    kind = draw(st.sampled_from(("lag", "creep", "stage")))
+    kind = draw(st.sampled_from(("lag", "creep", "spectrum", "stage")))
     if kind == "lag":
         return Lag(time_constant=draw(times), delay=draw(st.floats(0.0, 0.05)))
     if kind == "creep":
@@ -34,6 +43,8 @@ def linear_elements(draw: st.DrawFn) -> ChainElement:
             longest=shortest * draw(st.floats(1.5, 1e4)),
             per_decade=draw(st.integers(1, 3)),
         )
+    if kind == "spectrum":
+        return draw(spectra())
     k = draw(st.integers(1, 3))
 
     def several(low: float, high: float) -> list[float]:
@@ -79,6 +90,15 @@ def test_linear_elements_add_up(
     both = element.simulate(a[:n] + factor * b[:n], dt).values
     apart = element.simulate(a[:n], dt).values + factor * element.simulate(b[:n], dt).values
     assert np.abs(both - apart).max() < 1e-10
+
+
+@settings(max_examples=60, deadline=None)
+@given(spectra(), sequences, st.floats(1e-5, 10.0))
+def test_a_spectrum_undoes_itself_both_ways(creep: CreepSpectrum, x: Array, dt: float) -> None:
+    there = creep.simulate(creep.inverse(x, dt).values, dt).values
+    back = creep.inverse(creep.simulate(x, dt).values, dt).values
+    assert np.abs(there - x).max() < 1e-10
+    assert np.abs(back - x).max() < 1e-10
 
 
 @settings(max_examples=60, deadline=None)

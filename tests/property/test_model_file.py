@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
@@ -107,6 +107,11 @@ chains = st.fixed_dictionaries(
             shortest=st.floats(1e-3, 1.0),
             longest=st.floats(20.0, 1e5),
             per_decade=st.integers(1, 3),
+        )
+        | st.builds(
+            CreepSpectrum,
+            times=st.tuples(st.floats(1e-3, 1.0), st.floats(2.0, 1e4)),
+            weights=st.tuples(st.floats(1e-6, 2.0), st.floats(0.0, 0.3)),
         ),
         "modes": st.none()
         | st.builds(

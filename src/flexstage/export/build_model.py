@@ -15,7 +15,7 @@ from flexstage.export.drive_models import (
     scale_of,
 )
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
-from flexstage.hysteresis import DriveModel, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import Creep, DriveModel, HysteresisModel, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.stage import PiezoStack, Stage
@@ -37,7 +37,7 @@ def dynamic_model(
     *,
     step: float = 1e-4,
     hysteresis: Hysteresis = "usual",
-    creep: LogCreep | None = None,
+    creep: Creep | None = None,
     bandwidth_hz: float | None = None,
     current_limit: float | None = None,
     sensors: Mapping[str, Sensor] | None = None,
@@ -59,7 +59,7 @@ def dynamic_model(
         `usual_hysteresis` of every stack, ``none`` for stacks that are linear. Of an identified
         model the hysteresis and the creep are taken, so that the stage reads at rest what it says;
         modes are those of the stage.
-    creep : LogCreep, optional
+    creep : Creep, optional
         Creep of every stack but those whose identified model has its own; none where not given.
     bandwidth_hz : float, optional
         Bandwidth of the amplifiers of stacks [Hz]; the command is the voltage where not given.
@@ -198,12 +198,12 @@ def _weights(
                 "a mode that does not swing falls together with a lag of the creep: change the "
                 "number of lags in a decade"
             )
-        c, a = 1.0 / below, drive.creep.lag_gain
-        by_z = 1.0 + a * (1.0 - c).sum(axis=0)
-        by_v = -a * (c * rate[:, None]).sum(axis=0) / omega**2
+        c, a = 1.0 / below, drive.creep.lag_gains
+        by_z = 1.0 + a @ (1.0 - c)
+        by_v = -(a * rate) @ c / omega**2
         weights = np.hstack((reach * by_z, reach * by_v))
         # what moves with the free displacement creeps with it
-        lags = a * (reach @ c.T) + np.outer(feed, np.full(rate.size, a))
+        lags = a * (reach @ c.T) + np.outer(feed, a)
     return replace(
         drive,
         mode_weights=weights,

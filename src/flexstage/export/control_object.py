@@ -61,8 +61,8 @@ def linear_part(model: DynamicModel) -> StateSpace:
         own = slice(at, at + rate.size)
         at += rate.size
         if d.creep is not None:
-            a[:, own] += d.creep.lag_gain * b[:, j : j + 1]
-            c[:, own] = d.creep.lag_gain * feed[:, j : j + 1]
+            a[:, own] += d.creep.lag_gains * b[:, j : j + 1]
+            c[:, own] = d.creep.lag_gains * feed[:, j : j + 1]
             a[own, own] = -np.diag(rate)
             b[own, j] = rate
     return StateSpace(

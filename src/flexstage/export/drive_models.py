@@ -11,9 +11,9 @@ from flexstage.export.model import ModelDrive
 from flexstage.hysteresis import (
     Amplifier,
     BoucWen,
+    Creep,
     DriveModel,
     HysteresisModel,
-    LogCreep,
     loop_width,
 )
 from flexstage.hysteresis.model import Array
@@ -235,7 +235,7 @@ def bare_drive(
     drive: Drive,
     model: HysteresisModel | None,
     amplifier: Amplifier | None,
-    creep: LogCreep | None,
+    creep: Creep | None,
 ) -> ModelDrive:
     """Return a drive up to its free displacement; what it moves is filled in later.
 
@@ -247,7 +247,7 @@ def bare_drive(
         Its hysteresis.
     amplifier : Amplifier or None
         Its amplifier.
-    creep : LogCreep or None
+    creep : Creep or None
         Its creep.
 
     Returns

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.export.line_steps import modes_behind_lines, read_at_rest
-from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.modal import unit_step
@@ -42,7 +42,7 @@ class ModelDrive:
         From voltage [V] to free displacement [m]; None for the gain alone.
     amplifier : Amplifier or None
         From command to voltage; None where the command is the voltage.
-    creep : LogCreep or None
+    creep : Creep or None
         Creep of the free displacement; None for none.
     input_range : tuple of float or None
         Lowest and highest command [unit]; None where nobody has said.
@@ -69,7 +69,7 @@ class ModelDrive:
     gain: float
     hysteresis: HysteresisModel | None
     amplifier: Amplifier | None
-    creep: LogCreep | None
+    creep: Creep | None
     input_range: tuple[float, float] | None
     mode_weights: Array
     lag_weights: Array

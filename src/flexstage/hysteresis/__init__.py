@@ -12,6 +12,8 @@ Between samples the input moves on straight lines, and every answer to such an i
 from flexstage.hysteresis.chain import (
     Amplifier,
     ChainElement,
+    Creep,
+    CreepSpectrum,
     JointResponse,
     Lag,
     LogCreep,
@@ -80,6 +82,8 @@ __all__ = [
     "ChainValues",
     "CompensatedRun",
     "Condition",
+    "Creep",
+    "CreepSpectrum",
     "CycleError",
     "Cycles",
     "Dahl",

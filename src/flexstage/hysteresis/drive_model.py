@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import Creep, Lag, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 
 __all__ = ["DriveModel", "Start", "ValidityRange", "creep_start", "start_in_words"]
@@ -43,7 +43,7 @@ class ValidityRange:
     temperature: tuple[float, float] | None = None
 
 
-def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
+def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
     """Return the state of creep before a sequence, by what the drive did before.
 
     Creep remembers longer than any record. A drive that has rested at the first command has settled
@@ -52,7 +52,7 @@ def creep_start(creep: LogCreep, x: Array, dt: float, start: Start) -> Array:
 
     Parameters
     ----------
-    creep : LogCreep
+    creep : Creep
         The creep.
     x : numpy.ndarray
         What the hysteresis gives, shape (n,).
@@ -94,7 +94,7 @@ class DriveModel:
     ----------
     hysteresis : HysteresisModel
         The hysteresis.
-    creep : LogCreep or None
+    creep : Creep or None
         Creep of what the hysteresis gives; None for none.
     modes : StageModes or None
         Modes of the stage in the reading, at unit static gain; None for none.
@@ -115,7 +115,7 @@ class DriveModel:
     """
 
     hysteresis: HysteresisModel
-    creep: LogCreep | None = None
+    creep: Creep | None = None
     modes: StageModes | None = None
     lag: Lag | None = None
     offset: float = 0.0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
@@ -196,7 +196,9 @@ def _drive_model(content: Mapping[str, Any]) -> DriveModel:
     built: dict[str, Any] = {}
     for name, element in _ELEMENTS.items():
         given = chain.get(name)
-        built[name] = None if given is None else element(**_arguments(element, given, name))
+        spectrum = name == "creep" and isinstance(given, dict) and "times" in given
+        kind_of = CreepSpectrum if spectrum else element
+        built[name] = None if given is None else kind_of(**_arguments(kind_of, given, name))
     out, given = _mapping(content, "output"), content.get("validity")
     validity = None
     if given is not None:

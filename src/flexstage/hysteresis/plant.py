@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
-from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import checked_state, positive_step
 from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.sensor import Sensor
@@ -37,7 +37,7 @@ class DriveChain:
         From voltage [V] to free displacement [m].
     amplifier : Amplifier, optional
         From command to voltage; the command is the voltage where not given.
-    creep : LogCreep, optional
+    creep : Creep, optional
         Creep of the free displacement; none where not given.
     voltage_range : tuple of float, optional
         Lowest and highest voltage that the stack allows [V].
@@ -45,7 +45,7 @@ class DriveChain:
 
     model: HysteresisModel
     amplifier: Amplifier | None = None
-    creep: LogCreep | None = None
+    creep: Creep | None = None
     voltage_range: tuple[float, float] | None = None
 
 
@@ -403,7 +403,7 @@ class Plant:
         modes_through(force, self._omega * h, self._damping, z, v, reader.modes * by_rate, y)
         lags = checked_state(before.lags, reader.ratio.size, f"the creep of drive '{name}'")
         if chain.creep is not None:
-            weights = np.vstack((reader.lags, np.full(lags.size, chain.creep.lag_gain)))
+            weights = np.vstack((reader.lags, chain.creep.lag_gains))
             added = np.zeros((y.shape[0] + 1, y.shape[1]))
             lags_through(force, reader.ratio * h, lags, weights, added)
             y += added[:-1]
@@ -437,7 +437,7 @@ def _refuse_voltage(name: str, chain: DriveChain, voltage: Array) -> None:
         )
 
 
-def _reader(gain: Array, omega: Array, zeta: Array, creep: LogCreep | None) -> _Reader:
+def _reader(gain: Array, omega: Array, zeta: Array, creep: Creep | None) -> _Reader:
     r"""Return what the probes read of modes and lags that are driven side by side.
 
     With :math:`x = 1/(\tau\omega)` and :math:`c = 1/(1 - 2\zeta x + x^2)`, a mode behind a lag is
@@ -455,7 +455,7 @@ def _reader(gain: Array, omega: Array, zeta: Array, creep: LogCreep | None) -> _
             "of lags in a decade"
         )
     c = 1.0 / below
-    a = creep.lag_gain
-    by_z = 1.0 + a * (1.0 - c).sum(axis=0)
-    by_v = -a * (c * rate[:, None]).sum(axis=0) / omega**2
-    return _Reader(modes=np.hstack((gain * by_z, gain * by_v)), lags=a * gain @ c.T, ratio=rate)
+    a = creep.lag_gains
+    by_z = 1.0 + a @ (1.0 - c)
+    by_v = -(a * rate) @ c / omega**2
+    return _Reader(modes=np.hstack((gain * by_z, gain * by_v)), lags=a * (gain @ c.T), ratio=rate)

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
-from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.plant import DriveChain, Plant
@@ -24,7 +24,7 @@ def stage_plant(
     system: MechanicalSystem,
     models: Mapping[str, HysteresisModel],
     *,
-    creep: LogCreep | None = None,
+    creep: Creep | None = None,
     bandwidth_hz: float | None = None,
     current_limit: float | None = None,
     sensors: Mapping[str, Sensor] | None = None,
@@ -39,7 +39,7 @@ def stage_plant(
         A model of the stage.
     models : Mapping
         For each drive, or axis, the hysteresis from voltage [V] to free displacement [m].
-    creep : LogCreep, optional
+    creep : Creep, optional
         Creep of every stack; none where not given.
     bandwidth_hz : float, optional
         Bandwidth of the amplifiers [Hz]; the command is the voltage where not given.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.system.mechanical import Array
 
 __all__ = ["Block", "BlockKind", "Diagram", "Group", "Line"]
@@ -63,7 +63,7 @@ class Block:
     width: int = 1
     matrix: Array | None = None
     signs: tuple[int, ...] = ()
-    model: HysteresisModel | Amplifier | LogCreep | Sensor | None = None
+    model: HysteresisModel | Amplifier | Creep | Sensor | None = None
     role: str = ""
 
     @property

@@ -200,9 +200,9 @@ def _amplifier(amplifier: Amplifier | None) -> dict[str, Any]:
 
 def _creep(drive: ModelDrive) -> dict[str, Any]:
     if drive.creep is None:
-        return {"lag_gain": 0.0, "time_constants": np.zeros((0, 1))}
+        return {"lag_gains": np.zeros((0, 1)), "time_constants": np.zeros((0, 1))}
     return {
-        "lag_gain": drive.creep.lag_gain,
+        "lag_gains": drive.creep.lag_gains,
         "time_constants": drive.creep.time_constants,
         "rate_per_decade": drive.creep.rate_per_decade,
     }

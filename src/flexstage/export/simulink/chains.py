@@ -8,7 +8,7 @@ from flexstage.errors import ModelError
 from flexstage.export.simulink.matlab_text import literal
 from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
-from flexstage.hysteresis import Amplifier, LogCreep, Sensor
+from flexstage.hysteresis import Amplifier, Creep, Sensor
 
 __all__ = ["VECTOR_GAIN", "amplifier", "creep", "gain", "hysteresis", "refuse_columns", "sensor"]
 
@@ -156,12 +156,12 @@ def hysteresis(function: str, sample_time: str, meaning: str) -> System:
     return w.system()
 
 
-def creep(model: LogCreep, name: str, variables: Variables) -> System:
+def creep(model: Creep, name: str, variables: Variables) -> System:
     """Return creep: lags side by side, and their sum beside the input.
 
     Parameters
     ----------
-    model : LogCreep
+    model : Creep
         The creep.
     name : str
         What its variables begin with.
@@ -175,11 +175,11 @@ def creep(model: LogCreep, name: str, variables: Variables) -> System:
     """
     rate = 1.0 / model.time_constants
     m = rate.size
-    w = Wiring("creep: lags with time constants spaced evenly in the logarithm")
+    w = Wiring("creep: lags side by side")
     spread = variables.add(f"{name}_spread", np.ones((m, 1)), "one input for every lag [1]")
     rates = variables.add(f"{name}_per_tau", rate[None, :], "1 over time constants [1/s]")
     share = variables.add(
-        f"{name}_share", np.full((1, m), model.lag_gain), "share of each lag in the output [1]"
+        f"{name}_share", model.lag_gains[None, :], "share of each lag in the output [1]"
     )
     w.add(_port("Inport", "x", "motion without creep"))
     w.add(gain("spread", spread, "one input for every lag [1]"))

@@ -8,7 +8,7 @@ from flexstage.export.simulink.functions import Functions
 from flexstage.export.simulink.matlab_text import literal
 from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
-from flexstage.hysteresis import Amplifier, HysteresisModel, LogCreep, Sensor
+from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 
 __all__ = ["structure"]
 
@@ -216,7 +216,7 @@ def _element(block: Block, variables: Variables, functions: Functions, sample_ti
     model = block.model
     if isinstance(model, Amplifier):
         return chains.amplifier(model, block.name, variables)
-    if isinstance(model, LogCreep):
+    if isinstance(model, Creep):
         return chains.creep(model, block.name, variables)
     if isinstance(model, Sensor):
         return chains.sensor(model, block.name, variables)

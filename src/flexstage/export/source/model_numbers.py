@@ -293,8 +293,8 @@ def _creep(model: DynamicModel, rooms: _Rooms) -> str:
     ]
     if any(r.size for r in rates):
         reach = [model.probe_shapes * d.modal_gain for d in drives]
-        decades = [0.0 if d.creep is None else np.log10(d.creep.longest / d.creep.shortest)
-                   for d in drives]  # fmt: skip
+        shares = [np.zeros(0) if d.creep is None or not r.size else d.creep.lag_shares
+                  for d, r in zip(drives, rates, strict=True)]  # fmt: skip
         blocks += [
             c_array(
                 "fs_data_lag_rate",
@@ -302,7 +302,12 @@ def _creep(model: DynamicModel, rooms: _Rooms) -> str:
                 [_filled(r, rooms.lags) for r in rates],
                 "one over the time constant of a lag [1/s]",
             ),
-            c_array("fs_data_decades", sizes[:1], decades, "decades of time that the creep fills"),
+            c_array(
+                "fs_data_lag_share",
+                sizes,
+                [_filled(s, rooms.lags) for s in shares],
+                "static gain of a lag over the rise of the creep in a decade",
+            ),
             c_array(
                 "fs_data_reach",
                 (sizes[0], "FS_PROBES", "FS_MODES"),

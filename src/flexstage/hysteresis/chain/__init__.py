@@ -1,7 +1,7 @@
 """The linear chain between a command and a reading: each element simulated, and undone."""
 
 from flexstage.hysteresis.chain.amplifier import Amplifier
-from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.joint import JointResponse, simulate_with_stage
 from flexstage.hysteresis.chain.lag import Lag
@@ -11,6 +11,8 @@ from flexstage.hysteresis.chain.sensor import Sensor
 __all__ = [
     "Amplifier",
     "ChainElement",
+    "Creep",
+    "CreepSpectrum",
     "JointResponse",
     "Lag",
     "LogCreep",

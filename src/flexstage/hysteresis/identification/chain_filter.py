@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import Creep, CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import Measurement, Section
 
@@ -42,6 +42,9 @@ class ChainValues:
         Time at which creep begins [s].
     creep_longest : float
         Time at which creep ends [s].
+    spectrum : CreepSpectrum, optional
+        Time constants of the creep and their weights, which `creep_per_decade` scales; those that
+        go with the logarithm of time where not given.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class ChainValues:
     resonance_share: float = 1.0
     creep_shortest: float = 0.01
     creep_longest: float = 1000.0
+    spectrum: CreepSpectrum | None = None
 
     def __post_init__(self) -> None:
         for name in ("delay", "creep_per_decade", "resonance_hz"):
@@ -66,8 +70,10 @@ class ChainValues:
                 )
 
     @property
-    def creep(self) -> LogCreep:
+    def creep(self) -> Creep:
         """The creep as an element of the chain."""
+        if self.spectrum is not None:
+            return self.spectrum.scaled(self.creep_per_decade)
         return LogCreep(
             rate_per_decade=self.creep_per_decade,
             shortest=self.creep_shortest,

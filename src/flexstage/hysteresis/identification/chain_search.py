@@ -30,7 +30,7 @@ from flexstage.hysteresis.identification.measurement import (
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
-__all__ = ["FoundChain", "find_chain"]
+__all__ = ["FoundChain", "find_chain", "used_rows"]
 
 Array = NDArray[np.float64]
 
@@ -294,7 +294,7 @@ class _Search:
         self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
-            _used(r, s, round(s.dt / w.dt), train)
+            used_rows(r, s, round(s.dt / w.dt), train)
             for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
         )
         self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
@@ -419,7 +419,7 @@ def _lowest(around: Array, cost: Array) -> Array:
     return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
 
 
-def _used(
+def used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
     """Which rows of an averaged section are looked at: what is held out must not be seen here."""

@@ -17,6 +17,7 @@ from flexstage.hysteresis.drive_model import (
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
+from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
 from flexstage.hysteresis.identification.measurement import (
@@ -246,6 +247,8 @@ def identify(
     tell("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
+    if chain is None:
+        found = replace(found, values=with_spectrum(data, found.values, train=train))
     if train is None:  # whose samples are counted as they were recorded
         every = _data(_shortened(data), found.values, None)
     every = replace(every, measurement=data, chain=found.values) if train else every

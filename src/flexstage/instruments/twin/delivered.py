@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain import Creep
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.loop import ModeArrays
 from flexstage.instruments.twin.piezo_parts import PiezoAxis, mode_arrays
@@ -31,7 +31,7 @@ def delivered_settings(
     parts: Sequence[PiezoAxis],
     sample_rate_hz: float,
     bandwidth_hz: float,
-    creep: LogCreep | None,
+    creep: Creep | None,
 ) -> list[PiezoAxis]:
     """Give each axis an integral control with a notch at the mode that it excites most.
 
@@ -45,7 +45,7 @@ def delivered_settings(
         Rate of the loop [Hz].
     bandwidth_hz : float
         Bandwidth of the amplifiers [Hz].
-    creep : LogCreep or None
+    creep : Creep or None
         Creep of the stacks.
 
     Returns

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual import GuideErrors
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain import Creep
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.beside import (
@@ -64,7 +64,7 @@ class PiezoStage:
         Rate of the loop [Hz].
     seed : int
         Seed of noise, drift and the gains of sensors.
-    creep : LogCreep, optional
+    creep : Creep, optional
         Creep of the stacks; none where not given.
     bandwidth_hz : float
         Bandwidth of the amplifiers [Hz].
@@ -102,7 +102,7 @@ class PiezoStage:
         sensors: SensorBench | None = None,
         sample_rate_hz: float = 10e3,
         seed: int = 0,
-        creep: LogCreep | None = None,
+        creep: Creep | None = None,
         bandwidth_hz: float = 2000.0,
         charge: ChargeDrive | None = None,
         quiet: bool = False,

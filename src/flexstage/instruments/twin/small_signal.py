@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain import Creep
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.instruments.twin.loop import ModeArrays
 
@@ -34,7 +34,7 @@ def sampled_response(
     *,
     slope: float,
     bandwidth_hz: float,
-    creep: LogCreep | None,
+    creep: Creep | None,
 ) -> Complex:
     """Return the response from the voltage asked for to the position, for small signals.
 
@@ -54,7 +54,7 @@ def sampled_response(
         Slope of the stack, without creep [m/V].
     bandwidth_hz : float
         Bandwidth of the amplifier [Hz].
-    creep : LogCreep or None
+    creep : Creep or None
         Its creep.
 
     Returns
@@ -71,7 +71,7 @@ def sampled_response(
         decay, ramp = decay_share(ratio), ramp_share(ratio)
         lag = decay * late[:, None] + ramp * (1.0 - late[:, None])
         lag /= 1.0 - (1.0 - decay) * late[:, None]
-        total = total * (1.0 + creep.lag_gain * lag.sum(axis=1))
+        total = total * (1.0 + lag @ creep.lag_gains)
     return total * _modes(modes, drive, sensor, late)
 
 

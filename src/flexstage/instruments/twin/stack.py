@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain import Creep
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.models.decay import saturating
@@ -92,7 +92,7 @@ def stack_arrays(
     stacks: Sequence[VirtualStack],
     sample_rate_hz: float,
     *,
-    creep: LogCreep | None = None,
+    creep: Creep | None = None,
     charge: ChargeDrive | None = None,
 ) -> StackArrays:
     """Return the parameters of stacks as they are stepped.
@@ -103,7 +103,7 @@ def stack_arrays(
         The stacks; their fading part has a straight curve and a constant tangent.
     sample_rate_hz : float
         Rate of samples [Hz].
-    creep : LogCreep, optional
+    creep : Creep, optional
         Creep of all of them; none where not given.
     charge : ChargeDrive, optional
         That they are driven by charge; by voltage where not given.
@@ -294,7 +294,6 @@ def _rows(rows: Sequence[Array], size: int, fill: float) -> Array:
     return out
 
 
-def _lags(creep: LogCreep, h: float) -> Array:
+def _lags(creep: Creep, h: float) -> Array:
     ratio = h / creep.time_constants
-    gain = np.full(ratio.size, creep.lag_gain)
-    return np.array([gain, decay_share(ratio), ramp_share(ratio)])
+    return np.array([creep.lag_gains, decay_share(ratio), ramp_share(ratio)])

@@ -53,16 +53,17 @@ static double me_rate_time(const fs_stage *s, int d, int m)
     return fs_data_imposed[d] ? 2.0 * (double)s->modes.damping_ratio[m] / me_omega(s, m) : 0.0;
 }
 
-/* Weight a of each lag of the creep. */
-static double me_lag_gain(const fs_stage *s, int d)
+/* Weight a of a lag of the creep. */
+static double me_lag_gain(const fs_stage *s, int d, int l)
 {
 #if FS_HAS_CREEP
-    if (fs_data_lags[d] > 0)
-        return (double)(s->drive[d].creep_rate * fs_data_decades[d]) / fs_data_lags[d];
-#endif
+    return (double)(s->drive[d].creep_rate * fs_data_lag_share[d][l]);
+#else
     (void)s;
     (void)d;
+    (void)l;
     return 0.0;
+#endif
 }
 
 static double me_lag_rate(int d, int l)
@@ -106,12 +107,11 @@ static void me_add_mode(const fs_stage *s, int d, int m, double *q, double *v)
     const double omega = me_omega(s, m), zeta = (double)s->modes.damping_ratio[m];
     const double w = (double)drive->free, z = (double)drive->z[m], dz = (double)drive->rate[m];
     const double ddz = omega * omega * (w - z) - 2.0 * zeta * omega * dz;
-    const double gain = me_lag_gain(s, d);
     double by_z = 1.0, by_v = 0.0, lags = 0.0, lag_rates = 0.0;
     int l;
     for (l = 0; l < fs_data_lags[d]; l++) {
         const double rate = me_lag_rate(d, l), x = rate / omega;
-        const double c = 1.0 / (1.0 - 2.0 * zeta * x + x * x);
+        const double c = 1.0 / (1.0 - 2.0 * zeta * x + x * x), gain = me_lag_gain(s, d, l);
         by_z += gain * (1.0 - c);
         by_v -= gain * c * rate / (omega * omega);
         lags += gain * c * (double)drive->lag[l];
@@ -172,7 +172,7 @@ static void me_drive(fmu_me *me, fs_stage *s, const double *command, int d)
 {
     fs_drive *drive = &s->drive[d];
     fs_real memory[FS_MEMORY_MAX];
-    const double voltage = me_voltage(me, s, command, d), gain = me_lag_gain(s, d);
+    const double voltage = me_voltage(me, s, command, d);
     double w;
     int l;
     memcpy(memory, drive->memory, sizeof memory);
@@ -182,7 +182,7 @@ static void me_drive(fmu_me *me, fs_stage *s, const double *command, int d)
     me->total[d] = w;
     for (l = 0; l < fs_data_lags[d]; l++) {
         const double lag = me->x[fmu_lag_at[d] + l];
-        me->total[d] += gain * lag;
+        me->total[d] += me_lag_gain(s, d, l) * lag;
         me->rate[fmu_lag_at[d] + l] = me_lag_rate(d, l) * (w - lag);
     }
     me->away[d] = 0.0;

@@ -160,13 +160,13 @@ static inline const char *fs_prepare_creep(fs_stage *s, int d)
 {
     fs_drive *drive = &s->drive[d];
     const int lags = fs_data_lags[d];
-    const fs_real gain = drive->creep_rate * fs_data_decades[d] / (fs_real)lags;
+    const fs_real rise = drive->creep_rate;
     int m, l, p;
     if (!(drive->creep_rate >= FS_R(0.0) && FS_FINITE(drive->creep_rate)))
         return "the rate of the creep must be finite and not negative";
     for (p = 0; p < FS_PROBES; p++)
         for (l = 0; l < lags; l++)
-            drive->reader_lag[p][l] = fs_data_feedthrough[d][p] * gain;
+            drive->reader_lag[p][l] = fs_data_feedthrough[d][p] * rise * fs_data_lag_share[d][l];
     for (m = 0; m < FS_MODES; m++) {
         const fs_real omega = FS_TWO_PI * s->modes.frequency_hz[m];
         const fs_real zeta = s->modes.damping_ratio[m];
@@ -174,20 +174,20 @@ static inline const char *fs_prepare_creep(fs_stage *s, int d)
         for (l = 0; l < lags; l++) {
             const fs_real rate = fs_data_lag_rate[d][l], x = rate / omega;
             const fs_real below = FS_R(1.0) - FS_R(2.0) * zeta * x + x * x;
-            const fs_real c = FS_R(1.0) / below;
+            const fs_real c = FS_R(1.0) / below, gain = rise * fs_data_lag_share[d][l];
             if (!(FS_ABS(below) >= FS_R(1e-6)))
                 return "a mode that does not swing falls together with a lag of the creep: change "
                        "its damping or its frequency";
             /* 1 - c, without the loss of digits */
-            apart += (x * x - FS_R(2.0) * zeta * x) * c;
-            lost += c * rate;
+            apart += gain * (x * x - FS_R(2.0) * zeta * x) * c;
+            lost += gain * c * rate;
             for (p = 0; p < FS_PROBES; p++)
                 drive->reader_lag[p][l] += gain * fs_data_reach[d][p][m] * c;
         }
         for (p = 0; p < FS_PROBES; p++) {
-            drive->reader_z[p][m] = fs_data_reach[d][p][m] * (FS_R(1.0) + gain * apart);
+            drive->reader_z[p][m] = fs_data_reach[d][p][m] * (FS_R(1.0) + apart);
             drive->reader_v[p][m] =
-                -fs_data_reach[d][p][m] * gain * lost / (omega * omega) / s->step;
+                -fs_data_reach[d][p][m] * lost / (omega * omega) / s->step;
         }
     }
     return 0;
