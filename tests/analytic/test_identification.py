@@ -370,7 +370,7 @@ def test_auto_takes_the_model_that_the_plant_needs():
 def test_a_model_that_fails_on_one_part_is_not_chosen():
     """Amplitudes that only grow: a part that is held out is larger than all that is fitted."""
     t = np.arange(2000) * 0.01
-    u = 60.0 - 60.0 * np.clip(0.02 + t / 20.0, 0.0, 1.0) * np.cos(2.0 * np.pi * t)
+    u = 60.0 - 60.0 * np.clip(0.02 + (t / 20.0) ** 3, 0.0, 1.0) * np.cos(2.0 * np.pi * t)
     stack = virtual_stack((0.0, 120.0), 38e-6, 0.125)
     found = identify(record(u, noisy(stack, u, 3)), "u", "y", chain=NONE)
     scores = [c.heldout_rms_percent or 0.0 for c in found.candidates]

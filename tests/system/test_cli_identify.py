@@ -238,7 +238,13 @@ def test_model_and_figure_are_written(capsys, tmp_path, text_file):
 def test_the_table_names_the_chosen_model_and_its_warnings(capsys, text_file):
     status, out, err = run(capsys, text_file, *COLUMNS)
     assert (status, err) == (0, "")
-    for word in ("preisach", "bouc-wen", "held out, % rms", "delay", "warning: one rate only"):
+    for word in (
+        "preisach",
+        "bouc-wen",
+        "held out, as predicted",
+        "delay",
+        "warning: one rate only",
+    ):
         assert word in out
     assert "nan" not in out
 

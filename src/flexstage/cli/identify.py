@@ -380,17 +380,20 @@ def _parameters(found: "Identification") -> dict[str, Any]:
                 error[place] = estimate.standard_error
         made[name] = {
             "value": array.tolist(),
-            "standard_error": _without_nan(error.tolist()),
+            "standard_error": _without_nan(error),
             "unit": parameter_unit(found.kind, name, m.input_unit, m.output_unit),
         }
     return made
 
 
 def _without_nan(value: Any) -> Any:
-    if isinstance(value, list):
-        found = [_without_nan(v) for v in value]
-        return found if any(v is not None for v in found) else None
-    return None if math.isnan(value) else value  # JSON has no number that is none
+    """Numbers as JSON can hold them, which has none that is no number; None where all are none."""
+    import numpy as np
+
+    array = np.asarray(value, dtype=np.float64)
+    if np.isnan(array).all():
+        return None
+    return np.where(np.isnan(array), None, array.astype(object)).tolist()
 
 
 def _chain_values(found: "Identification") -> dict[str, Any]:

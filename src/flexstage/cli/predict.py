@@ -226,7 +226,18 @@ def _total(found: "Sequence[Prediction]") -> dict[str, float]:
 
 
 def start_value(start: "Start") -> str | float:
-    """Return what a drive did before as JSON can hold it: a time, or a word."""
+    """Return what a drive did before as JSON can hold it.
+
+    Parameters
+    ----------
+    start : "rested" or float
+        What the drive did before.
+
+    Returns
+    -------
+    str or float
+        A time [s], or a word.
+    """
     return "long" if start == float("inf") else start
 
 

@@ -74,7 +74,18 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
 
 
 def start_in_words(start: Start) -> str:
-    """Return what a drive did before a record, as the end of a sentence about it."""
+    """Return what a drive did before a record, as the end of a sentence about it.
+
+    Parameters
+    ----------
+    start : "rested" or float
+        What the drive did before.
+
+    Returns
+    -------
+    str
+        The words that follow the drive's name.
+    """
     if start == "rested":
         return "had rested at the first command"
     if start == 0.0:

@@ -422,7 +422,24 @@ def _lowest(around: Array, cost: Array) -> Array:
 def used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Which rows of an averaged section are looked at: what is held out must not be seen here."""
+    """Return which rows of an averaged section are looked at; what is held out must not be.
+
+    Parameters
+    ----------
+    rows : Rows
+        Rows of the section.
+    section : Section
+        The section.
+    every : int
+        How many samples of the record each of its samples is the mean of.
+    train : tuple of int or None
+        First sample of the record to look at, and the one after the last; all where None.
+
+    Returns
+    -------
+    numpy.ndarray
+        Whether each row is looked at, shape (r,).
+    """
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
     first = (rows.at - section.history) * every + section.first

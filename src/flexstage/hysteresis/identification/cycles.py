@@ -175,7 +175,18 @@ def cycles(u: Array, dt: float) -> Cycles:
 
 
 def input_noise(u: Array) -> float:
-    """Return the estimated standard deviation of the noise of a drive signal."""
+    """Return the estimated standard deviation of the noise of a drive signal.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        The signal, shape (n,).
+
+    Returns
+    -------
+    float
+        The noise, in the unit of the signal; at most a hundredth of its range.
+    """
     if u.size < 5:
         return 0.0
     # differences of second order see noise, and hardly the movement itself

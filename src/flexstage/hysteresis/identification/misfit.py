@@ -96,17 +96,22 @@ def misfit(model: HysteresisModel, data: Data) -> Misfit:
     sections = data.measurement.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
-    fitted, found = [], []
+    fitted, level, found = [], [], []
     for error, s, r, use in zip(errors, sections, data.rows, data.use, strict=True):
         columns = s.nuisance[r.at]
         chosen = use if use.any() else np.ones_like(use)
         own = np.linalg.lstsq(columns[chosen], error[chosen], rcond=None)[0]
         fitted.append(columns @ own)
+        level.append(np.full(int(use.sum()), float(np.mean(columns[chosen] @ own))))
         found.append(own)
-    offset = float(np.mean(np.concatenate([n[u] for n, u in zip(fitted, data.use, strict=True)])))
+    offset = float(np.mean(np.concatenate(level)))
     return Misfit(
         left=tuple(e - n for e, n in zip(errors, fitted, strict=True)),
-        predicted=tuple(e - offset for e in errors),
+        # a drift that was fitted beside the model is the record's: only its mean is predicted
+        predicted=tuple(
+            e - n + (np.mean(n[u]) if u.any() else np.mean(n)) - offset
+            for e, n, u in zip(errors, fitted, data.use, strict=True)
+        ),
         nuisance=tuple(found),
         offset=offset,
     )
@@ -129,7 +134,18 @@ def free_constant(errors: Sequence[Array]) -> Array:
 
 
 def root_mean_square(values: Array) -> float:
-    """Return the root of the mean of the squares."""
+    """Return the root of the mean of the squares.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        The values.
+
+    Returns
+    -------
+    float
+        Their root mean square.
+    """
     return float(np.sqrt(np.mean(values**2)))
 
 

@@ -224,8 +224,9 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
         replace(s, nuisance=np.column_stack((s.nuisance[:, 0], _halves(s.u.size, r.at))))
         for s, r in zip(m.sections, data.rows, strict=True)
     )
-    # what families keep for all rows knows nothing of the columns beside them
-    more = replace(data, measurement=replace(m, sections=sections))
+    # what families keep for all rows knows the columns beside them, but for the weight of a penalty
+    memo = {name: kept for name, kept in data.memo.items() if name.endswith(" smoothing")}
+    more = replace(data, measurement=replace(m, sections=sections), memo=memo)
     again = misfit(family.fit(more, fit.search if fit.search.size else None).model, more)
     if np.mean(again.at(data.use) ** 2) > (1.0 - _WORTH) * rms**2:
         return []
