@@ -134,8 +134,8 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     chosen = []
     for s in data.sections:
         at = np.arange(s.warm_up, s.u.size, every)
-        if s.straight is not None:
-            at = at[s.straight[at]]
+        for stands in (s.straight, s.measured):
+            at = at if stands is None else at[stands[at]]
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))

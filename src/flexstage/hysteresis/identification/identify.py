@@ -22,6 +22,7 @@ from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
 from flexstage.hysteresis.identification.measurement import (
     Measurement,
+    Section,
     measurement,
     without_history,
 )
@@ -265,6 +266,7 @@ def identify(
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
     made = _result(tried[chosen], (*candidates, *failed), every, found, train)
+    made = replace(made, warnings=(*made.warnings, *_passed_over(tried, candidates)))
     return made if temperature is None else _at(made, temperature)
 
 
@@ -314,6 +316,25 @@ def _stands_still(data: Data) -> bool:
         if not use.all()
     ]
     return max(moved, default=0.0) < _STILL * (high - low)
+
+
+def _passed_over(tried: Mapping[str, _Tried], candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Say which models predict better than the chosen one, but have no inverse."""
+    score = {c.kind: c.heldout_rms_percent for c in candidates}
+    chosen = score[candidates[0].kind]
+    if chosen is None or not _invertible(tried[candidates[0].kind]):
+        return ()
+    better = [
+        kind
+        for kind, own in score.items()
+        if own is not None and own < chosen / _SAME and not _invertible(tried[kind])
+    ]
+    if not better:
+        return ()
+    return (
+        f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
+        "be made from the model, name one by --model",
+    )
 
 
 def _failed(family: Family, why: str) -> Candidate:
@@ -493,11 +514,19 @@ def _result(
         ),
         settling=settling,
         candidates=candidates,
-        measurement=replace(m, sections=tuple(map(without_history, m.sections))),
+        measurement=replace(m, sections=tuple(map(_as_measured, m.sections))),
         predicted=_predicted(tried, data),
         verdict=judged,
         settings=settings,
     )
+
+
+def _as_measured(section: Section) -> Section:
+    """A section without what was not measured: the time before it, and gaps of its output."""
+    bare = without_history(section)
+    if bare.measured is None:
+        return bare
+    return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
 def _settling(tried: _Tried, data: Data) -> float:
