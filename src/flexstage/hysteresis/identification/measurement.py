@@ -252,7 +252,7 @@ def require_usable(record: Record, name: str, values: Array, *, gaps: bool = Fal
     values : numpy.ndarray
         Its values, shape (n,).
     gaps : bool
-        Whether samples may be missing, as those that a table of branches or curves has not.
+        Whether samples may be missing that the record has not, as one of branches or curves.
 
     Raises
     ------
@@ -261,8 +261,8 @@ def require_usable(record: Record, name: str, values: Array, *, gaps: bool = Fal
     """
     where = f"column '{name}' of {record.source or 'the record'}"
     least = 50
-    if gaps and np.isnan(values).any():
-        values, least = values[~np.isnan(values)], 20
+    if gaps and record.numbers is not None and np.isnan(record.numbers).any():
+        values, least = values[~np.isnan(record.numbers)], 20
     if values.size < least:
         raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
