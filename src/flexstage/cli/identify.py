@@ -393,7 +393,9 @@ def _without_nan(value: Any) -> Any:
     array = np.asarray(value, dtype=np.float64)
     if np.isnan(array).all():
         return None
-    return np.where(np.isnan(array), None, array.astype(object)).tolist()
+    made = array.astype(object)
+    made[np.isnan(array)] = None
+    return made.tolist()
 
 
 def _chain_values(found: "Identification") -> dict[str, Any]:
@@ -448,11 +450,13 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
     unit = found.model.output_unit or "output"
     screen.print(
         f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
-        f"about {found.noise_percent:.2f} %; before the record the drive "
-        f"{start_in_words(found.model.start)}: its settling changes readings by up to "
-        f"{found.settling:.3g} {unit}",
-        soft_wrap=True,
+        f"about {found.noise_percent:.2f} %"
     )
+    if found.model.creep is not None:
+        screen.print(
+            f"before the record the drive {start_in_words(found.model.start)}: its settling "
+            f"changes readings by up to {found.settling:.3g} {unit}"
+        )
     unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
     values = make_table("parameters", "name", "value", "standard error", "<unit")
     for name, row in {**result["parameters"], **result["chain"]}.items():

@@ -329,8 +329,8 @@ def print_predictions(
     for p in found:
         screen.print(
             f"{Path(p.source).name or 'record'}: stroke {p.stroke:.5g} {unit}; constant "
-            f"{p.constant_percent:+.2f} % of it; before the record the drive "
-            f"{start_in_words(p.start)}; {p.warm_up} samples are not counted",
+            f"{p.constant_percent:+.2f} % of it; {p.warm_up} samples are not counted"
+            + ("" if model.creep is None else f"; before, the drive {start_in_words(p.start)}"),
             markup=False,
             soft_wrap=True,
         )
@@ -343,9 +343,9 @@ def _print_band(screen: "Console", found: "Sequence[Prediction]", band: float | 
         return
     import numpy as np
 
-    within = np.concatenate(
-        [np.abs(p.measured - p.predicted)[p.warm_up :] <= 0.01 * band * p.stroke for p in found]
-    )
+    errors = [(p.measured - p.predicted)[p.warm_up :] / p.stroke for p in found]
+    every = np.concatenate([e[np.isfinite(e)] for e in errors])
+    within = np.abs(every) <= 0.01 * band
     screen.print(
         f"band of the model, 95 % of its held-out errors: +-{band:.2f} % of the stroke; "
         f"{100.0 * float(np.mean(within)):.1f} % of these samples lie within it"

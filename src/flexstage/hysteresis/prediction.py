@@ -156,8 +156,8 @@ def predict(
         The record cannot serve.
     """
     given, read = record.channel(input_column), record.channel(output_column)
-    for channel in (given, read):
-        require_usable(record, channel.name, channel.values)
+    require_usable(record, given.name, given.values)
+    require_usable(record, read.name, read.values, gaps=True)
     if not record.uniform:
         raise RecordError(
             f"{record.source or 'the record'} is not evenly sampled: resample it to a constant rate"
@@ -169,12 +169,15 @@ def predict(
     whole = moves.bounds.size > 1
     begin = first + (warm_up(u[first:], moves) if whole else 0)
     # a median, as the first samples after a jump are none of the model
-    before = slice(first, begin) if begin - first >= _ENOUGH else slice(0)
+    enough = int(np.isfinite(y[first:begin]).sum()) >= _ENOUGH
+    before = slice(first, begin) if enough else slice(0)
     start, predicted = _started(model, u, y, dt, before, start)
-    stroke = float(np.ptp(y[begin:]))
+    if not np.isfinite(y[begin:]).any():
+        begin = 0  # of a table, what comes before was not measured
+    stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
     percent = 100.0 / stroke
     error = (y - predicted) * percent
-    counted = error[begin:]
+    counted = error[begin:][np.isfinite(error[begin:])]
     return Prediction(
         source=record.source,
         time=(np.arange(u.size) * dt).astype(np.float64),
@@ -189,7 +192,7 @@ def predict(
         constant_percent=float(np.mean(counted)),
         largest_percent=float(np.max(np.abs(counted))),
         cycles=_cycles(error, moves, first, begin, dt),
-        notes=_notes(model, u, y, dt, moves),
+        notes=_notes(model, u, y[np.isfinite(y)], dt, moves),
     )
 
 
@@ -201,7 +204,7 @@ def _started(
     made: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
     if before.stop == 0:
         return made[0]
-    return min(made, key=lambda m: float(np.median(np.abs(y - m[1])[before])))
+    return min(made, key=lambda m: float(np.nanmedian(np.abs(y - m[1])[before])))
 
 
 def _cycles(
@@ -213,6 +216,9 @@ def _cycles(
         if start < begin or stop - start < 2:
             continue
         own = error[start:stop]
+        own = own[np.isfinite(own)]
+        if own.size < 2:
+            continue
         made.append(
             CycleError(
                 time=start * dt,

@@ -47,6 +47,8 @@ def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
     Section
         The section of means; itself where it is short enough, or moves too quickly.
     """
+    if section.measured is not None:
+        return section
     measured = without_history(section)
     every = -(-measured.u.size // most)
     noise = _noise(measured.u), measured.noise

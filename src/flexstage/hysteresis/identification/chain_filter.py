@@ -134,8 +134,8 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     chosen = []
     for s in data.sections:
         at = np.arange(s.warm_up, s.u.size, every)
-        if s.straight is not None:
-            at = at[s.straight[at]]
+        for stands in (s.straight, s.measured):
+            at = at if stands is None else at[stands[at]]
         # rows before the first and after the last cycle belong to their neighbour
         cycle = np.searchsorted(s.cycles.bounds, at, side="right")
         cycle = np.clip(cycle, 1, max(s.cycles.swing.size, 1))
@@ -165,16 +165,18 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     # what stands for the time before the record is memory, and no motion
     columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape
-    behind = np.empty((first.size, m))
+    behind = np.empty((m, first.size))
     at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
-    share = (at - before)[:, None]
+    share = at - before
     for block in _blocks(n, m):
         part = columns[:, block]
         if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
             part = _dynamic(part, section, chain)
-        behind[:, block] = (1.0 - share) * part[before] + share * part[before + 1]
-    return behind
+        # column by column, as they lie in memory
+        low = np.take(part.T, before, axis=1)
+        behind[block] = low + share * (np.take(part.T, before + 1, axis=1) - low)
+    return behind.T
 
 
 def _blocks(n: int, m: int) -> Iterator[slice]:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import stdtrit
 
+from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.families.family import (
@@ -30,9 +31,13 @@ from flexstage.hysteresis.identification.measurement import (
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
-__all__ = ["FoundChain", "find_chain", "used_rows"]
+__all__ = ["FoundChain", "find_chain", "find_starts", "used_rows"]
 
 Array = NDArray[np.float64]
+
+#: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
+#: is taken to have rested.
+_TELLS = 0.99
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
@@ -176,6 +181,68 @@ def find_chain(
     return replace(found, notes=(*notes, *found.notes))
 
 
+def find_starts(
+    data: Measurement, found: FoundChain, *, train: tuple[int, int] | None = None
+) -> tuple[Start, ...]:
+    """Find what the drive did before each record, which its creep has not forgotten.
+
+    Delay and creep are searched for with each of what it can have done: to rest at the first
+    command, or to have moved for a time since it left the low end of its range (none, as long as
+    the longest record, or long). It is taken to have rested unless another start leaves less.
+
+    Parameters
+    ----------
+    data : Measurement
+        The measurement.
+    found : FoundChain
+        The chain that was found for drives that rested.
+    train : tuple of int, optional
+        First sample to look at, and the one after the last, of every record; all where not given.
+
+    Returns
+    -------
+    tuple
+        What the drive did before each record.
+    """
+    count = len(data.sections)
+    best: tuple[Start, ...] = tuple(s.start for s in data.sections)
+    if not found.searched:
+        return best
+    search = _Search(data, train)
+    chain = replace(found.values, delay=0.0, creep_per_decade=0.0)
+    if chain.resonance_hz > 0.0:
+        search.fix_modes(chain)
+    delay_known = "delay" not in found.searched
+    most = _longest_delay(data)
+    longest = max(s.u.size * s.dt for s in data.sections)
+    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
+
+    def tried(starts: tuple[Start, ...]) -> tuple[float, ChainValues]:
+        search.begin(starts)
+        if delay_known:
+            own = _creep(search, replace(chain, delay=found.values.delay))
+        else:
+            own = _delay_and_creep(search, chain, most)
+        return search.rms(own), own
+
+    search.begin(best)
+    least, values = search.rms(found.values), found.values
+    for start in every[1:]:
+        rms, own = tried((start,) * count)
+        if rms < _TELLS * least:
+            best, least, values = (start,) * count, rms, own
+    if count == 1 or values.creep_per_decade == 0.0:
+        return best
+    for i in range(count):
+        for start in every:
+            turned = (*best[:i], start, *best[i + 1 :])
+            search.begin(turned)
+            rms = search.rms(values)
+            if rms < _TELLS * least:
+                best, least = turned, rms
+    return best
+
+
 def _with_delay(
     search: "_Search", start: ChainValues, delay_error: float, data: Measurement
 ) -> FoundChain:
@@ -291,7 +358,6 @@ class _Search:
 
     def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
         data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
-        self._modes_known = False
         rows = rows_of(data, _ROWS)
         use = tuple(
             used_rows(r, s, round(s.dt / w.dt), train)
@@ -310,22 +376,33 @@ class _Search:
         half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
         self._coarse_penalty = half.smoothing(self._data, moving[self._coarse])
         # creep acts on every column alike: its share of a column is found once
-        unit = ChainValues(creep_per_decade=1.0)
         longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
-        unit = replace(unit, creep_longest=longest)
-        self._creep = [
-            np.asfortranarray(_every(c, s, unit) - c)
-            for c, s in zip(self._columns, data.sections, strict=True)
-        ]
+        self._unit = ChainValues(creep_per_decade=1.0, creep_longest=longest)
+        self._known: ChainValues | None = None
+        self._quasi = list(self._columns)
+        self._creep = [self._crept(i, s) for i, s in enumerate(data.sections)]
+
+    def _crept(self, i: int, section: Section) -> Array:
+        """What creep adds to the columns of a section, with the modes that are known."""
+        added = np.asfortranarray(_every(self._quasi[i], section, self._unit) - self._quasi[i])
+        return added if self._known is None else _behind_modes(added, section, self._known)
 
     def fix_modes(self, chain: ChainValues) -> None:
         """Put known modes behind all columns, once."""
-        only = replace(chain, creep_per_decade=0.0, delay=0.0)
-        sections = self._data.measurement.sections
-        for kept in (self._columns, self._creep):
-            for i, section in enumerate(sections):
-                kept[i] = np.asfortranarray(_every(kept[i], section, only))
-        self._modes_known = True
+        self._known = replace(chain, creep_per_decade=0.0, delay=0.0)
+        for i, section in enumerate(self._data.measurement.sections):
+            self._columns[i] = _behind_modes(self._quasi[i], section, self._known)
+            self._creep[i] = _behind_modes(self._creep[i], section, self._known)
+
+    def begin(self, starts: Sequence[Start]) -> None:
+        """Let the drive have done something else before each record."""
+        m = self._data.measurement
+        sections = list(m.sections)
+        for i, start in enumerate(starts):
+            if start != sections[i].start:
+                sections[i] = replace(sections[i], start=start)
+                self._creep[i] = self._crept(i, sections[i])
+        self._data = replace(self._data, measurement=replace(m, sections=tuple(sections)))
 
     def rms(self, chain: ChainValues) -> float:
         """Misfit that the best density leaves behind a chain, over the stroke."""
@@ -384,7 +461,7 @@ class _Search:
 
     def _behind(self, chain: ChainValues) -> tuple[list[Array], Data]:
         """Columns behind a chain at the rows that are looked at."""
-        if self._modes_known:
+        if self._known is not None:
             chain = replace(chain, resonance_hz=0.0)
         bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
         gamma = chain.creep_per_decade
@@ -444,6 +521,10 @@ def used_rows(
         return np.ones(rows.at.size, dtype=bool)
     first = (rows.at - section.history) * every + section.first
     return (first >= train[0]) & (first + every <= train[1])
+
+
+def _behind_modes(columns: Array, section: Section, known: ChainValues) -> Array:
+    return np.asfortranarray(_every(columns, section, known))
 
 
 def _every(columns: Array, section: Section, chain: ChainValues) -> Array:

@@ -10,18 +10,22 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import (
     DriveModel,
-    Start,
     ValidityRange,
     start_in_words,
 )
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
-from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
+from flexstage.hysteresis.identification.chain_search import (
+    FoundChain,
+    find_chain,
+    find_starts,
+)
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
 from flexstage.hysteresis.identification.measurement import (
     Measurement,
+    Section,
     measurement,
     without_history,
 )
@@ -52,9 +56,6 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
-#: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
-#: is taken to have rested.
-_TELLS = 0.99
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
 _STILL = 0.1
 #: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
@@ -265,6 +266,7 @@ def identify(
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
     made = _result(tried[chosen], (*candidates, *failed), every, found, train)
+    made = replace(made, warnings=(*made.warnings, *_passed_over(tried, candidates)))
     return made if temperature is None else _at(made, temperature)
 
 
@@ -275,34 +277,13 @@ def _chain_and_start(
     resonance: tuple[float, float] | None,
 ) -> tuple[Measurement, FoundChain]:
     """Find the chain, and what the drive did before each record, by what they leave together."""
-
-    def search(own: Measurement) -> FoundChain:
-        return find_chain(own, chain, train=train, resonance=resonance)
-
-    def started(starts: Sequence[Start]) -> Measurement:
-        pairs = zip(data.sections, starts, strict=True)
-        return replace(data, sections=tuple(replace(s, start=start) for s, start in pairs))
-
-    def alike(start: Start) -> list[Start]:
-        return [start] * len(data.sections)
-
-    longest = max(s.u.size * s.dt for s in data.sections)
-    every: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-    starts, found = alike("rested"), search(data)
-    for other in every[1:]:
-        tried = search(started(alike(other)))
-        if tried.rms < _TELLS * found.rms:
-            starts, found = alike(other), tried
-    if len(starts) < 2 or found.values.creep_per_decade == 0.0:
-        return started(starts), found
-    before = list(starts)
-    for i in range(len(starts)):
-        for other in every:
-            own: list[Start] = [other if k == i else s for k, s in enumerate(starts)]
-            rms = find_chain(started(own), found.values, train=train).rms
-            if rms < _TELLS * found.rms:
-                starts, found = own, replace(found, rms=rms)
-    return started(starts), found if starts == before else search(started(starts))
+    found = find_chain(data, chain, train=train, resonance=resonance)
+    starts = find_starts(data, found, train=train)
+    if all(start == s.start for start, s in zip(starts, data.sections, strict=True)):
+        return data, found
+    sections = [replace(s, start=start) for s, start in zip(data.sections, starts, strict=True)]
+    data = replace(data, sections=tuple(sections))
+    return data, find_chain(data, chain, train=train, resonance=resonance)
 
 
 def _stands_still(data: Data) -> bool:
@@ -314,6 +295,25 @@ def _stands_still(data: Data) -> bool:
         if not use.all()
     ]
     return max(moved, default=0.0) < _STILL * (high - low)
+
+
+def _passed_over(tried: Mapping[str, _Tried], candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Say which models predict better than the chosen one, but have no inverse."""
+    score = {c.kind: c.heldout_rms_percent for c in candidates}
+    chosen = score[candidates[0].kind]
+    if chosen is None or not _invertible(tried[candidates[0].kind]):
+        return ()
+    better = [
+        kind
+        for kind, own in score.items()
+        if own is not None and own < chosen / _SAME and not _invertible(tried[kind])
+    ]
+    if not better:
+        return ()
+    return (
+        f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
+        "be made from the model, name one by --model",
+    )
 
 
 def _failed(family: Family, why: str) -> Candidate:
@@ -493,11 +493,19 @@ def _result(
         ),
         settling=settling,
         candidates=candidates,
-        measurement=replace(m, sections=tuple(map(without_history, m.sections))),
+        measurement=replace(m, sections=tuple(map(_as_measured, m.sections))),
         predicted=_predicted(tried, data),
         verdict=judged,
         settings=settings,
     )
+
+
+def _as_measured(section: Section) -> Section:
+    """A section without what was not measured: the time before it, and gaps of its output."""
+    bare = without_history(section)
+    if bare.measured is None:
+        return bare
+    return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
 def _settling(tried: _Tried, data: Data) -> float:

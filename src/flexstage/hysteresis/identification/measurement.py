@@ -71,6 +71,9 @@ class Section:
         both ends of the range, after which the memory is that of cycles over all of it.
     start : "rested" or float
         What the drive did before, for its creep.
+    measured : numpy.ndarray or None
+        Whether the output was measured, shape (n,); where not, it lies on a line between the
+        neighbours. None where all of it was.
     straight : numpy.ndarray or None
         Of means of neighbouring samples those that stand for them, shape (n,); all where None.
     """
@@ -87,6 +90,7 @@ class Section:
     begin: float = 0.0
     history: int = 0
     start: Start = "rested"
+    measured: NDArray[np.bool_] | None = None
     straight: NDArray[np.bool_] | None = None
 
 
@@ -182,12 +186,17 @@ def measurement(
         raise RecordError(f"the records have different units: {sorted(units)}; give them by option")
     for r, i, o in pairs:
         require_usable(r, i.name, i.values)
-        require_usable(r, o.name, o.values)
+        require_usable(r, o.name, o.values, gaps=True)
         if not r.uniform:
             raise RecordError(
                 f"{r.source or 'the record'} is not evenly sampled: resample it to a constant rate"
             )
-    mended = [without_spikes(i.values, o.values) for _, i, o in pairs]
+    whole = [bool(np.isfinite(o.values).all()) for _, _, o in pairs]
+    none = np.zeros(0, dtype=np.intp)
+    mended = [
+        without_spikes(i.values, o.values) if all_ else (o.values, none)
+        for (_, i, o), all_ in zip(pairs, whole, strict=True)
+    ]
     pairs = [(r, i, replace(o, values=y)) for (r, i, o), (y, _) in zip(pairs, mended, strict=True)]
     sign = _sign(pairs)
     sections = tuple(
@@ -209,6 +218,7 @@ def measurement(
     findings = [
         findings_of_record(k, without_history(s), spikes, sign, (made.input_unit, made.output_unit))
         for k, (s, (_, spikes)) in enumerate(zip(sections, mended, strict=True))
+        if s.measured is None
     ]
     return replace(
         made, warnings=_warnings(made), findings=tuple(f for own in findings for f in own)
@@ -230,11 +240,31 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def require_usable(record: Record, name: str, values: Array) -> None:
-    """Refuse a column that cannot be computed with."""
+def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
+    """Refuse a column that cannot be computed with.
+
+    Parameters
+    ----------
+    record : Record
+        The record, for the message.
+    name : str
+        Name of the column.
+    values : numpy.ndarray
+        Its values, shape (n,).
+    gaps : bool
+        Whether samples may be missing, as those that a table of branches or curves has not.
+
+    Raises
+    ------
+    RecordError
+        It is too short, not finite, constant, or out of the range of numbers.
+    """
     where = f"column '{name}' of {record.source or 'the record'}"
-    if values.size < 50:
-        raise RecordError(f"{where} has {values.size} samples: at least 50 are needed")
+    least = 50
+    if gaps and np.isnan(values).any():
+        values, least = values[~np.isnan(values)], 20
+    if values.size < least:
+        raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
         first = int(np.argmin(np.isfinite(values)))
         raise RecordError(f"{where} holds {values[first]} at sample {first}: mend the record")
@@ -252,7 +282,8 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
     """Whether the output rises or falls with the input; refused where it does neither."""
     found = []
     for r, i, o in pairs:
-        share = float(np.corrcoef(i.values, o.values)[0, 1])
+        known = np.isfinite(o.values)
+        share = float(np.corrcoef(i.values[known], o.values[known])[0, 1])
         if abs(share) < _UNRELATED:
             moves = cycles(i.values, 1.0 / r.sample_rate_hz)
             turned = butterfly(i.values, o.values, moves) if moves.bounds.size > 1 else None
@@ -271,7 +302,13 @@ def _sign(pairs: Sequence[tuple[Record, Channel, Channel]]) -> float:
 def _section(u: Array, y: Array, dt: float, source: str) -> Section:
     first = first_moving(u)
     u, y = u[first:], y[first:]
-    u, taken = denoised(u, y)
+    measured = np.isfinite(y)
+    taken = 0.0
+    if measured.all():
+        u, taken = denoised(u, y)
+    else:
+        at = np.arange(y.size)
+        y = np.interp(at, at[measured], y[measured])
     moves = cycles(u, dt)
     if moves.bounds.size < 2:
         raise RecordError(
@@ -293,6 +330,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             input_noise=taken,
             first=first,
             begin=first * dt,
+            measured=None if measured.all() else measured,
         )
     )
 
@@ -302,7 +340,7 @@ def with_history(section: Section) -> Section:
     moves = section.cycles
     before = np.array([moves.range[1], moves.range[0]])
     n = before.size
-    straight = section.straight
+    straight, known = section.straight, section.measured
     return replace(
         section,
         u=np.concatenate((before, section.u)),
@@ -310,6 +348,7 @@ def with_history(section: Section) -> Section:
         cycles=replace(moves, bounds=moves.bounds + n, turning=moves.turning + n),
         warm_up=section.warm_up + n,
         nuisance=np.concatenate((section.nuisance[:1].repeat(n, axis=0), section.nuisance)),
+        measured=None if known is None else np.concatenate((np.zeros(n, dtype=bool), known)),
         straight=None if straight is None else np.concatenate((np.ones(n, dtype=bool), straight)),
         history=n,
     )
@@ -325,6 +364,7 @@ def without_history(section: Section) -> Section:
         cycles=replace(moves, bounds=moves.bounds - n, turning=moves.turning - n),
         warm_up=section.warm_up - n,
         nuisance=section.nuisance[n:],
+        measured=None if section.measured is None else section.measured[n:],
         straight=None if straight is None else straight[n:],
         history=0,
     )
@@ -360,7 +400,10 @@ def warm_up(u: Array, moves: Cycles) -> int:
 
 def _require_order(sections: Sequence[Section], input_name: str, output_name: str) -> None:
     """Refuse an output that leads: the loop of a drive is always run with the output behind."""
-    widths = np.concatenate([_loop_areas(s) for s in sections])
+    whole = [s for s in sections if s.measured is None]
+    if not whole:
+        return
+    widths = np.concatenate([_loop_areas(s) for s in whole])
     mean = float(widths.mean())
     error = float(widths.std() / np.sqrt(widths.size))
     if mean < -_NARROW_LOOP and mean < -3.0 * error:
