@@ -188,7 +188,9 @@ class DriveModel:
             Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
         given = samples(u, "command")
-        before = start or ("rested" if state is not None else self.start)
+        before = start
+        if before is None:  # 0 is a start as well
+            before = "rested" if state is not None else self.start
         if state is None and self.validity is not None:
             state = self.conditioned()
         y = self.hysteresis.simulate(given, state).values

@@ -232,10 +232,10 @@ def _cycles(
 
 
 def _notes(model: DriveModel, u: Array, y: Array, dt: float, moves: Cycles) -> tuple[str, ...]:
-    said = [model.outside(u), *unsuited(model, dt, command=u, reading=y)]
+    said = list(unsuited(model, dt, command=u, reading=y))
     if moves.bounds.size < 2:
         said.append(
             "the record makes no whole cycle: the memory of what was before it is taken to be that "
             "of cycles over the whole range, and every sample is counted"
         )
-    return tuple(s for s in said if s)
+    return tuple(said)
