@@ -303,6 +303,45 @@ def test_the_number_of_rates():
     assert at(9.1, 2.3, 37.0) == pytest.approx((2.3, 9.1, 37.0), rel=0.05)
 
 
+def test_noise_makes_no_second_rate():
+    """Noise splits cycles: two pieces are none of another rate, and large noise makes no loops."""
+    u = drive(6000, 1.1)
+    y = DAHL.simulate(u).values
+    clean = measurement([record(u, y)], "u", "y")
+    assert len(clean.rates_hz) == 1
+    for share in (0.006, 0.015, 0.03):
+        for seed in range(3):
+            noisy_u = u + share * np.ptp(u) * np.random.default_rng(seed).normal(size=u.size)
+            made = measurement([record(noisy_u, y)], "u", "y")
+            assert len(made.rates_hz) == 1
+            assert made.rates_hz[0] == pytest.approx(clean.rates_hz[0], rel=0.2)
+            found, known = (m.sections[0].cycles.swing.size for m in (made, clean))
+            assert abs(found - known) < 0.2 * known
+
+
+def test_two_short_cycles_beside_many_are_no_rate():
+    t = np.arange(0.0, 40.0, 0.01)
+    turns = np.where((t > 20.0) & (t < 21.0), 2.0 * t, t)
+    u = 60.0 - 52.0 * np.cos(2.0 * np.pi * turns)
+    assert cycles(u, 0.01).rates_hz == pytest.approx((1.0,), rel=0.05)
+    longer = np.where((t > 20.0) & (t < 24.0), 2.0 * t, t)
+    both = cycles(60.0 - 52.0 * np.cos(2.0 * np.pi * longer), 0.01).rates_hz
+    assert both == pytest.approx((1.0, 2.0), rel=0.05)
+
+
+@pytest.mark.parametrize("held", [2, 10, 20])
+def test_an_input_that_was_read_too_seldom_is_named(held):
+    u = drive(4000, 0.4)
+    y = noisy(virtual_stack((0.0, 112.0), 38e-6, 0.12), u, 3, 2e-8)
+    read = u[np.arange(u.size) // held * held]
+    assert not any("at a time" in w for w in measurement([record(u, y)], "u", "y").warnings)
+    try:
+        said = measurement([record(read, y)], "u", "y").warnings
+    except RecordError as error:
+        said = (str(error),)
+    assert any(f"stands for {held} samples" in s for s in said)
+
+
 # ------------------------------------------------------------------------- choice and held-out data
 
 

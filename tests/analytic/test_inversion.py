@@ -1,6 +1,7 @@
 """The inverse of a drive on the drive itself, its limits, and the figures of a loop."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,34 @@ def test_the_inverse_tracks_its_own_model(kind, chain):
     )
     naive = drive.simulate(LOW + straight * (HIGH - LOW), DT, made.start)
     assert np.abs(naive - wanted).max() / span > 0.02
+
+
+@pytest.mark.parametrize("before", ["rested", 0.0, 20.0, math.inf])
+@pytest.mark.parametrize("chain", ["creep", "spectrum"])
+def test_creep_begins_as_the_drive_was_before(chain, before):
+    drive = drive_of("preisach", **CHAINS[chain])
+    wanted = reference_within(drive)
+    limits = (LOW - 60.0, HIGH + 60.0)
+    made = feedforward(drive, wanted, DT, limits=limits, start=before)
+    assert made.limited == 0
+    again = drive.simulate(made.command, DT, made.start, start=before)
+    assert np.abs(again - wanted).max() < 1e-9 * np.ptp(wanted)
+    # a drive that says so itself needs no word
+    own = feedforward(replace(drive, start=before), wanted, DT, limits=limits)
+    assert np.array_equal(own.command, made.command)
+    # another past asks for another command: the reference has its mean where it begins
+    if before in {0.0, 20.0}:
+        rested = feedforward(drive, wanted, DT, limits=limits)
+        assert np.abs(rested.command - made.command).max() > 0.3
+
+
+def test_a_drive_that_has_just_left_its_low_end_is_no_default():
+    drive = drive_of("preisach", start=math.inf, **CHAINS["creep"])
+    u = 60.0 - 50.0 * np.cos(2.0 * np.pi * np.arange(900) * DT)
+    just_left, moved = drive.simulate(u, DT, start=0.0), drive.simulate(u, DT)
+    low = replace(drive, start=0.0).simulate(u, DT)
+    assert np.array_equal(just_left, low)
+    assert np.abs(just_left - moved).max() > 0.01 * np.ptp(moved)
 
 
 @pytest.mark.parametrize("kind", EACH)

@@ -27,6 +27,13 @@ pytestmark = pytest.mark.skipif(
 #: Held-out rms that each model may leave, over the stroke [%]: what the choice of a model for this
 #: stack rests on. The noise of the sensor is 0.18 %.
 ALLOWED = {"preisach": 0.40, "modified-prandtl-ishlinskii": 0.55, "bouc-wen": 0.75}
+#: By how much an inverse narrows the loop of the half that its model was not fitted to, at least.
+NARROWER = {
+    "preisach": 0.97,
+    "modified-prandtl-ishlinskii": 0.95,
+    "maxwell-slip": 0.95,
+    "bouc-wen": 0.95,
+}
 #: First sample of the published runs without and with an inverse; each has 1000.
 WITHOUT, WITH = 5052, 11152
 RUN = 1000
@@ -112,8 +119,33 @@ def test_the_loop_of_the_inverse_is_narrow() -> None:
     after = loop_width(section.u, gain * command, bounds)
     assert 1.0 - after / before >= 0.97
     # The width hides what both branches share, and an average over cycles what differs from one to
-    # the next: all of it together, over the last run. The mean is what the drive did before.
+    # the next: all of it together, over the last run.
     assert _rms(error[bounds[0] : bounds[-1]]) < 0.16e-6
+
+
+@pytest.mark.parametrize("model", [*ALLOWED, "maxwell-slip"])
+def test_the_inverse_has_the_right_mean(model: str) -> None:
+    """Positions are absolute: an error of the mean is one, and less than all other errors."""
+    found = _identified(model, _first_half())
+    record = _record()
+    voltage, measured = record.channel("0").values, record.channel("4").values
+    dt, half = 1.0 / record.sample_rate_hz, voltage.size // 2
+    bounds = found.measurement.sections[0].cycles.bounds
+    # from the beginning on, as the model knows it; and the second half alone, when the stack has
+    # moved for half the record since it stood at its low end
+    for first, start in ((0, None), (half, half * dt)):
+        made = feedforward(found.model, measured[first:], dt, limits=LIMITS, start=start)
+        assert made.limited == 0  # the stack has just been there
+        error = found.stroke / np.ptp(voltage) * (made.command - voltage[first:])
+        # whole cycles that the model was not fitted to, the first two left out
+        own = bounds[bounds >= half] - first
+        counted = error[own[2] : own[-1]]
+        assert abs(counted.mean()) < 0.5 * _rms(counted)
+        assert _rms(counted) < 0.01 * found.stroke
+        before = loop_width(voltage[first:], measured[first:], own[2:])
+        gain = found.stroke / np.ptp(voltage)
+        after = loop_width(voltage[first:], gain * made.command, own[2:])
+        assert 1.0 - after / before >= NARROWER[model]
 
 
 def test_beside_the_published_inverse() -> None:

@@ -169,7 +169,7 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--band", "0 Hz"), "band must be positive"),
         (("--band", "1e-9 Hz"), "leaves nothing"),
         (("--band", "low"), "expected a frequency"),
-        (("--start", "warm"), "--start is conditioned or rest"),
+        (("--start", "warm"), "--start must be conditioned, rest or a time"),
         (("--column", "3"), "no column 3"),
         (("--unit", "V"), "the model gives m"),
         (("--unit", "furlong"), "furlong"),

@@ -13,6 +13,7 @@ from flexstage.cli.common import (
     write_file,
 )
 from flexstage.cli.model_files import read_model_file
+from flexstage.cli.predict import moved_for
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -93,8 +94,10 @@ def compensate(
     start: Annotated[
         str,
         typer.Option(
-            metavar="conditioned|rest",
-            help="What was before: cycles over all of the range, ended at its low end, or nothing.",
+            metavar="conditioned|rest|TIME",
+            help="What was before: cycles over all of the range, ended at its low end, with creep "
+            "as before the record of the model; nothing; or such cycles, and motion as in the "
+            'reference for so long, such as "30 s" or inf, since the drive left that end.',
         ),
     ] = "conditioned",
     rows: RowsOption = None,
@@ -140,8 +143,8 @@ def compensate(
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    if start not in ("conditioned", "rest"):
-        raise ModelError(f"--start is conditioned or rest, got '{start}'")
+    word = start.strip().lower()
+    named = word in ("conditioned", "rest")
     bounds = _limits(limits)
     made = feedforward(
         drive,
@@ -149,7 +152,8 @@ def compensate(
         1.0 / record.sample_rate_hz,
         limits=bounds,
         largest_rate=_largest_rate(slew, current, capacitance),
-        state=drive.hysteresis.rest() if start == "rest" else None,
+        state=drive.hysteresis.rest() if word == "rest" else None,
+        start=None if named else moved_for(start, "conditioned, rest"),
         band_hz=None if band is None else _number(band, "frequency", "Hz"),
     )
     if out is not None:

@@ -27,7 +27,7 @@ from flexstage.cli.records import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, UnitError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +38,14 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import Start
     from flexstage.records import Record
 
-__all__ = ["on_records", "predict", "prediction_result", "print_predictions", "start_value"]
+__all__ = [
+    "moved_for",
+    "on_records",
+    "predict",
+    "prediction_result",
+    "print_predictions",
+    "start_value",
+]
 
 
 def predict(
@@ -198,17 +205,44 @@ def on_records(
 
 
 def _start(text: str) -> "Start | None":
+    word = text.strip().lower()
+    if word in ("auto", "rested"):
+        return None if word == "auto" else "rested"
+    return moved_for(text, "auto, rested")
+
+
+def moved_for(text: str, words: str) -> float:
+    """Return for how long a drive had moved, of an option ``--start``.
+
+    Parameters
+    ----------
+    text : str
+        The option: a time, or inf.
+    words : str
+        What else it may be, for a message.
+
+    Returns
+    -------
+    float
+        The time [s].
+
+    Raises
+    ------
+    ModelError
+        It is no time, or a negative one.
+    """
     import math
 
     from flexstage.units import parse
 
     word = text.strip().lower()
-    if word in ("auto", "rested"):
-        return None if word == "auto" else "rested"
-    seconds = math.inf if word == "inf" else parse(text, "time", bare_unit="s")
-    if seconds < 0.0:
+    try:
+        seconds = math.inf if word == "inf" else parse(text, "time", bare_unit="s")
+    except UnitError:
+        seconds = math.nan
+    if not seconds >= 0.0:
         raise ModelError(
-            f"--start must be auto, rested or a time that is not negative, got '{text}'"
+            f"--start must be {words} or a time that is not negative, such as 30 s, got '{text}'"
         )
     return seconds
 

@@ -188,14 +188,13 @@ class DriveModel:
             Readings [`output_unit`], shape (n,). Modes and lag have settled at the first command.
         """
         given = samples(u, "command")
-        before = start
-        if before is None:  # 0 is a start as well
-            before = "rested" if state is not None else self.start
+        if start is None:  # 0 is a start as well
+            start = self.start if state is None else "rested"
         if state is None and self.validity is not None:
             state = self.conditioned()
         y = self.hysteresis.simulate(given, state).values
         if self.creep is not None:
-            y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, before)).values
+            y = self.creep.simulate(y, dt, creep_start(self.creep, y, dt, start)).values
         for element in (self.modes, self.lag):
             if element is not None:
                 y = element.simulate(y, dt).values

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.chain import Creep
+from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start
 from flexstage.hysteresis.model import Array, Response, samples
 from flexstage.hysteresis.suitability import PREFIX, unsuited
 
@@ -21,6 +22,10 @@ _SMOOTH = 1e-6
 _JUMP = 0.01
 #: Samples that are inverted at once: a limit makes the rest of them be inverted again.
 _BLOCK = 4096
+#: What the lags of creep begin with is known from the command, and that from them: they are found
+#: in turn, until they change by less than this share of the range, at most so many times.
+_ALIKE = 1e-12
+_TURNS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,6 +84,7 @@ def feedforward(
     largest_rate: float | None = None,
     state: ArrayLike | None = None,
     band_hz: float | None = None,
+    start: Start | None = None,
 ) -> Feedforward:
     r"""Return the command that makes a drive follow a reference.
 
@@ -106,6 +112,10 @@ def feedforward(
     band_hz : float, optional
         Band that the reference is smoothed to [Hz]; a quarter of the lowest resonance where not
         given, and none where the model has no resonance.
+    start : "rested" or float, optional
+        What the drive did before, for its creep, as in `DriveModel.simulate`. Where not given it
+        had settled at the first reference if a state is given, and else did what it did before the
+        record that the model was identified from.
 
     Returns
     -------
@@ -120,7 +130,9 @@ def feedforward(
     wanted = samples(reference, "reference")
     if not (dt > 0.0 and np.isfinite(dt)):
         raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
-    start = np.array(model.conditioned() if state is None else state, dtype=np.float64)
+    if start is None:
+        start = model.start if state is None else "rested"
+    memory = np.array(model.conditioned() if state is None else state, dtype=np.float64)
     low, high = _limits(model, limits)
     smooth, notes = _made_smooth(model, wanted, dt, band_hz)
     target = model.sign * (smooth - model.offset)
@@ -129,26 +141,26 @@ def feedforward(
     if model.modes is not None:
         target = model.modes.inverse(target, dt).values
     if model.creep is not None:
-        target = model.creep.inverse(target, dt).values
-    reach = _reach(model, start, low, high)
+        target = _without_creep(model.creep, target, dt, start)
+    reach = _reach(model, memory, low, high)
     inside = np.clip(target, *reach)
     beyond = np.abs(inside - target) > 1e-9 * (reach[1] - reach[0])
     if beyond.all():
         raise ModelError(_out_of_reach(model, wanted, reach))
-    command = _within(model, inside, start, low, high)
+    command = _within(model, inside, memory, low, high)
     slow = _rate_limited(command, largest_rate, dt)
     # what the ends reach depends on the memory, so that a sample in the range can be missed as well
-    missed = np.abs(model.hysteresis.simulate(command, start).values - inside)
+    missed = np.abs(model.hysteresis.simulate(command, memory).values - inside)
     limited = beyond | (missed > 1e-9 * (reach[1] - reach[0]))
     limited |= np.abs(slow - command) > 1e-9 * (high - low)
-    predicted = model.simulate(slow, dt, start)
+    predicted = model.simulate(slow, dt, memory, start=start)
     if limited.any():
         lost = float(np.max(np.abs(predicted - smooth)))
         notes.append(
             f"limits changed {int(limited.sum())} of {wanted.size} samples of the command; the "
             f"largest error that follows is {lost:.3g} {model.output_unit}".rstrip()
         )
-    before = float(start[0])
+    before = float(memory[0])
     if abs(slow[0] - before) > max(_JUMP * (high - low), (largest_rate or 0.0) * dt):
         notes.append(
             f"the command begins at {slow[0]:.5g} {model.input_unit}".rstrip()
@@ -160,11 +172,25 @@ def feedforward(
         reference=smooth,
         wanted=wanted,
         predicted=predicted,
-        start=start,
+        start=memory,
         smoothing=float(np.max(np.abs(smooth - wanted))),
         limited=int(limited.sum()),
         notes=(*notes, *unsuited(model, dt, command=slow, reading=wanted)),
     )
+
+
+def _without_creep(creep: Creep, target: Array, dt: float, start: Start) -> Array:
+    """Undo creep, by what the drive did before: that is told by the command which is looked for."""
+    if start == "rested":
+        return creep.inverse(target, dt).values
+    x = target / creep.static_gain
+    for _ in range(_TURNS):
+        change = creep.inverse(target, dt, creep_start(creep, x, dt, start)).values - x
+        # a state too high makes it too low, by less than the gain of all lags
+        x = x + change / creep.static_gain
+        if np.max(np.abs(change)) <= _ALIKE * max(float(np.ptp(x)), 1e-300):
+            break
+    return x
 
 
 def _limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:

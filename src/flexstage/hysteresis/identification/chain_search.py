@@ -305,7 +305,8 @@ def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
     if chain.creep_per_decade > 0.99 * _LARGEST_CREEP:
         notes.append(
             f"the creep is the largest that is looked for ({100 * _LARGEST_CREEP:g} % per decade): "
-            "something else is taken for creep, such as a slow sensor or noise of the input"
+            "something else is taken for creep, such as a drift of the output (compare with "
+            "--drift), a slow sensor or noise of the input"
         )
     return tuple(notes)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.compiled import compiled
 
-__all__ = ["Cycles", "cycles", "input_noise", "turning_points"]
+__all__ = ["Cycles", "cycles", "held_samples", "input_noise", "turning_points"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,13 @@ _FEW = 3
 _AT_LOW_END = 0.05
 #: Two cycles differ in rate when their frequencies differ by more than this factor.
 _OTHER_RATE = 1.5
+#: A rate has so many cycles or takes this share of the time of all of them: noise splits a cycle.
+_RATE_CYCLES = 3
+_RATE_TIME = 0.1
+#: A signal is held where so many of its steps in a hundred are whole numbers of holds apart, and
+#: these steps are larger than this share of its range, as those of a converter are not.
+_REGULAR = 0.95
+_HELD_STEP = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,14 +69,17 @@ class Cycles:
         A smaller loop at the same speed repeats more often, and one of the same period is slower:
         another rate is one at which both differ.
         """
-        found: list[tuple[float, float]] = []
         large = self.swing > 0.5
         pairs = zip(self.frequency_hz[large], self.swing[large], strict=True)
+        found: list[tuple[float, float, list[float]]] = []
         for f, share in sorted(pairs, key=lambda pair: (-pair[1].round(1), pair[0])):
-            speed = f * share
-            if all(_differ(f, g) and _differ(speed, s) for g, s in found):
-                found.append((float(f), float(speed)))
-        return tuple(sorted(f for f, _ in found))
+            same = [g for g in found if not (_differ(f, g[0]) and _differ(f * share, g[1]))]
+            if not same:
+                found.append((float(f), float(f * share), [1.0 / f]))
+            for _, _, times in same[:1]:
+                times.append(1.0 / f)
+        least = _RATE_TIME * sum(sum(times) for _, _, times in found)
+        return tuple(sorted(f for f, _, t in found if len(t) >= _RATE_CYCLES or sum(t) >= least))
 
     @property
     def has_minor_loops(self) -> bool:
@@ -131,7 +141,7 @@ def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
     return found[:count].copy()
 
 
-def cycles(u: Array, dt: float) -> Cycles:
+def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     """Find the cycles of a drive signal.
 
     Parameters
@@ -140,6 +150,8 @@ def cycles(u: Array, dt: float) -> Cycles:
         The signal, shape (n,).
     dt : float
         Time from one sample to the next [s].
+    noise_taken : float
+        Standard deviation of noise that was taken out of it, but for some of it.
 
     Returns
     -------
@@ -157,7 +169,8 @@ def cycles(u: Array, dt: float) -> Cycles:
     """
     low, high = float(u.min()), float(u.max())
     noise = input_noise(u)
-    turning = turning_points(u, max(_SMALLEST_SWING * (high - low), _NOISE_SWINGS * noise))
+    least = _NOISE_SWINGS * max(noise, noise_taken)
+    turning = turning_points(u, max(_SMALLEST_SWING * (high - low), least))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
     if bounds.size < _FEW:
@@ -193,6 +206,33 @@ def input_noise(u: Array) -> float:
     noise = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0)
     # a command moves by differences of second order as well: noise is what steps at once exceed
     return min(noise, float(np.ptp(u)) / 100.0)
+
+
+def held_samples(u: Array) -> int:
+    """Return for how many samples a signal is held, as a staircase; 1 where it is not.
+
+    Parameters
+    ----------
+    u : numpy.ndarray
+        The signal, shape (n,).
+
+    Returns
+    -------
+    int
+        Samples from one step to the next.
+
+    Examples
+    --------
+    >>> held_samples(np.sin(np.arange(400) // 8 * 0.4))
+    8
+    """
+    steps, size = np.abs(np.diff(u)), float(np.ptp(u))
+    moved = np.flatnonzero(steps > 1e-9 * size)
+    if moved.size < _FEWEST_STEPS or float(np.median(steps[moved])) < _HELD_STEP * size:
+        return 1
+    between = np.diff(moved)
+    held = int(np.median(between))
+    return held if float(np.mean(between % held == 0)) >= _REGULAR else 1
 
 
 def _moving_time(part: Array, noise: float) -> float:

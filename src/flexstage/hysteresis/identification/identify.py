@@ -56,6 +56,8 @@ Array = NDArray[np.float64]
 _SAME = 1.1
 #: ... and of those that leave less than this nothing is better [% of the stroke].
 _NOTHING = 1e-5
+#: Piezo drives creep by 1 to 3 % per decade of time: what is found beyond this is something else.
+_UNUSUAL_CREEP = 0.05
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
 _STILL = 0.1
 #: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
@@ -486,6 +488,7 @@ def _result(
             *_no_motion(train, data),
             *_history(settling, errors, data),
             *found.notes,
+            *_unusual_creep(found, data),
             *_hidden_mode(found, m),
             *_broken(tried),
             *tried.fit.notes,
@@ -549,6 +552,22 @@ def _chain(found: FoundChain) -> tuple[Estimate, ...]:
     return tuple(
         Estimate(name=name, value=getattr(found.values, name), standard_error=error)
         for name, error in found.errors.items()
+    )
+
+
+def _unusual_creep(found: FoundChain, data: Data) -> tuple[str, ...]:
+    """Say that what was found is more than creep, unless the search has said so."""
+    creep = data.chain.creep_per_decade
+    if (
+        not found.searched
+        or creep <= _UNUSUAL_CREEP
+        or any("the creep is" in n for n in found.notes)
+    ):
+        return ()
+    return (
+        f"creep of {100.0 * creep:.2g} % per decade is more than piezo drives show (1 to 3 %): a "
+        "drift of the output (compare with --drift), a change of its zero, or a slow sensor may be "
+        "taken for creep",
     )
 
 

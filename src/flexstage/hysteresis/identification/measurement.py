@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.cycles import Cycles, cycles, input_noise
+from flexstage.hysteresis.identification.cycles import (
+    Cycles,
+    cycles,
+    held_samples,
+    input_noise,
+)
 from flexstage.hysteresis.identification.faults import (
     Finding,
     butterfly,
@@ -309,7 +314,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
     else:
         at = np.arange(y.size)
         y = np.interp(at, at[measured], y[measured])
-    moves = cycles(u, dt)
+    moves = cycles(u, dt, taken)
     if moves.bounds.size < 2:
         raise RecordError(
             f"the input of {source or 'the record'} makes no whole cycle, from one lower turning "
@@ -407,10 +412,12 @@ def _require_order(sections: Sequence[Section], input_name: str, output_name: st
     mean = float(widths.mean())
     error = float(widths.std() / np.sqrt(widths.size))
     if mean < -_NARROW_LOOP and mean < -3.0 * error:
+        held = max(held_samples(without_history(s).u) for s in sections)
+        late = f", is '{input_name}' read too seldom (it stands for {held} samples at a time)"
         raise RecordError(
             f"the output leads the input: column '{output_name}' moves before '{input_name}' (the "
-            f"loop is run backwards, {100 * mean:.1f} % of its box); are the columns swapped, or "
-            "does the output lag by half a cycle and more?"
+            f"loop is run backwards, {100 * mean:.1f} % of its box); are the columns "
+            f"swapped{late if held > 1 else ''}, or does the output lag by half a cycle and more?"
         )
 
 
@@ -460,6 +467,13 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
             "the input jumps between few levels: what lies between them is not identified; drive "
             "with sines or triangles"
         )
+    found += [
+        f"the input stands for {held} samples ({held * s.dt:.3g} s) at a time: where it was only "
+        "read so seldom, delay and loop are wrong by it; where the drive was stepped, the error "
+        "holds its lag and ringing behind each step; drive and record it as often as the output"
+        for s in m.sections
+        if (held := held_samples(without_history(s).u)) > 1
+    ]
     noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
     if noise > 0.0:
         found.append(

@@ -1,0 +1,241 @@
+"""What faults in a record do to an identification, and what is said of them.
+
+Faults are put into a measured record (PICMA P-885.91 of ``../shared/data``) and into one of a
+simulated stack, driven as ``flexstage excite`` designs it. Each record is identified by the command
+line, and the model that comes out is tried on the record without the fault as well. Run as a
+program for a table of one of the two, by this or another source of flexstage, of all faults or of
+those whose names hold a word: ``python tests/identification_evidence.py picma [SOURCE [WORD]]``.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexstage.hysteresis import LogCreep, Sensor, excitation, virtual_stack
+from flexstage.records import read_record
+
+Array = NDArray[np.float64]
+
+HERE = Path(__file__).resolve().parents[1]
+PICMA = HERE.parent / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"
+#: Rate that loggers of a computer reach, and how far their times are off.
+LOGGED_HZ, JITTER = 10.4, 0.2
+#: A model is tried on what follows this share of a record, where its memory is wiped out.
+BEGUN = 0.15
+#: A figure that is worse by this factor needs a sentence.
+ALLOWED = 1.5
+#: What another source of the program cannot compute itself: a model on a record as it stands.
+TRY = """
+import json, sys
+from pathlib import Path
+import numpy as np
+from flexstage.hysteresis import read_model_text
+file, clean, dt, begun, scale = sys.argv[1:]
+u, y = np.load(clean)
+model = read_model_text(Path(file).read_text(encoding="utf-8")).model
+e = (float(scale) * model.simulate(u, float(dt)) - y)[int(float(begun) * u.size) :]
+print(json.dumps([100.0 / float(np.ptp(y)) * float(v) for v in (np.mean(e**2) ** 0.5, np.std(e))]))
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A drive, and a record of it without a fault."""
+
+    u: Array
+    y: Array
+    rate_hz: float
+    #: Whether it is simulated, and can be driven otherwise.
+    stack: bool = False
+
+    def driven(self, u: Array) -> Array | None:
+        """What the output does for another command; None where it was measured."""
+        return measured_by(u, 1.0 / self.rate_hz) if self.stack else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A record with a fault, written as a file, and how it is read."""
+
+    name: str
+    u: Array
+    y: Array
+    rate_hz: float
+    time: Array | None = None
+    options: tuple[str, ...] = ()
+    unit: str = "um"
+    model: str = "preisach"
+    told_rate_hz: float = 0.0
+
+
+def measured_by(u: Array, dt: float) -> Array:
+    """Drive a simulated stack with creep and a sensor [um]."""
+    free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
+    moved = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
+    sensor = Sensor(bandwidth_hz=100.0, noise_rms=8e-9, offset=3.1e-6, seed=4)
+    return 1e6 * sensor.simulate(moved, dt).values
+
+
+def picma() -> Bench:
+    """Return the measured record [V, um]."""
+    read = read_record(PICMA, sample_rate_hz=200.0)
+    return Bench(u=read.channel("0").values, y=read.channel("4").values, rate_hz=200.0)
+
+
+def stack() -> Bench:
+    """Return the simulated record [V, um], at two rates."""
+    rate = 500.0
+    made = excitation(
+        (0.0, 120.0), sample_rate_hz=rate, duration=25.0, rates_hz=(0.5, 5.0),
+        natural_frequency_hz=240.0, resonance=False,
+    )  # fmt: skip
+    u = made.voltage
+    return Bench(u=u, y=measured_by(u, 1.0 / rate), rate_hz=rate, stack=True)
+
+
+def faults(own: Bench) -> Iterator[Fault]:
+    """Yield the record with each of the faults."""
+    u, y, rate = own.u, own.y, own.rate_hz
+    rng = np.random.default_rng(15)
+    swing, stroke = float(np.ptp(u)), float(np.ptp(y))
+    noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
+
+    def record(name: str, u: Array, y: Array, **other: object) -> Fault:
+        return Fault(name=name, u=u, y=y, rate_hz=rate, **other)  # type: ignore[arg-type]
+
+    yield record("none", u, y)
+    yield record("none, auto", u, y, model="auto")
+    for idle in (5.0, 20.0, 60.0):
+        n = int(idle * rate)
+        rest = y[0] + noise * rng.standard_normal(n)
+        yield record(f"idle for {idle:g} s", np.r_[np.full(n, u[0]), u], np.r_[rest, y])
+    rest = y[0] + noise * rng.standard_normal(int(20.0 * rate))
+    yield record(
+        "idle for 20 s, auto", np.r_[np.full(rest.size, u[0]), u], np.r_[rest, y], model="auto"
+    )
+    for n in (2, 10, 20, 50):
+        held = u[np.arange(u.size) // n * n]
+        moved = own.driven(held)
+        yield record(f"command held {n} samples", held, y if moved is None else moved)
+    for percent in (0.1, 0.3, 1.0):
+        noisy = u + 0.01 * percent * swing * rng.standard_normal(u.size)
+        yield record(f"input noise {percent:g} %", noisy, y)
+    for speed in (0.05, 0.2):
+        yield record(f"drift {speed:g} um/s", u, y + speed * np.arange(u.size) / rate)
+    for percent in (2.0, 5.0, 20.0):
+        jump = 0.01 * percent * stroke * (np.arange(u.size) >= u.size // 2)
+        yield record(f"jump of {percent:g} %", u, y + jump)
+    jump = 0.05 * stroke * (np.arange(u.size) >= u.size // 2)
+    yield record("jump of 5 %, auto", u, y + jump, model="auto")
+    yield record("clipped at 87 %", u, np.minimum(y, y.min() + 0.87 * stroke))
+    yield record("clipped, 1 % of samples", u, np.minimum(y, np.quantile(y, 0.99)))
+    spiked = y.copy()
+    spiked[rng.choice(u.size, 4, replace=False)] += 0.5 * stroke * np.array([1.0, -1.0, 1.0, -1.0])
+    yield record("4 spikes", u, spiked)
+    at = np.arange(u.size) / rate
+    for name, told in ((f"{rate:g}", rate), (f"{LOGGED_HZ:g}", LOGGED_HZ)):
+        # as if everything had been so much slower
+        late = at + JITTER / rate * rng.uniform(-1.0, 1.0, u.size)
+        late[0], late[-1] = at[0], at[-1]
+        own_u, own_y = (np.interp(late, at, v) for v in (u, y))
+        if told != rate:  # every so many samples: a logger is slow, and so is what it logs
+            some = slice(None, None, 4)
+            own_u, own_y, late = own_u[some], own_y[some], late[some] * rate / told / 4.0
+        yield record(
+            f"times +-{100 * JITTER:g} %, {name} Hz", own_u, own_y, time=late,
+            options=("--resample", "median"), told_rate_hz=told,
+        )  # fmt: skip
+    yield record("rate ten times too high", u, y, told_rate_hz=10.0 * rate)
+    described = ("--stage", "vgtu-piezo", "--axis", "x")
+    yield record("mm for um", u, y, unit="mm")
+    yield record("mm for um, --stage", u, y, unit="mm", options=described)
+
+
+def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str, object]:
+    """Identify a record by the command line of a source, and try the model without the fault."""
+    file, out = folder / "record.csv", folder / "model.yaml"
+    out.unlink(missing_ok=True)
+    told = fault.told_rate_hz or fault.rate_hz
+    time = np.arange(fault.u.size) / told if fault.time is None else fault.time
+    if fault.time is None:
+        np.savetxt(
+            file, np.column_stack((fault.u, fault.y)), delimiter=",", header="u,y", comments=""
+        )
+    else:
+        table = np.column_stack((time, fault.u, fault.y))
+        np.savetxt(file, table, delimiter=",", header="time (s),u,y", comments="")
+    rate = () if fault.time is not None else ("--sample-rate", repr(told))
+    command = [
+        sys.executable, "-m", "flexstage", "identify", str(file), "--input", "u", "--output", "y",
+        "--input-unit", "V", "--output-unit", fault.unit, "--model", fault.model, *rate,
+        *fault.options, "--out", str(out), "--json",
+    ]  # fmt: skip
+    where = {**os.environ, "PYTHONPATH": str(source), "COLUMNS": "1000"}
+    run = subprocess.run(command, capture_output=True, text=True, env=where, check=False)
+    if run.returncode != 0:
+        return {"refused": " ".join(run.stderr.split())}
+    found: dict[str, object] = json.loads(run.stdout)
+    np.save(folder / "clean.npy", np.stack((own.u, own.y)))
+    dt = 1.0 / own.rate_hz if fault.time is None else fault.rate_hz / told / own.rate_hz
+    turned = {"um": 1e6, "mm": 1e3}[fault.unit]
+    dt = dt if not fault.told_rate_hz or fault.time is not None else 1.0 / told
+    words = [str(out), str(folder / "clean.npy"), repr(dt), repr(BEGUN), repr(turned)]
+    tried = subprocess.run(
+        [sys.executable, "-c", TRY, *words], capture_output=True, text=True, env=where, check=False
+    )
+    found["clean"] = json.loads(tried.stdout) if tried.returncode == 0 else [np.nan, np.nan]
+    return found
+
+
+def main() -> None:
+    """Write a row for every fault."""
+    own = {"picma": picma, "stack": stack}[sys.argv[1]]()
+    source = Path(sys.argv[2]) if len(sys.argv) > 2 else HERE / "src"
+    word = sys.argv[3] if len(sys.argv) > 3 else ""
+    clean: dict[str, tuple[float, set[str]]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        for fault in faults(own):
+            if not (fault.name.startswith("none") or word in fault.name):
+                continue
+            found = identified(fault, own, source, Path(name))
+            sys.stdout.write(row(fault, found, clean) + "\n")
+            sys.stdout.flush()
+
+
+def row(fault: Fault, found: dict[str, object], clean: dict[str, tuple[float, set[str]]]) -> str:
+    """Return a row of the table; the first one of a model is what the others are judged by."""
+    if "refused" in found:
+        return f"| {fault.name} | refused | | | | | {found['refused']} |"
+    said = [str(s) for s in (*found["warnings"], *found.get("notes", ()))]  # type: ignore[misc]
+    held = float(found["heldout_rms_percent"])  # type: ignore[arg-type]
+    free = found.get("heldout_free_constant_rms_percent")
+    tried, tried_free = found["clean"]  # type: ignore[misc]
+    begins = {beginning(s) for s in said}
+    best, usual = clean.setdefault(fault.model, (held, begins))
+    new = [s for s in said if beginning(s) not in usual]
+    silent = " **silent**" if held > ALLOWED * best and not new else ""
+    delay = float(found["chain"]["delay"]["value"])  # type: ignore[index]
+    chosen = f": {found['model']}" if fault.model == "auto" else ""
+    return (
+        f"| {fault.name}{chosen} | {held:.3f} | "
+        f"{'' if free is None else f'{free:.3f}'} | {tried:.2f} | {tried_free:.2f} | "
+        f"{1e3 * delay:.2f} | {' / '.join(new)}{silent} |"
+    )
+
+
+def beginning(sentence: str) -> str:
+    """The first words of a sentence, without its numbers."""
+    return re.sub(r"[0-9][0-9.e+-]*", "#", sentence)[:24]
+
+
+if __name__ == "__main__":
+    main()
