@@ -1,0 +1,82 @@
+"""`flexstage predict`, and `identify --test`, which does the same."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.hysteresis.virtual_stack import virtual_stack
+
+RATE = 200.0
+OPTIONS = ("--input", "0", "--output", "1", "--sample-rate", "200")
+UNITS = ("--input-unit", "V", "--output-unit", "um")
+
+
+def run(capsys, *words):
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+def measured(rate_hz, size, seed, shift=0.0):
+    t = np.arange(size) / RATE
+    share = np.clip(1.25 - t * RATE / size, 0.15, 1.0)
+    u = 3.0 + 55.0 * (1.0 - share * np.cos(2.0 * np.pi * rate_hz * t))
+    y = 1e6 * virtual_stack((0.0, 120.0), 37.3e-6, 0.12).simulate(np.r_[113.0, 3.0, u]).values[2:]
+    return np.column_stack((u, y + np.random.default_rng(seed).normal(0.0, 0.03, size) + shift))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("predict")
+    np.savetxt(folder / "own.dat", measured(1.3, 2200, 11))
+    np.savetxt(folder / "next.dat", measured(0.9, 3000, 12))
+    np.savetxt(folder / "moved.dat", measured(0.9, 3000, 13, shift=0.5))
+    return folder
+
+
+def test_a_model_on_other_records(capsys, files):
+    words = (files / "own.dat", *OPTIONS, *UNITS, "--model", "preisach", "--delay", "0 s")
+    out = files / "stack.yaml"
+    tested = ("--test", files / "next.dat")
+    status, text, err = run(capsys, "identify", *words, "--out", out, *tested, "--json")
+    assert (status, err) == (0, "")
+    identified = json.loads(text)
+    status, text, err = run(
+        capsys, "predict", out, files / "next.dat", files / "moved.dat", *OPTIONS, *UNITS, "--json"
+    )
+    assert (status, err) == (0, "")
+    found = json.loads(text)
+    same, moved = found["records"]
+    # the noise is 0.08 % of the stroke, and the model is of another class than the stack
+    assert 0.07 < same["free_constant_rms_percent"] <= same["as_predicted_rms_percent"] < 0.3
+    assert moved["constant_percent"] == pytest.approx(100.0 * 0.5 / 37.0, rel=0.15)
+    assert moved["free_constant_rms_percent"] < 0.3
+    assert found["errors_percent_of_stroke"]["heldout_95"] > 0.1
+    (again,) = identified["test"]
+    assert again["as_predicted_rms_percent"] == pytest.approx(
+        same["as_predicted_rms_percent"], rel=1e-6
+    )
+
+
+def test_the_table_and_the_figure(capsys, files):
+    model = files / "drawn.yaml"
+    own = (files / "own.dat", *OPTIONS, *UNITS)
+    assert (
+        run(capsys, "identify", *own, "--model", "dahl", "--delay", "0 s", "--out", model)[0] == 0
+    )
+    figure = files / "next.png"
+    words = ("predict", model, files / "next.dat", *OPTIONS, *UNITS, "--figure", figure)
+    status, out, err = run(capsys, *words)
+    assert (status, err) == (0, "")
+    for word in ("as predicted", "with a free constant", "next.dat", "95 % of its held-out errors"):
+        assert word in out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    status, out, err = run(capsys, *words[:3], *OPTIONS)
+    assert (status, out) == (2, "")
+    assert "--output-unit" in err or "--input-unit" in err
+    status, out, err = run(capsys, *words, "--start", "-3 s")
+    assert (status, out) == (2, "")
+    assert "--start" in err
