@@ -204,7 +204,7 @@ def main() -> None:
     clean: dict[str, tuple[float, set[str]]] = {}
     with tempfile.TemporaryDirectory() as name:
         for fault in faults(own):
-            if not (fault.name.startswith("none") or word in fault.name):
+            if not (fault.name == "none" or word in fault.name):
                 continue
             found = identified(fault, own, source, Path(name))
             sys.stdout.write(row(fault, found, clean) + "\n")

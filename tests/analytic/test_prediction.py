@@ -1,4 +1,4 @@
-"""A model on another record: as it stands, after what the drive did before, and by which figures."""
+"""A model on another record: as it stands, and after what the drive did before."""
 
 import math
 

@@ -116,13 +116,12 @@ def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Res
         return (wanted - gain * moved) / max(float(np.std(wanted)), 1e-300)
 
     begin = np.array([rough.frequency_hz, rough.damping_ratio, 0.98, 0.5 * dt])
+    least = np.array([0.7 * begin[0], 1e-4, 0.02, 0.0])
+    most = np.array([1.3 * begin[0], _LARGEST_DAMPING, 1.0, 0.1 / low])
     found = least_squares(
         left,
-        begin,
-        bounds=(
-            [0.7 * begin[0], 1e-4, 0.02, 0.0],
-            [1.3 * begin[0], _LARGEST_DAMPING, 1.0, 0.1 / low],
-        ),
+        np.clip(begin, least + 1e-6 * (most - least), most - 1e-6 * (most - least)),
+        bounds=(least, most),
         x_scale=[begin[0], 0.02, 1.0, dt],
         diff_step=1e-6,
     )
