@@ -29,7 +29,7 @@ _SAMPLES = 50_000
 #: times shorter, as what is faster acts on them as a delay; then comes one a decade.
 _FASTER = 3.0
 #: Parts of the cycles that are held out in turn, and runs of neighbours in each: small ones, so
-#: that the offset and the settling of a record are not extrapolated.
+#: that the offset of a record is not extrapolated.
 _PARTS, _RUNS = 12, 3
 #: Rounds in which densities and weights are found in turn, at most, and what ends them.
 _ROUNDS = 40

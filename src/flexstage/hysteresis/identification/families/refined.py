@@ -243,7 +243,7 @@ class RefinedFamily(Family):
 
 
 def _left(behind: list[Array], data: Data) -> Array:
-    """What is left of the output over the stroke, with the best offset and settling."""
+    """What is left of the output over the stroke, with the best offset."""
     every = []
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
         at = r.at[use]
