@@ -49,8 +49,9 @@ def test_bouc_wen_is_as_good_as_published(
     assert run.identification.kind == "bouc-wen"
     assert made.deviation <= PUBLISHED[axis][2]
     assert run.reduction_percent >= 93.0
-    # narrow as the loop is, its middle is a micrometre off: one rate does not tell creep
-    assert run.tracking.rms > 3.0 * run.tracking.loop_width
+    # the width hides what both branches share, which is more: the shape of the model, a third of a
+    # micrometre; its middle, which the settling of the record put a micrometre off, is right now
+    assert 1.5 * run.tracking.loop_width < run.tracking.rms < 0.4e-6
 
 
 @pytest.mark.slow
