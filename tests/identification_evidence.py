@@ -16,6 +16,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,8 +110,8 @@ def faults(own: Bench) -> Iterator[Fault]:
     swing, stroke = float(np.ptp(u)), float(np.ptp(y))
     noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
 
-    def record(name: str, u: Array, y: Array, **other: object) -> Fault:
-        return Fault(name=name, u=u, y=y, rate_hz=rate, **other)  # type: ignore[arg-type]
+    def record(name: str, u: Array, y: Array, **other: Any) -> Fault:
+        return Fault(name=name, u=u, y=y, rate_hz=rate, **other)
 
     yield record("none", u, y)
     yield record("none, auto", u, y, model="auto")
@@ -160,7 +161,7 @@ def faults(own: Bench) -> Iterator[Fault]:
     yield record("mm for um, --stage", u, y, unit="mm", options=described)
 
 
-def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str, object]:
+def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str, Any]:
     """Identify a record by the command line of a source, and try the model without the fault."""
     file, out = folder / "record.csv", folder / "model.yaml"
     out.unlink(missing_ok=True)
@@ -183,7 +184,7 @@ def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str
     run = subprocess.run(command, capture_output=True, text=True, env=where, check=False)
     if run.returncode != 0:
         return {"refused": " ".join(run.stderr.split())}
-    found: dict[str, object] = json.loads(run.stdout)
+    found: dict[str, Any] = json.loads(run.stdout)
     np.save(folder / "clean.npy", np.stack((own.u, own.y)))
     dt = 1.0 / own.rate_hz if fault.time is None else fault.rate_hz / told / own.rate_hz
     turned = {"um": 1e6, "mm": 1e3}[fault.unit]
@@ -211,19 +212,19 @@ def main() -> None:
             sys.stdout.flush()
 
 
-def row(fault: Fault, found: dict[str, object], clean: dict[str, tuple[float, set[str]]]) -> str:
+def row(fault: Fault, found: dict[str, Any], clean: dict[str, tuple[float, set[str]]]) -> str:
     """Return a row of the table; the first one of a model is what the others are judged by."""
     if "refused" in found:
         return f"| {fault.name} | refused | | | | | {found['refused']} |"
-    said = [str(s) for s in (*found["warnings"], *found.get("notes", ()))]  # type: ignore[misc]
-    held = float(found["heldout_rms_percent"])  # type: ignore[arg-type]
+    said = [str(s) for s in (*found["warnings"], *found.get("notes", ()))]
+    held = float(found["heldout_rms_percent"])
     free = found.get("heldout_free_constant_rms_percent")
-    tried, tried_free = found["clean"]  # type: ignore[misc]
+    tried, tried_free = found["clean"]
     begins = {beginning(s) for s in said}
     best, usual = clean.setdefault(fault.model, (held, begins))
     new = [s for s in said if beginning(s) not in usual]
     silent = " **silent**" if held > ALLOWED * best and not new else ""
-    delay = float(found["chain"]["delay"]["value"])  # type: ignore[index]
+    delay = float(found["chain"]["delay"]["value"])
     chosen = f": {found['model']}" if fault.model == "auto" else ""
     return (
         f"| {fault.name}{chosen} | {held:.3f} | "

@@ -19,7 +19,10 @@ def section(u, y):
 
 def means(whole, most):
     """What was measured of a section, averaged; and the time of its first sample."""
-    return without_history(averaged(whole, most)), whole.begin
+    short = without_history(averaged(whole, most))
+    every = round(short.dt / whole.dt)
+    assert short.u.size == without_history(whole).u.size // every
+    return short, whole.begin
 
 
 def sine(time, rate_hz=1.7):
@@ -37,7 +40,6 @@ def phase(values, dt, rate_hz=1.7):
 def test_a_delay_that_is_no_whole_number_of_samples_stays() -> None:
     delay = 0.000813
     short, _ = means(section(sine(TIME), sine(TIME - delay)), 9000)
-    assert short.u.size == pytest.approx(9000, abs=9)
     assert short.dt == pytest.approx(7.0 * DT)
     lag = (phase(short.y, short.dt) - phase(short.u, short.dt)) % (2.0 * np.pi)
     assert lag / (2.0 * np.pi * 1.7) == pytest.approx(delay, abs=1e-12)
@@ -58,7 +60,6 @@ def test_jumps_and_tones_are_left_out_and_nothing_else() -> None:
     jump = np.where(TIME > 6.0303, 5.0, 0.0)
     u = sine(TIME) + tone + jump
     short, begin = means(section(u, u), 9000)
-    assert short.u.size == pytest.approx(9000, abs=9)
     assert short.straight is not None
     middle = begin + (np.arange(short.u.size) + 0.5) * short.dt
     near = ((middle > 3.997) & (middle < 4.103)) | (np.abs(middle - 6.0303) < 0.004)
@@ -75,7 +76,6 @@ def test_no_turning_point_is_blunted() -> None:
     assert averaged(whole, 9000) is whole
     slow = 80.0 * np.abs(2.0 * ((TIME / (60.0 * period)) % 1.0) - 1.0)
     short, _ = means(section(slow, slow), 9000)
-    assert short.u.size == pytest.approx(9000, abs=9)
     assert float(np.ptp(short.u)) == pytest.approx(80.0, abs=80.0 * 7e-4)
 
 

@@ -1,6 +1,7 @@
 """What no model of a drive explains is found, named and placed; clean records show nothing."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -134,7 +135,11 @@ def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
     for one, other in zip(found.chain, clean.chain, strict=True):
         assert abs(one.value - other.value) < 0.1 * other.standard_error
     # but for the last digit of a figure in one of them
-    assert len(clean.warnings) == len([w for w in found.warnings if "spikes" not in w])
+    without, with_spikes = (
+        [re.sub(r"\d[\d.]*", "#", w) for w in f.warnings if "spikes" not in w]
+        for f in (clean, found)
+    )
+    assert without == with_spikes
     (finding,) = found.verdict.findings
     assert finding.kind == "spikes"
     assert finding.at == pytest.approx(np.array([1609, 3030, 4444, 6012]) * DT)

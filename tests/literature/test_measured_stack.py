@@ -98,9 +98,9 @@ def test_the_other_half_was_held_out(model: str) -> None:
     second = np.arange(section.u.size) >= section.u.size // 2
     left = (section.y - found.measurement.sign * found.predicted[0])[second]
     percent = 100.0 / found.stroke
-    assert percent * np.sqrt(np.mean(left**2)) == pytest.approx(found.heldout_rms_percent, rel=1e-3)
+    assert percent * np.sqrt(np.mean(left**2)) == pytest.approx(found.heldout_rms_percent, rel=1e-6)
     assert found.heldout_free_rms_percent is not None
-    assert percent * np.std(left) == pytest.approx(found.heldout_free_rms_percent, rel=1e-3)
+    assert percent * np.std(left) == pytest.approx(found.heldout_free_rms_percent, rel=1e-6)
     # the constant that is kept is as good as one that is fitted to what was held out
     assert found.heldout_rms_percent < 1.2 * found.heldout_free_rms_percent
 

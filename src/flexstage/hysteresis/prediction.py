@@ -8,6 +8,7 @@ import numpy as np
 from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start
 from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.measurement import (
     first_moving,
     rates_of,
@@ -64,7 +65,7 @@ class Prediction:
     time : numpy.ndarray
         Times from the first sample on [s], shape (n,).
     command : numpy.ndarray
-        What drives, shape (n,).
+        What drives, without noise that the output does not follow, shape (n,).
     measured : numpy.ndarray
         What was measured, shape (n,).
     predicted : numpy.ndarray
@@ -165,7 +166,11 @@ def predict(
     dt = 1.0 / record.sample_rate_hz
     u, y = given.values, read.values
     first = first_moving(u)
-    moves = cycles(u[first:], dt)
+    noise = 0.0
+    if np.isfinite(y).all():  # as where the model was identified
+        smooth, noise = denoised(u[first:], y[first:])
+        u = np.concatenate((u[:first], smooth))
+    moves = cycles(u[first:], dt, noise)
     whole = moves.bounds.size > 1
     begin = first + (warm_up(u[first:], moves) if whole else 0)
     # a median, as the first samples after a jump are none of the model
@@ -175,6 +180,11 @@ def predict(
     if not np.isfinite(y[begin:]).any():
         begin = 0  # of a table, what comes before was not measured
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
+    if stroke == 0.0:
+        raise RecordError(
+            f"column '{read.name}' of {record.source or 'the record'} stands still after the first "
+            f"{begin} samples, which are not counted: give a record that moves on"
+        )
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
@@ -192,7 +202,10 @@ def predict(
         constant_percent=float(np.mean(counted)),
         largest_percent=float(np.max(np.abs(counted))),
         cycles=_cycles(error, moves, first, begin, dt),
-        notes=_notes(model, u, y[np.isfinite(y)], dt, moves),
+        notes=(
+            *_notes(model, u, y[np.isfinite(y)], dt, moves),
+            *((smoothed_text(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
+        ),
     )
 
 

@@ -9,6 +9,7 @@ from flexstage.records.curves import (
 from flexstage.records.quality import (
     Saturation,
     constant_columns,
+    difference_noise,
     noise_estimate,
     quantisation_step,
     saturation,
@@ -41,6 +42,7 @@ __all__ = [
     "curves_in_columns",
     "curves_in_records",
     "curves_in_rows",
+    "difference_noise",
     "evened",
     "from_branches",
     "noise_estimate",

@@ -9,7 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import RecordError
 from flexstage.records.record import Record
 
-__all__ = ["Saturation", "constant_columns", "noise_estimate", "quantisation_step", "saturation"]
+__all__ = [
+    "Saturation",
+    "constant_columns",
+    "difference_noise",
+    "noise_estimate",
+    "quantisation_step",
+    "saturation",
+]
 
 # a normal distribution's rms over the median of its absolute values
 _RMS_OVER_MEDIAN = 1.4826022185056018
@@ -190,6 +197,27 @@ def quantisation_step(values: ArrayLike) -> float:
     return 0.0
 
 
+def difference_noise(values: NDArray[np.float64], order: int) -> float:
+    """Return the rms of white noise by a difference of some order; 0 where most neighbours agree.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Evenly spaced samples, shape (n,).
+    order : int
+        The order k of the difference.
+
+    Returns
+    -------
+    float
+        The rms, in the unit of the column; 0 of fewer samples than the difference needs.
+    """
+    if values.size <= order:
+        return 0.0
+    difference = np.diff(values, n=order) / math.sqrt(math.comb(2 * order, order))
+    return _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
+
+
 def noise_estimate(values: ArrayLike, *, order: int = 4) -> float:
     """Return the rms of what changes from sample to sample without regard to its neighbours.
 
@@ -230,8 +258,7 @@ def noise_estimate(values: ArrayLike, *, order: int = 4) -> float:
     if not 1 <= order <= 8:
         raise RecordError(f"the order of the difference must be 1 to 8, got {order}")
     x = _finite(values, order + 2)
-    difference = np.diff(x, n=order) / math.sqrt(math.comb(2 * order, order))
-    noise = _RMS_OVER_MEDIAN * float(np.median(np.abs(difference)))
+    noise = difference_noise(x, order)
     if noise > 0.0 or np.all(x == x[0]):
         return noise
     return quantisation_step(x) / math.sqrt(12.0)

@@ -1,15 +1,15 @@
 """Cut a motion that goes over a stroke and back into its cycles and their two runs."""
 
 import itertools
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import RecordError
+from flexstage.records import difference_noise
 
-__all__ = ["MotionCycles", "motion_cycles", "step_noise"]
+__all__ = ["MotionCycles", "motion_cycles"]
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
     if not high > low:
         raise RecordError(f"the command does not move: it is {low:g} throughout")
     # a clean curve has second differences too: no more than a hundredth of the range is noise
-    band = _NOISE_BAND * min(step_noise(x), 0.01 * (high - low)) + 1e-9 * (high - low)
+    band = _NOISE_BAND * min(difference_noise(x, 2), 0.01 * (high - low)) + 1e-9 * (high - low)
     turns = _turning_points(x, low, high, band)
     ways = [(a[1], b[0]) for a, b in itertools.pairwise(turns)]
     runs = [way if _whole(x, *way, high - low, band) else None for way in ways]
@@ -173,22 +173,6 @@ def _found(x: Array, runs: NDArray[np.intp], skip: int) -> MotionCycles:
         left_out=outside,
         notes=tuple(notes),
     )
-
-
-def step_noise(x: Array) -> float:
-    """Return the rms of what changes from sample to sample; 0 of a command without noise.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        The command, shape (n,).
-
-    Returns
-    -------
-    float
-        The rms, in the unit of the command: of second differences, by their median.
-    """
-    return 1.4826 * float(np.median(np.abs(np.diff(x, n=2)))) / math.sqrt(6.0)
 
 
 def _turning_points(x: Array, low: float, high: float, band: float) -> list[tuple[int, int]]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import RecordError
-from flexstage.experiment.motion.cycles import step_noise
+from flexstage.records import difference_noise
 
 __all__ = ["Dwells", "staircase_dwells"]
 
@@ -170,7 +170,7 @@ def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells |
             f"shape {x.shape}"
         )
     extent = float(np.ptp(x))
-    step = max(_STEP_OVER_NOISE * step_noise(x), _STEP_SHARE * extent)
+    step = max(_STEP_OVER_NOISE * difference_noise(x, 2), _STEP_SHARE * extent)
     edges = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(x)) > step) + 1, [x.size]))
     rests = [
         (a, b)

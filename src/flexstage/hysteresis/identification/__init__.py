@@ -5,7 +5,7 @@ from flexstage.hysteresis.identification.chain_filter import ChainValues
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain
 from flexstage.hysteresis.identification.cycles import Cycles, cycles, turning_points
 from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.faults import Finding
+from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.identify import Candidate, Identification, identify
 from flexstage.hysteresis.identification.measurement import Measurement, Section, measurement
 from flexstage.hysteresis.identification.parameter_units import parameter_unit
@@ -18,11 +18,11 @@ __all__ = [
     "ChainValues",
     "Cycles",
     "Estimate",
-    "Finding",
     "FoundAmplifier",
     "FoundChain",
     "Identification",
     "Measurement",
+    "RecordFault",
     "Section",
     "Verdict",
     "cycles",

@@ -10,6 +10,7 @@ from flexstage.hysteresis.identification.measurement import (
     with_history,
     without_history,
 )
+from flexstage.records import difference_noise
 
 __all__ = ["averaged"]
 
@@ -51,7 +52,7 @@ def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
         return section
     measured = without_history(section)
     every = -(-measured.u.size // most)
-    noise = _noise(measured.u), measured.noise
+    noise = difference_noise(measured.u, 3), measured.noise
     while every >= 2:
         made = _means(measured, every, noise, loose)
         if made is not None:
@@ -117,8 +118,3 @@ def _blunting(u: Array, means: Array, turning: NDArray[np.intp], every: int) -> 
         return 0.0
     near = np.stack((means[at - 1], means[at], means[at + 1]))
     return float(np.sqrt(np.mean(np.min(np.abs(near - u[turning]), axis=0) ** 2)))
-
-
-def _noise(values: Array) -> float:
-    """Standard deviation of noise; differences of third order hardly pass a smooth motion."""
-    return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / np.sqrt(20.0)

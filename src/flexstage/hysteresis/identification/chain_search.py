@@ -186,9 +186,10 @@ def find_starts(
 ) -> tuple[Start, ...]:
     """Find what the drive did before each record, which its creep has not forgotten.
 
-    Delay and creep are searched for with each of what it can have done: to rest at the first
-    command, or to have moved for a time since it left the low end of its range (none, as long as
-    the longest record, or long). It is taken to have rested unless another start leaves less.
+    Delay and creep, where they are not known, are searched for with each of what it can have done:
+    to rest at the first command, or to have moved for a time since it left the low end of its range
+    (none, as long as the longest record, or long). It is taken to have rested unless another start
+    leaves less.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ def find_starts(
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
-    if not found.searched:
+    if not found.searched and found.values.creep_per_decade == 0.0:
         return best
     search = _Search(data, train)
     chain = replace(found.values, delay=0.0, creep_per_decade=0.0)
@@ -219,7 +220,9 @@ def find_starts(
 
     def tried(starts: tuple[Start, ...]) -> tuple[float, ChainValues]:
         search.begin(starts)
-        if delay_known:
+        if not found.searched:
+            own = found.values
+        elif delay_known:
             own = _creep(search, replace(chain, delay=found.values.delay))
         else:
             own = _delay_and_creep(search, chain, most)

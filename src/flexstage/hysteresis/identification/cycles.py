@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.compiled import compiled
+from flexstage.records import difference_noise
 
 __all__ = ["Cycles", "cycles", "held_samples", "input_noise", "turning_points"]
 
@@ -203,7 +204,7 @@ def input_noise(u: Array) -> float:
     if u.size < 5:
         return 0.0
     # differences of second order see noise, and hardly the movement itself
-    noise = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0)
+    noise = difference_noise(u, 2)
     # a command moves by differences of second order as well: noise is what steps at once exceed
     return min(noise, float(np.ptp(u)) / 100.0)
 

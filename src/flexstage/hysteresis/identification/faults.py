@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.cycles import Cycles
-from flexstage.records import quantisation_step
+from flexstage.records import difference_noise, quantisation_step
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.measurement import Section
 
 __all__ = [
-    "Finding",
+    "RecordFault",
     "butterfly",
     "clipped",
     "findings_of_record",
@@ -38,7 +38,7 @@ _NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class RecordFault:
     """One thing in a record that is not the motion of a drive.
 
     Parameters
@@ -102,7 +102,7 @@ def _clipped_above(
     low, high = float(u.min()), float(u.max())
     rising = [s for s in _swings(u, turning) if u[s.stop - 1] > u[s.start]]
     inner = _slope(u, y, rising, low + 0.3 * (high - low), low + 0.7 * (high - low))
-    jitter = 1.4826 * float(np.median(np.abs(np.diff(u, 2)))) / np.sqrt(6.0)
+    jitter = difference_noise(u, 2)
     if inner is None or inner[0] <= 0.0:
         return None
     step = quantisation_step(y)
@@ -249,7 +249,7 @@ def findings_of_record(
     spikes: NDArray[np.intp],
     sign: float,
     units: tuple[str, str],
-) -> tuple[Finding, ...]:
+) -> tuple[RecordFault, ...]:
     """What a record shows by itself, its spikes taken out already.
 
     Parameters
@@ -267,17 +267,19 @@ def findings_of_record(
 
     Returns
     -------
-    tuple of Finding
+    tuple of RecordFault
         Spikes, a butterfly loop, clipping.
     """
     u, y = section.u, section.y
     stroke = float(np.ptp(y[section.warm_up :]))
-    made: list[Finding] = []
+    made: list[RecordFault] = []
 
     def add(kind: str, at: Sequence[float], size: float, text: str) -> None:
         percent = 100.0 * size / stroke
         made.append(
-            Finding(kind=kind, record=number, at=tuple(at), size=size, percent=percent, text=text)
+            RecordFault(
+                kind=kind, record=number, at=tuple(at), size=size, percent=percent, text=text
+            )
         )
 
     if spikes.size:

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate, oaconvolve, savgol_coeffs, savgol_filter
 
-__all__ = ["denoised"]
+from flexstage.records import difference_noise
+
+__all__ = ["denoised", "smoothed_text"]
 
 Array = NDArray[np.float64]
 
@@ -66,10 +68,7 @@ def _noise(u: Array) -> float:
     """Standard deviation of what is white in a signal; 0 where nothing is."""
     if u.size < 4 * _ORDERS:
         return 0.0
-    d, found = u, []
-    for k in range(1, _ORDERS + 1):
-        d = np.diff(d)
-        found.append(1.4826 * float(np.median(np.abs(d))) / math.sqrt(math.comb(2 * k, k)))
+    found = [difference_noise(u, k) for k in range(1, _ORDERS + 1)]
     # steps spoil the higher orders, slopes the lower ones
     least = int(np.argmin(found))
     if least == _ORDERS - 1 and found[least] < _WHITE * found[least - 2]:
@@ -110,3 +109,22 @@ def _followed(taken: Array, noise: float, u: Array, y: Array) -> bool:
     share = np.abs(share) / max(gain * power, 1e-300)
     by_chance = size / max(gain * math.sqrt(power), 1e-300)
     return float(share.max()) > max(_FOLLOWED, 5.0 * by_chance)
+
+
+def smoothed_text(share: float) -> str:
+    """Return what is said of noise that was taken out of an input.
+
+    Parameters
+    ----------
+    share : float
+        Its standard deviation, over the range of the input [1].
+
+    Returns
+    -------
+    str
+        A sentence.
+    """
+    return (
+        f"the input has noise of {100 * share:.2g} % of its range, which the output does not "
+        "follow: it was smoothed; use the command instead where it was recorded"
+    )

@@ -15,14 +15,14 @@ from flexstage.hysteresis.identification.cycles import (
     input_noise,
 )
 from flexstage.hysteresis.identification.faults import (
-    Finding,
+    RecordFault,
     butterfly,
     butterfly_text,
     findings_of_record,
 )
-from flexstage.hysteresis.identification.input_noise import denoised
+from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.spikes import without_spikes
-from flexstage.records import Channel, Record
+from flexstage.records import Channel, Record, difference_noise
 
 __all__ = ["Measurement", "Section", "measurement"]
 
@@ -117,7 +117,7 @@ class Measurement:
         Range of the output after the warm-up, in its unit.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
-    findings : tuple of Finding
+    findings : tuple of RecordFault
         Spikes that were taken out, clipping, butterfly loops.
     drift : bool
         Whether the last column beside the model is a drift.
@@ -129,7 +129,7 @@ class Measurement:
     output_unit: str
     stroke: float
     warnings: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[RecordFault, ...] = ()
     drift: bool = False
 
     @property
@@ -322,7 +322,7 @@ def _section(u: Array, y: Array, dt: float, source: str) -> Section:
             "that is to be used"
         )
     # differences of third order pass noise and hardly pass a smooth motion
-    noise = 1.4826 * float(np.median(np.abs(np.diff(y, 3)))) / np.sqrt(20.0)
+    noise = difference_noise(y, 3)
     return with_history(
         Section(
             u=np.ascontiguousarray(u),
@@ -476,10 +476,7 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
     ]
     noise = max(s.input_noise for s in m.sections) / (m.input_range[1] - m.input_range[0])
     if noise > 0.0:
-        found.append(
-            f"the input has noise of {100 * noise:.2g} % of its range, which the output does not "
-            "follow: it was smoothed; use the command instead where it was recorded"
-        )
+        found.append(smoothed_text(noise))
     if m.sign < 0:
         found.append("the output falls where the input rises: the sign of the output was turned")
     return tuple(found)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.faults import Finding, with_unit
+from flexstage.hysteresis.identification.faults import RecordFault, with_unit
 from flexstage.hysteresis.identification.misfit import Misfit, misfit
 
 __all__ = ["Verdict", "verdict"]
@@ -55,14 +55,14 @@ class Verdict:
         Why it does not; empty where it does.
     line_percent : float
         What a straight line would leave, over the stroke, rms [%].
-    findings : tuple of Finding
+    findings : tuple of RecordFault
         What is in the records that is not the motion of a drive.
     """
 
     fits: bool
     reason: str
     line_percent: float
-    findings: tuple[Finding, ...]
+    findings: tuple[RecordFault, ...]
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -136,10 +136,10 @@ def _line(data: Data) -> float:
     return float(np.sqrt(squares / max(count, 1)))
 
 
-def _jumps(data: Data, left: Misfit) -> list[Finding]:
+def _jumps(data: Data, left: Misfit) -> list[RecordFault]:
     m = data.measurement
     least = 0.01 * _SMALLEST_JUMP * m.stroke
-    made: list[Finding] = []
+    made: list[RecordFault] = []
     for number, (s, r, e) in enumerate(zip(m.sections, data.rows, left.left, strict=True)):
         cycle = max(int(np.median(np.diff(s.cycles.bounds))), 1)
         every = int(r.at[1] - r.at[0]) if r.at.size > 1 else 1
@@ -155,7 +155,7 @@ def _jumps(data: Data, left: Misfit) -> list[Finding]:
             at, jump = s.begin + float(r.at[k] - s.history) * s.dt, m.sign * size
             percent = 100.0 * jump / m.stroke
             made.append(
-                Finding(
+                RecordFault(
                     kind="jump",
                     record=number,
                     at=(at,),
@@ -217,7 +217,7 @@ def steps_of(e: Array, u: Array, cycle: int) -> list[tuple[int, float]]:
     return [(k, mean) for k, _, mean in peaks[: best + 1]]
 
 
-def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
+def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[RecordFault]:
     """Fit once more, with a trend in each half of each record beside the model."""
     m = data.measurement
     sections = tuple(
@@ -230,7 +230,7 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
     again = misfit(family.fit(more, fit.search if fit.search.size else None).model, more)
     if np.mean(again.at(data.use) ** 2) > (1.0 - _WORTH) * rms**2:
         return []
-    made: list[Finding] = []
+    made: list[RecordFault] = []
     for number, (s, r, use) in enumerate(zip(sections, data.rows, data.use, strict=True)):
         if not use.any():
             continue
@@ -250,7 +250,7 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[Finding]:
             continue
         seconds = s.u.size * s.dt
         made.append(
-            Finding(
+            RecordFault(
                 kind="drift",
                 record=number,
                 at=(),
