@@ -559,7 +559,9 @@ def test_a_preisach_fit_is_an_optimum():
     model = family.fit(data).model
     assert isinstance(model, Preisach)
     x = model.slopes.ravel()
-    behind = data.memo["preisach"]
+    (section,) = data.measurement.sections
+    columns = np.concatenate(list(family.columns(section, data)), axis=1)  # type: ignore[attr-defined]
+    behind = behind_chain([columns], data)
     normal = equations(behind, data)
     moving = np.ptp(behind[0], axis=0) > 0.0
     penalty = family.smoothing(data, moving)  # type: ignore[attr-defined]

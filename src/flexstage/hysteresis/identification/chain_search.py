@@ -1,7 +1,9 @@
 """The linear chain behind a hysteresis that is not known yet."""
 
+import functools
 import itertools
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,9 +20,9 @@ from flexstage.hysteresis.identification.families.family import (
     Data,
     behind_chain,
     equations,
-    residual,
 )
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
 from flexstage.hysteresis.identification.measurement import (
@@ -28,7 +30,15 @@ from flexstage.hysteresis.identification.measurement import (
     Section,
     without_history,
 )
-from flexstage.hysteresis.identification.projection import Normal, Solution, solve
+from flexstage.hysteresis.identification.projection import (
+    Normal,
+    Solution,
+    columns_chosen,
+    groups_summed,
+    normal_equations,
+    solve,
+    square_left,
+)
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
 __all__ = ["FoundChain", "find_chain", "find_starts", "used_rows"]
@@ -358,7 +368,11 @@ def _jumped(sections: tuple[Section, ...]) -> JumpResponse | None:
 
 
 class _Search:
-    """Misfit of a chain, with the best density of a coarse dictionary."""
+    """Misfit of a chain, with the best density of a coarse dictionary.
+
+    Products of columns with one another are what costs, and they are formed once for many chains:
+    creep adds its share to each column alike, and a delay of a part of a sample mixes two samples.
+    """
 
     def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
         data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
@@ -369,22 +383,25 @@ class _Search:
         )
         self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
         family = PreisachFamily(*_DICTIONARY)
-        self._columns = [
-            np.asfortranarray(np.concatenate(list(family.columns(s, self._data)), axis=1))
-            for s in data.sections
+        columns = [
+            np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
         ]
-        moving = np.any([np.ptp(c, axis=0) > 0.0 for c in self._columns], axis=0)
-        self._penalty = family.smoothing(self._data, moving)
+        moving = moves(columns)
+        self._quasi = [np.asfortranarray(c[:, moving]) for c in columns]
+        self._penalty = _of(family.smoothing(self._data, moving), moving)
         # every other threshold: what that changes says what a grid of thresholds does
-        self._coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
+        coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
         half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
-        self._coarse_penalty = half.smoothing(self._data, moving[self._coarse])
+        self._coarse_penalty = _of(half.smoothing(self._data, moving[coarse]), moving[coarse])
+        self._coarse = np.flatnonzero(np.isin(np.flatnonzero(moving), coarse))
         # creep acts on every column alike: its share of a column is found once
         longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
         self._unit = ChainValues(creep_per_decade=1.0, creep_longest=longest)
         self._known: ChainValues | None = None
-        self._quasi = list(self._columns)
+        self._columns = list(self._quasi)
         self._creep = [self._crept(i, s) for i, s in enumerate(data.sections)]
+        self._both: dict[int, Array] = {}
+        self._products: dict[tuple[int, int], Normal] = {}
 
     def _crept(self, i: int, section: Section) -> Array:
         """What creep adds to the columns of a section, with the modes that are known."""
@@ -397,6 +414,7 @@ class _Search:
         for i, section in enumerate(self._data.measurement.sections):
             self._columns[i] = _behind_modes(self._quasi[i], section, self._known)
             self._creep[i] = _behind_modes(self._creep[i], section, self._known)
+        self._both, self._products = {}, {}
 
     def begin(self, starts: Sequence[Start]) -> None:
         """Let the drive have done something else before each record."""
@@ -406,14 +424,44 @@ class _Search:
             if start != sections[i].start:
                 sections[i] = replace(sections[i], start=start)
                 self._creep[i] = self._crept(i, sections[i])
+                self._both.pop(i, None)
+                self._products = {at: own for at, own in self._products.items() if at[0] != i}
         self._data = replace(self._data, measurement=replace(m, sections=tuple(sections)))
 
     def rms(self, chain: ChainValues) -> float:
         """Misfit that the best density leaves behind a chain, over the stroke."""
-        behind, bare = self._behind(chain)
-        solution = self._solve(equations(behind, bare))
-        left = residual(behind, solution, bare) / bare.measurement.stroke
-        return float(np.sqrt(np.mean(left**2)))
+        normal = self._normal(chain)
+        left = max(square_left(normal, self._solve(normal)), 0.0)
+        return math.sqrt(left / normal.count) / self._data.measurement.stroke
+
+    def _normal(self, chain: ChainValues) -> Normal:
+        """Normal equations of the columns behind a chain."""
+        gamma = chain.creep_per_decade
+        if chain.resonance_hz > 0.0 and self._known is None:
+            columns = [c + gamma * k for c, k in zip(self._columns, self._creep, strict=True)]
+            bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
+            return equations(behind_chain(columns, bare), bare)
+        made = []
+        for i, section in enumerate(self._data.measurement.sections):
+            late, share = divmod(chain.delay / section.dt, 1.0)
+            mixed = np.kron((1.0 - share, share), (1.0, gamma))
+            made.append(groups_summed(self._product(i, int(late)), mixed))
+        return functools.reduce(operator.add, made)
+
+    def _product(self, i: int, late: int) -> Normal:
+        """Equations of columns and of what creep adds, so many samples late and one more."""
+        if (i, late) not in self._products:
+            section, use = self._data.measurement.sections[i], self._data.use[i]
+            if i not in self._both:
+                both = (self._columns[i], self._creep[i])
+                self._both[i] = np.ascontiguousarray(np.hstack(both)[section.history :])
+            at = self._data.rows[i].at[use]
+            first = at - section.history - late
+            columns = [self._both[i][np.maximum(k, 0)] for k in (first, first - 1)]
+            self._products[i, late] = normal_equations(
+                np.concatenate(columns, axis=1), section.nuisance[at], section.y[at]
+            )
+        return self._products[i, late]
 
     def spread(self, best: ChainValues, limits: Mapping[str, float]) -> dict[str, float]:
         """Standard errors of values of the chain: the jackknife over parts of the cycles.
@@ -431,10 +479,18 @@ class _Search:
         if len(parts) < 3:
             return dict.fromkeys(names, math.inf)
         around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(names))))
+        chains = [
+            replace(best, **dict(zip(names, at + step * x, strict=True))) for x in around
+        ]
+        made: dict[ChainValues, list[Normal]] = {}
+        for chain in chains:
+            bare = replace(chain, creep_per_decade=0.0)
+            if bare not in made:
+                made[bare] = self._parted(bare, parts)
         costs = np.array(
             [
-                self._costs(replace(best, **dict(zip(names, at + step * x, strict=True))), parts)
-                for x in around
+                self._costs(made[replace(c, creep_per_decade=0.0)], c.creep_per_decade)
+                for c in chains
             ]
         )
         moved = np.array([_lowest(around, c) for c in costs.T]) * step
@@ -448,39 +504,37 @@ class _Search:
         error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
         return {name: float(e) for name, e in zip(names, error, strict=True)}
 
-    def _costs(self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]) -> Array:
-        """Sums of squares: of all, of all by half of the dictionary, and of all but each part."""
-        behind, bare = self._behind(chain)
+    def _parted(self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]) -> list[Normal]:
+        """Equations of columns and of what creep adds: of all, and of all but each part."""
+        if self._known is not None:
+            chain = replace(chain, resonance_hz=0.0)
+        bare = replace(self._data, chain=chain)
+        behind = [
+            np.concatenate(pair, axis=1)
+            for pair in zip(
+                behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True
+            )
+        ]
         whole = equations(behind, bare)
-        half = equations([np.ascontiguousarray(c[:, self._coarse]) for c in behind], bare)
-        rest = [whole - equations(behind, bare.with_use(part)) for part in parts]
-        costs = [_square(n, self._solve(n)) for n in (whole, *rest)]
-        costs.insert(1, _square(half, self._solve(half, self._coarse_penalty)))
+        return [whole, *(whole - equations(behind, bare.with_use(part)) for part in parts)]
+
+    def _costs(self, parted: list[Normal], gamma: float) -> Array:
+        """Sums of squares: of all, of all by half of the dictionary, and of all but each part."""
+        whole, *rest = (groups_summed(n, np.array([1.0, gamma])) for n in parted)
+        half = columns_chosen(whole, self._coarse)
+        costs = [square_left(n, self._solve(n)) for n in (whole, *rest)]
+        costs.insert(1, square_left(half, self._solve(half, self._coarse_penalty)))
         return np.array(costs)
 
     def _solve(self, normal: Normal, penalty: Array | None = None) -> Solution:
         penalty = self._penalty if penalty is None else penalty
-        assert penalty is not None
         return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
 
-    def _behind(self, chain: ChainValues) -> tuple[list[Array], Data]:
-        """Columns behind a chain at the rows that are looked at."""
-        if self._known is not None:
-            chain = replace(chain, resonance_hz=0.0)
-        bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
-        gamma = chain.creep_per_decade
-        if chain.resonance_hz > 0.0:
-            pairs = zip(self._columns, self._creep, strict=True)
-            return behind_chain([c + gamma * k for c, k in pairs], bare), bare
-        # a delay takes samples of both alike, so they need not be added at every sample
-        pairs = zip(behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True)
-        return [c + gamma * k for c, k in pairs], bare
 
-
-def _square(normal: Normal, found: Solution) -> float:
-    """Sum of squares that a solution leaves."""
-    z = np.concatenate((found.coefficients, found.nuisance))
-    return normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z)
+def _of(penalty: Array | None, moving: NDArray[np.bool_]) -> Array:
+    """The part of a penalty that belongs to the columns that move."""
+    assert penalty is not None
+    return penalty[np.ix_(moving, moving)]
 
 
 def _lowest(around: Array, cost: Array) -> Array:

@@ -12,9 +12,16 @@ from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, 
 from flexstage.hysteresis.identification.chain_search import used_rows
 from flexstage.hysteresis.identification.families.family import Data, equations
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.measurement import Measurement, Section
-from flexstage.hysteresis.identification.projection import Normal, Solution, solve
+from flexstage.hysteresis.identification.projection import (
+    Normal,
+    Solution,
+    groups_summed,
+    solve,
+    square_left,
+)
 
 __all__ = ["with_spectrum"]
 
@@ -125,13 +132,12 @@ class _Fit:
         columns = [
             np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
         ]
-        moving = np.any([np.ptp(c, axis=0) > 0.0 for c in columns], axis=0)
+        moving = moves(columns)
         penalty = family.smoothing(self._data, moving)
         assert penalty is not None
-        self._penalty = penalty * self._data.input_scale**2
-        self._size = family.size
+        self._penalty = penalty[np.ix_(moving, moving)] * self._data.input_scale**2
         self._behind = [
-            self._at_rows(c, s, r) for c, s, r in zip(columns, data.sections, rows, strict=True)
+            self._at_rows(c[:, moving], s, r) for c, s, r in zip(columns, data.sections, rows, strict=True)
         ]
         self.whole = equations(self._behind, self._data)
 
@@ -153,7 +159,7 @@ class _Fit:
 
     def _densities(self, normal: Normal, lags: Array) -> Solution:
         return solve(
-            _contracted(normal, np.kron(lags[:, None], np.eye(self._size))),
+            groups_summed(normal, lags),
             smoothing=self._penalty * normal.count,
         )
 
@@ -172,7 +178,7 @@ class _Fit:
             if share.coefficients[0] <= 0.0:
                 break
             a = share.coefficients[1:] / share.coefficients[0]
-            left = _square(found, share)
+            left = square_left(found, share)
             if last - left <= _SETTLED * left:
                 break
             last = left
@@ -191,8 +197,8 @@ class _Fit:
                 (self._factors(self.weights(rest)), after),
             ):
                 solution = self._densities(rest, lags)
-                own = _contracted(part, np.kron(lags[:, None], np.eye(self._size)))
-                kept.append(_square(own, solution) / part.count)
+                own = groups_summed(part, lags)
+                kept.append(square_left(own, solution) / part.count)
         return np.array(before), np.array(after)
 
 
@@ -209,9 +215,3 @@ def _contracted(normal: Normal, to: NDArray[Any]) -> Normal:
         count=normal.count,
         columns=k,
     )
-
-
-def _square(normal: Normal, solution: Solution) -> float:
-    """Sum of squares that a solution leaves."""
-    x = np.concatenate((solution.coefficients, solution.nuisance))
-    return normal.square - 2.0 * float(normal.right @ x) + float(x @ normal.gram @ x)

@@ -1,13 +1,22 @@
 """Linear least squares with some coefficients that must not be negative."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-__all__ = ["Normal", "Solution", "normal_equations", "solve"]
+__all__ = [
+    "Normal",
+    "Solution",
+    "columns_chosen",
+    "groups_summed",
+    "normal_equations",
+    "solve",
+    "square_left",
+]
 
 Array = NDArray[np.float64]
 
@@ -88,7 +97,9 @@ class Solution:
     nuisance: Array
 
 
-def normal_equations(columns: Array, nuisance: Array, y: Array) -> Normal:
+def normal_equations(
+    columns: Array, nuisance: Array, y: Array, runs: Sequence[slice] = (slice(None),)
+) -> Normal:
     """Return the normal equations of some samples.
 
     Parameters
@@ -99,20 +110,94 @@ def normal_equations(columns: Array, nuisance: Array, y: Array) -> Normal:
         Further columns, of any sign, shape (n, k).
     y : numpy.ndarray
         Output, shape (n,).
+    runs : sequence of slice
+        The samples; all where not given.
 
     Returns
     -------
     Normal
         The equations.
     """
-    every = np.concatenate((columns, nuisance), axis=1)
-    return Normal(
-        gram=every.T @ every,
-        right=every.T @ y,
-        square=float(y @ y),
-        count=y.size,
-        columns=columns.shape[1],
+    m, size = columns.shape[1], columns.shape[1] + nuisance.shape[1]
+    gram, right, square, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
+    for run in runs:
+        c, other, own = columns[run], nuisance[run], y[run]
+        gram[:m, :m] += c.T @ c
+        gram[:m, m:] += c.T @ other
+        gram[m:, m:] += other.T @ other
+        right[:m] += c.T @ own
+        right[m:] += other.T @ own
+        square += float(own @ own)
+        count += own.size
+    gram[m:, :m] = gram[:m, m:].T
+    return Normal(gram=gram, right=right, square=square, count=count, columns=m)
+
+
+def columns_chosen(normal: Normal, chosen: NDArray[np.intp]) -> Normal:
+    """Return the equations of some of the columns.
+
+    Parameters
+    ----------
+    normal : Normal
+        The equations.
+    chosen : numpy.ndarray
+        Numbers of the columns, shape (k,).
+
+    Returns
+    -------
+    Normal
+        Their equations.
+    """
+    kept = np.concatenate((chosen, np.arange(normal.columns, normal.right.size)))
+    gram, right = normal.gram[np.ix_(kept, kept)], normal.right[kept]
+    return replace(normal, gram=gram, right=right, columns=chosen.size)
+
+
+def groups_summed(normal: Normal, factors: Array) -> Normal:
+    """Return the equations of sums of columns that lie in groups, side by side.
+
+    Parameters
+    ----------
+    normal : Normal
+        The equations, of groups of as many columns each.
+    factors : numpy.ndarray
+        Factor of each group: column j of the sum is that of all columns j, shape (g,).
+
+    Returns
+    -------
+    Normal
+        The equations of the sum.
+    """
+    n, m = normal.columns, normal.columns // factors.size
+    summed = np.tensordot(factors, normal.gram[:n].reshape(factors.size, m, -1), axes=1)
+    gram = np.empty((m + normal.gram.shape[0] - n,) * 2)
+    gram[:m, :m] = np.tensordot(
+        summed[:, :n].reshape(m, factors.size, m), factors, axes=([1], [0])
     )
+    gram[:m, m:] = summed[:, n:]
+    gram[m:, :m] = gram[:m, m:].T
+    gram[m:, m:] = normal.gram[n:, n:]
+    right = np.concatenate((factors @ normal.right[:n].reshape(factors.size, m), normal.right[n:]))
+    return replace(normal, gram=gram, right=right, columns=m)
+
+
+def square_left(normal: Normal, solution: Solution) -> float:
+    """Return the sum of squares that a solution leaves.
+
+    Parameters
+    ----------
+    normal : Normal
+        The equations.
+    solution : Solution
+        The coefficients.
+
+    Returns
+    -------
+    float
+        The sum, exact to rounding of the sum of squares of the output.
+    """
+    x = np.concatenate((solution.coefficients, solution.nuisance))
+    return normal.square - 2.0 * float(normal.right @ x) + float(x @ normal.gram @ x)
 
 
 def solve(

@@ -19,7 +19,7 @@ from flexstage.hysteresis.identification.projection import (
 )
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["Data", "Family", "Fit", "behind_chain", "coarse", "equations", "residual"]
+__all__ = ["Data", "Family", "Fit", "behind_chain", "coarse", "equations", "residual", "runs"]
 
 Array = NDArray[np.float64]
 
@@ -229,9 +229,26 @@ def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
 def _summed(behind: list[Array], data: Data) -> Normal:
     own = []
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
-        at, chosen = (r.at, c) if use.all() else (r.at[use], c[use])
-        own.append(normal_equations(chosen, s.nuisance[at], s.y[at]))
+        nuisance, y = s.nuisance[r.at], s.y[r.at]
+        own.append(normal_equations(c, nuisance, y, runs(use)))
     return functools.reduce(operator.add, own)
+
+
+def runs(use: NDArray[np.bool_]) -> list[slice]:
+    """Return the runs of samples in use.
+
+    Parameters
+    ----------
+    use : numpy.ndarray
+        Which samples are in use, shape (r,).
+
+    Returns
+    -------
+    list of slice
+        The runs.
+    """
+    ends = np.flatnonzero(np.diff(use, prepend=False, append=False))
+    return [slice(a, b) for a, b in ends.reshape(-1, 2).tolist()]
 
 
 def coarse(data: Data) -> Data:
@@ -296,6 +313,6 @@ def residual(behind: list[Array], solution: Solution, data: Data) -> Array:
         count = s.nuisance.shape[1]
         own = solution.nuisance[first : first + count]
         first += count
-        at = r.at[use]
-        left.append(s.y[at] - c[use] @ solution.coefficients - s.nuisance[at] @ own)
+        made = c @ solution.coefficients + s.nuisance[r.at] @ own
+        left.append((s.y[r.at] - made)[use])
     return np.concatenate(left)

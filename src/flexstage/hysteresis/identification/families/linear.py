@@ -1,7 +1,7 @@
 """Models whose output is linear in all of their parameters: one global optimum."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,12 +15,15 @@ from flexstage.hysteresis.identification.families.family import (
     equations,
 )
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.identification.projection import Normal, solve
+from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["LinearFamily", "moving_columns"]
+__all__ = ["LinearFamily", "moves"]
 
 Array = NDArray[np.float64]
+
+#: Columns behind the chain that change by less than this, over the largest change, stand still.
+_ROUNDING = 1e-9
 
 
 class LinearFamily(Family):
@@ -110,76 +113,104 @@ class LinearFamily(Family):
             The fitted model.
         """
         del start
-        behind = self._behind(data)
-        x = self.coefficients(equations(behind, data, self.kind), behind, data)
-        active = np.flatnonzero(x > 0.0)
+        made = self.refit(data, np.zeros(0))
+        behind, moving = self.moving(data)
+        active = np.isin(np.array(self.names(data))[moving], made.names)
+        parts = [c[:, active] for c in behind]
+        used = [c if use.all() else c[use] for c, use in zip(parts, data.use, strict=True)]
+        return replace(made, jacobian=np.concatenate(used))
+
+    def refit(self, data: Data, optimum: Array) -> Fit:
+        """Fit fewer samples.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+        optimum : numpy.ndarray
+            Not used: there is nothing to search for.
+
+        Returns
+        -------
+        Fit
+            The fitted model, without what standard errors need.
+        """
+        del optimum
+        behind, moving = self.moving(data)
+        x = np.zeros(moving.size)
+        x[moving] = self.solution(equations(behind, data, self.kind), data).coefficients
+        active = np.flatnonzero(x)
         names = self.names(data)
         return Fit(
-            model=self.build(x, data),
-            names=tuple(names[i] for i in active),
-            values=x[active],
-            jacobian=np.concatenate(
-                [c[np.ix_(use, active)] for c, use in zip(behind, data.use, strict=True)]
-            ),
+            model=self.build(x, data), names=tuple(names[i] for i in active), values=x[active]
         )
 
-    def coefficients(self, normal: Normal, behind: list[Array], data: Data) -> Array:
+    def solution(self, normal: Normal, data: Data) -> Solution:
         """Solve the normal equations.
 
         Parameters
         ----------
         normal : Normal
-            Equations of the samples that are fitted.
-        behind : list of numpy.ndarray
-            Columns behind the chain at the rows of each section, shape (r, m).
+            Equations of the samples that are fitted, of the columns that move.
         data : Data
             The data.
 
         Returns
         -------
-        numpy.ndarray
-            The parameters, shape (m,), zero for columns that do not move.
+        Solution
+            The parameters of the columns that move, and the nuisance.
         """
-        key = f"{self.kind} moving"
-        if key not in data.memo:
-            data.memo[key] = moving_columns(behind)
-        moving = data.memo[key]
+        _, moving = self.moving(data)
         penalty = self.smoothing(data, moving)
-        gram, right = normal.gram.copy(), normal.right.copy()
         if penalty is not None:
-            m = normal.columns
-            gram[:m, :m] += penalty * normal.count * data.input_scale**2
-        # a column that stands still cannot be told from the offset, and is none of this model
-        still = np.flatnonzero(~moving)
-        gram[still, :] = gram[:, still] = 0.0
-        gram[still, still] = 1.0
-        right[still] = 0.0
-        x = solve(replace(normal, gram=gram, right=right)).coefficients
-        x[still] = 0.0
-        return x
+            penalty = penalty[np.ix_(moving, moving)] * (normal.count * data.input_scale**2)
+        return solve(normal, smoothing=penalty)
 
-    def _behind(self, data: Data) -> list[Array]:
-        """Columns behind the chain at the rows, worked out once."""
+    def moving(self, data: Data) -> tuple[list[Array], NDArray[np.bool_]]:
+        """Give the columns that move, behind the chain at the rows, worked out once.
+
+        One that stands still cannot be told from the offset, and is none of this model.
+
+        Parameters
+        ----------
+        data : Data
+            The data.
+
+        Returns
+        -------
+        list of numpy.ndarray and numpy.ndarray
+            Columns of each section, shape (r, some of m); and which of all they are, shape (m,).
+        """
         if self.kind not in data.memo:
+            parts, moving = [], []
             # a block at a time: all columns at all samples of a long record would not fit
-            blocks = zip(*(self.columns(s, data) for s in data.measurement.sections), strict=True)
-            parts = [behind_chain(list(block), data) for block in blocks]
-            data.memo[self.kind] = [np.concatenate(own, axis=1) for own in zip(*parts, strict=True)]
+            for block in zip(
+                *(self.columns(s, data) for s in data.measurement.sections), strict=True
+            ):
+                some = moves(block)
+                parts.append(behind_chain([c[:, some] for c in block], data))
+                moving.append(some)
+            behind = [np.concatenate(own, axis=1) for own in zip(*parts, strict=True)]
+            every, some = np.concatenate(moving), moves(behind, _ROUNDING)
+            every[every] = some
+            data.memo[self.kind] = [c[:, some] for c in behind], every
         return data.memo[self.kind]
 
 
-def moving_columns(behind: list[Array]) -> NDArray[np.bool_]:
-    """Return which columns change by more than rounding anywhere.
+def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
+    """Return which columns change anywhere.
 
     Parameters
     ----------
-    behind : list of numpy.ndarray
-        Columns at the rows of each section, shape (r, m).
+    columns : sequence of numpy.ndarray
+        Columns of each section, shape (n, m).
+    share : float
+        Change that does not count, over the largest one.
 
     Returns
     -------
     numpy.ndarray
         Shape (m,).
     """
-    spread = np.max([np.ptp(c, axis=0) for c in behind], axis=0)
-    return spread > 1e-9 * max(float(spread.max()), 1e-300)
+    spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
+    return spread > share * np.max(spread, initial=0.0)

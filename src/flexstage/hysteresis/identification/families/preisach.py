@@ -10,7 +10,7 @@ from flexstage.hysteresis.identification.families.family import Data, Fit, equat
 from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.identification.projection import Normal
+from flexstage.hysteresis.identification.projection import Normal, square_left
 from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
 
 __all__ = ["PreisachFamily"]
@@ -167,14 +167,14 @@ class PreisachFamily(LinearFamily):
         return _SMOOTHING[2] if chosen is None else float(chosen[0])
 
     def _best_weight(self, data: Data) -> float:
-        behind = self._behind(data)
+        behind, _ = self.moving(data)
         # one run each: a density shall also hold a little beyond what it was fitted to
         folds = folds_of(data, _PARTS, runs=1)
         if len(folds) < 2:
             return _SMOOTHING[2]
         held = [equations(behind, data.with_use(fold)) for fold in folds]
         whole = equations(behind, data, self.kind)
-        left = {w: self._held_out(w, whole, held, behind, data) for w in _SMOOTHING}
+        left = {w: self._held_out(w, whole, held, data) for w in _SMOOTHING}
         best = min(_SMOOTHING, key=lambda w: left[w].sum())
         # the smoothest that is as good within what differs from part to part by chance
         for weight in sorted(_SMOOTHING, reverse=True):
@@ -184,7 +184,7 @@ class PreisachFamily(LinearFamily):
         return best
 
     def _held_out(
-        self, weight: float, whole: Normal, held: list[Normal], behind: list[Array], data: Data
+        self, weight: float, whole: Normal, held: list[Normal], data: Data
     ) -> Array:
         """Mean square that is left of each part, fitted to the others."""
         family = PreisachFamily(self._thresholds, self._means, weight)
@@ -192,16 +192,9 @@ class PreisachFamily(LinearFamily):
         for part in held:
             if part.count in (0, whole.count):
                 continue
-            rest = whole - part
-            x = family.coefficients(rest, behind, data)
-            m = rest.columns
             # the nuisance is what the fitted part says, as it will be in use
-            own = np.linalg.lstsq(
-                rest.gram[m:, m:], rest.right[m:] - rest.gram[m:, :m] @ x, rcond=None
-            )[0]
-            z = np.concatenate((x, own))
-            square = part.square - 2.0 * float(part.right @ z) + float(z @ part.gram @ z)
-            left.append(square / part.count)
+            solution = family.solution(whole - part, data)
+            left.append(square_left(part, solution) / part.count)
         return np.array(left)
 
 
