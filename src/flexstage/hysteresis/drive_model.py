@@ -55,7 +55,7 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
     creep : Creep
         The creep.
     x : numpy.ndarray
-        What the hysteresis gives, shape (n,).
+        What the hysteresis gives, shape (n,), or several of it, shape (m, n).
     dt : float
         Time from one sample to the next [s].
     start : "rested" or float
@@ -64,12 +64,12 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
     Returns
     -------
     numpy.ndarray
-        The state one step before the first sample.
+        The state one step before the first sample, shape (1 + k,) or (m, 1 + k).
     """
-    state = creep.settled(float(x[0]), dt)
+    state = x[..., :1] * creep.settled(1.0, dt)
     if start != "rested":
-        mean, low = float(np.mean(x)), float(np.min(x))
-        state[1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
+        mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
+        state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
     return state
 
 

@@ -113,6 +113,29 @@ class Creep(ChainElement):
         _creep(given, now, decay, ramp, self.lag_gains, y)
         return Response(values=y, state=now)
 
+    def simulate_rows(self, x: Array, dt: float, states: Array) -> Array:
+        """Return the outputs for several sequences of inputs.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            Inputs, a sequence in each row, shape (m, n).
+        dt : float
+            Step between samples [s].
+        states : numpy.ndarray
+            State of each sequence one step before the first sample, overwritten, shape (m, 1 + k).
+
+        Returns
+        -------
+        numpy.ndarray
+            The outputs, shape (m, n).
+        """
+        given = samples(x.reshape(-1), "input of creep").reshape(x.shape)
+        ratio = positive_step(dt) / self.time_constants
+        y = np.empty_like(given)
+        _creep_rows(given, states, decay_share(ratio), ramp_share(ratio), self.lag_gains, y)
+        return y
+
     def inverse(self, y: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
         """Return the input that gives a sequence of outputs, exact to rounding.
 
@@ -364,6 +387,12 @@ def _creep(x: Array, state: Array, decay: Array, ramp: Array, gain: Array, y: Ar
         last = x[k]
         y[k] = last + total
     state[0] = last
+
+
+@compiled
+def _creep_rows(x: Array, states: Array, decay: Array, ramp: Array, gain: Array, y: Array) -> None:
+    for j in range(x.shape[0]):
+        _creep(x[j], states[j], decay, ramp, gain, y[j])
 
 
 @compiled

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Creep, CreepSpectrum, Lag, LogCreep, StageModes
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import Measurement, Section
 
@@ -170,12 +171,11 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     before = np.minimum(at.astype(np.intp), n - 2)
     share = at - before
     for block in _blocks(n, m):
-        part = columns[:, block]
+        # column by column, as they lie in memory
+        part = np.ascontiguousarray(columns[:, block].T)
         if chain.creep_per_decade > 0.0 or chain.resonance_hz > 0.0:
             part = _dynamic(part, section, chain)
-        # column by column, as they lie in memory
-        low = np.take(part.T, before, axis=1)
-        behind[block] = low + share * (np.take(part.T, before + 1, axis=1) - low)
+        _between(part, before, share, behind[block])
     return behind.T
 
 
@@ -186,15 +186,21 @@ def _blocks(n: int, m: int) -> Iterator[slice]:
 
 
 def _dynamic(columns: Array, section: Section, chain: ChainValues) -> Array:
-    dt = section.dt
-    made = np.empty(columns.shape, order="F")
-    creep, modes = chain.creep, chain.modes
-    for j in range(columns.shape[1]):
-        column = np.ascontiguousarray(columns[:, j])
-        if chain.creep_per_decade > 0.0:
-            start = creep_start(creep, column, dt, section.start)
-            column = creep.simulate(column, dt, start).values
-        if modes is not None:
-            column = modes.simulate(column, dt).values
-        made[:, j] = column
-    return made
+    """What creep and modes make of columns, each of them in a row, shape (m, n)."""
+    dt, modes = section.dt, chain.modes
+    if chain.creep_per_decade > 0.0:
+        creep = chain.creep
+        starts = creep_start(creep, columns, dt, section.start)
+        columns = creep.simulate_rows(columns, dt, starts)
+    if modes is not None:
+        columns = np.array([modes.simulate(column, dt).values for column in columns])
+    return columns
+
+
+@compiled
+def _between(rows: Array, before: NDArray[np.intp], share: Array, out: Array) -> None:
+    """Read rows between samples, on straight lines."""
+    for j in range(rows.shape[0]):
+        for k in range(before.size):
+            low = rows[j, before[k]]
+            out[j, k] = low + share[k] * (rows[j, before[k] + 1] - low)

@@ -479,9 +479,7 @@ class _Search:
         if len(parts) < 3:
             return dict.fromkeys(names, math.inf)
         around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(names))))
-        chains = [
-            replace(best, **dict(zip(names, at + step * x, strict=True))) for x in around
-        ]
+        chains = [replace(best, **dict(zip(names, at + step * x, strict=True))) for x in around]
         made: dict[ChainValues, list[Normal]] = {}
         for chain in chains:
             bare = replace(chain, creep_per_decade=0.0)
@@ -504,7 +502,9 @@ class _Search:
         error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
         return {name: float(e) for name, e in zip(names, error, strict=True)}
 
-    def _parted(self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]) -> list[Normal]:
+    def _parted(
+        self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]
+    ) -> list[Normal]:
         """Equations of columns and of what creep adds: of all, and of all but each part."""
         if self._known is not None:
             chain = replace(chain, resonance_hz=0.0)

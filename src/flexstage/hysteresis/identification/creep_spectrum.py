@@ -137,7 +137,8 @@ class _Fit:
         assert penalty is not None
         self._penalty = penalty[np.ix_(moving, moving)] * self._data.input_scale**2
         self._behind = [
-            self._at_rows(c[:, moving], s, r) for c, s, r in zip(columns, data.sections, rows, strict=True)
+            self._at_rows(c[:, moving], s, r)
+            for c, s, r in zip(columns, data.sections, rows, strict=True)
         ]
         self.whole = equations(self._behind, self._data)
 

@@ -171,9 +171,7 @@ def groups_summed(normal: Normal, factors: Array) -> Normal:
     n, m = normal.columns, normal.columns // factors.size
     summed = np.tensordot(factors, normal.gram[:n].reshape(factors.size, m, -1), axes=1)
     gram = np.empty((m + normal.gram.shape[0] - n,) * 2)
-    gram[:m, :m] = np.tensordot(
-        summed[:, :n].reshape(m, factors.size, m), factors, axes=([1], [0])
-    )
+    gram[:m, :m] = np.tensordot(summed[:, :n].reshape(m, factors.size, m), factors, axes=([1], [0]))
     gram[:m, m:] = summed[:, n:]
     gram[m:, :m] = gram[:m, m:].T
     gram[m:, m:] = normal.gram[n:, n:]
@@ -229,21 +227,21 @@ def solve(
     if smoothing is not None:
         gram[:m, :m] += smoothing
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    gram /= np.outer(scale, scale)
+    gram /= scale
+    gram /= scale[:, None]
     right = normal.right / scale
     loose = np.ones(gram.shape[0], dtype=bool)
     loose[:m] = False if free is None else free
-    bound = np.flatnonzero(~loose)
-    loose = np.flatnonzero(loose)
     x = np.zeros(gram.shape[0])
-    inner = gram[np.ix_(loose, loose)] + _RIDGE * np.eye(loose.size)
-    coupling = np.linalg.solve(inner, gram[np.ix_(loose, bound)])
-    own = np.linalg.solve(inner, right[loose])
-    if bound.size:
-        reduced = gram[np.ix_(bound, bound)] - gram[np.ix_(bound, loose)] @ coupling
-        rest = right[bound] - gram[np.ix_(bound, loose)] @ own
-        x[bound] = _non_negative(reduced, rest)
-    x[loose] = own - coupling @ x[bound]
+    inner = gram[loose][:, loose]
+    np.fill_diagonal(inner, inner.diagonal() + _RIDGE)
+    across = gram[loose][:, ~loose]
+    every = np.linalg.solve(inner, np.column_stack((right[loose], across)))
+    own, coupling = every[:, 0], every[:, 1:]
+    if across.size:
+        reduced = gram[~loose][:, ~loose] - across.T @ coupling
+        x[~loose] = _non_negative(reduced, right[~loose] - across.T @ own)
+    x[loose] = own - coupling @ x[~loose]
     x /= scale
     return Solution(coefficients=x[:m], nuisance=x[m:])
 

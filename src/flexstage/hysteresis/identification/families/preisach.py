@@ -183,9 +183,7 @@ class PreisachFamily(LinearFamily):
                 return weight
         return best
 
-    def _held_out(
-        self, weight: float, whole: Normal, held: list[Normal], data: Data
-    ) -> Array:
+    def _held_out(self, weight: float, whole: Normal, held: list[Normal], data: Data) -> Array:
         """Mean square that is left of each part, fitted to the others."""
         family = PreisachFamily(self._thresholds, self._means, weight)
         left = []

@@ -20,7 +20,12 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.identification.projection import Solution, solve
+from flexstage.hysteresis.identification.projection import (
+    Normal,
+    Solution,
+    solve,
+    square_left,
+)
 from flexstage.hysteresis.model import HysteresisModel
 
 __all__ = ["SearchFamily"]
@@ -155,10 +160,13 @@ class SearchFamily(Family):
         """
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
-        normal, penalty = equations(behind, data), self.penalty(data)
-        smoothing = None if penalty is None else normal.count * penalty
-        solution = solve(normal, free=self.free(data), smoothing=smoothing)
+        solution = self._solved(equations(behind, data), data)
         return solution, behind, residual(behind, solution, data) / data.measurement.stroke
+
+    def _solved(self, normal: Normal, data: Data) -> Solution:
+        penalty = self.penalty(data)
+        smoothing = None if penalty is None else normal.count * penalty
+        return solve(normal, free=self.free(data), smoothing=smoothing)
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
         """Find the optimum.
@@ -220,11 +228,10 @@ class SearchFamily(Family):
         Fit
             The fitted model, without what standard errors need.
         """
-        place = self._moved(optimum, data)
-        solution, _, _ = self.project(place, data)
+        place, solution = self._moved(optimum, data)
         return Fit(model=self.build(place, solution.coefficients, data), search=place)
 
-    def _moved(self, start: Array, data: Data) -> Array:
+    def _moved(self, start: Array, data: Data) -> tuple[Array, Solution]:
         """Go from the optimum of more samples to that of these.
 
         The first step is on a parabola through costs about the start, whose columns are worked out
@@ -234,22 +241,28 @@ class SearchFamily(Family):
         points = _stencil(start)
         costs = []
         for point in points:
-            key = f"{self.kind} at {point.tolist()}"
-            if key not in data.memo:
-                quasi = [self.columns(s, point, data) for s in data.measurement.sections]
-                data.memo[key] = behind_chain(quasi, data)
-            normal = equations(data.memo[key], data, key)
-            found = solve(normal, free=self.free(data))
-            z = np.concatenate((found.coefficients, found.nuisance))
-            costs.append(normal.square - 2.0 * float(normal.right @ z) + float(z @ normal.gram @ z))
+            normal = self._kept(point, data)[1]
+            costs.append(square_left(normal, solve(normal, free=self.free(data))))
         slope, bend = _parabola(np.array(costs), start.size)
         place = _downhill(points[0], slope, bend)
         for _ in range(place.size):
             place = _downhill(place, self._slope(place, data), bend)
+        solution, _, left = self.project(place, data)
+        behind, normal = self._kept(start, data)
+        before = residual(behind, self._solved(normal, data), data) / data.measurement.stroke
         near = np.max(np.abs(place - start)) <= _NEAR
-        if near and self._cost(place, data) <= self._cost(start, data):
-            return place
-        return self._minimise(start, data, 1e-6)
+        if near and left @ left <= before @ before:
+            return place, solution
+        place = self._minimise(start, data, 1e-6)
+        return place, self.project(place, data)[0]
+
+    def _kept(self, place: Array, data: Data) -> tuple[list[Array], Normal]:
+        """Columns behind the chain that belong to a place, kept, and their equations."""
+        key = f"{self.kind} at {place.tolist()}"
+        if key not in data.memo:
+            quasi = [self.columns(s, place, data) for s in data.measurement.sections]
+            data.memo[key] = behind_chain(quasi, data)
+        return data.memo[key], equations(data.memo[key], data, key)
 
     def _slope(self, place: Array, data: Data) -> Array:
         """Change of the cost over the stencil's width with each searched parameter.
