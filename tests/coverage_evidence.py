@@ -17,11 +17,13 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from flexstage.errors import FlexstageError
 from flexstage.hysteresis import identify
 from flexstage.hysteresis.identification import Identification
-from flexstage.hysteresis.prediction import predict
+from flexstage.hysteresis.prediction import Prediction, predict
 from flexstage.records import Record, read_record
 
 PICMA = Path(__file__).resolve().parents[2] / "shared" / "data" / "picma-p885"
@@ -43,7 +45,8 @@ def pairs(folder: Path) -> Iterator[tuple[Pair, str, str, tuple[int, int]]]:
     for path in sorted(folder.glob("cont_*.csv")):
         found = re.search(r"_(20|40|100)_?(?:hz)?", path.stem)
         if found is not None:
-            key = path.stem[: found.start()] + path.stem[found.end() :]
+            # where the rate stands in the name belongs to the series: their filters differ
+            key = path.stem[: found.start()] + "_*" + path.stem[found.end() :]
             series.setdefault(key, []).append((int(found.group(1)), path))
     for files in series.values():
         for two in combinations(sorted(files), 2):
@@ -91,10 +94,25 @@ def stated(found: Identification) -> dict[str, tuple[float, float]]:
     return made
 
 
+def within(found: Identification, tried: Prediction) -> NDArray[np.bool_]:
+    """Samples after the warm-up of cycles that stay within the range that was identified."""
+    assert found.model.validity is not None
+    low, high = found.model.validity.input_range
+    margin = 0.01 * (high - low)
+    outside = (tried.command < low - margin) | (tried.command > high + margin)
+    period = float(np.median([1.0 / c.rate_hz for c in tried.cycles])) if tried.cycles else 0.0
+    reach = round(period / (tried.time[1] - tried.time[0]))
+    near = maximum_filter1d(outside.astype(np.int8), 2 * reach + 1) > 0
+    return ~near & (np.arange(near.size) >= tried.warm_up)
+
+
 def held_out(
     found: Identification, records: Pair, ends: Sequence[tuple[int, int]], columns: tuple[str, str]
 ) -> float | None:
-    """Share of errors inside the stated band, with a free constant, over what was not cut out."""
+    """Share of errors inside the stated band, with a free constant, over what was not cut out.
+
+    Only where the drive stays within the range that was identified, as the model says of itself.
+    """
     band = found.heldout_band_percent
     if band is None:
         return None
@@ -104,7 +122,10 @@ def held_out(
             if b - a < r.time.size // 5:
                 continue
             tried = predict(found.model, part(r, a, b), *columns)
-            error = (tried.measured - tried.predicted)[tried.warm_up :] / found.stroke
+            known = within(found, tried)
+            if known.sum() < r.time.size // 10:
+                continue
+            error = (tried.measured - tried.predicted)[known] / found.stroke
             shares.append(float(np.mean(np.abs(error - error.mean()) < 0.01 * band)))
     return float(np.mean(shares)) if shares else None
 

@@ -280,12 +280,20 @@ def _chain_and_start(
 ) -> tuple[Measurement, FoundChain]:
     """Find the chain, and what the drive did before each record, by what they leave together."""
     found = find_chain(data, chain, train=train, resonance=resonance)
-    starts = find_starts(data, found, train=train)
+    starts, width = find_starts(data, found, train=train)
     if all(start == s.start for start, s in zip(starts, data.sections, strict=True)):
-        return data, found
+        return data, _wider(found, width)
     sections = [replace(s, start=start) for s, start in zip(data.sections, starts, strict=True)]
     data = replace(data, sections=tuple(sections))
-    return data, find_chain(data, chain, train=train, resonance=resonance)
+    return data, _wider(find_chain(data, chain, train=train, resonance=resonance), width)
+
+
+def _wider(found: FoundChain, width: float) -> FoundChain:
+    """Add what is not known of the past of a drive to the error of its creep."""
+    if "creep_per_decade" not in found.errors:
+        return found
+    error = math.hypot(found.errors["creep_per_decade"], width)
+    return replace(found, errors={**found.errors, "creep_per_decade": error})
 
 
 def _stands_still(data: Data) -> bool:
@@ -458,7 +466,11 @@ def _result(
     train: tuple[int, int] | None,
 ) -> Identification:
     errors = _errors(tried, data)
-    parameters, offset, said = estimates(tried.fit, data, tried.left, tried.folds, found.widths)
+    cut = cross_validate(tried.family, data, tried.fit.search, stretches=True)
+    if cut is not None and tried.folds is not None:
+        errors = replace(errors, held_band=cut.band * 100.0 / data.measurement.stroke)
+    parts = tuple(f for f in (tried.folds, cut) if f is not None)
+    parameters, offset, said = estimates(tried.fit, data, tried.left, parts, found.widths)
     settling = _settling(tried, data)
     m = data.measurement
     drive = _drive_model(tried, data)

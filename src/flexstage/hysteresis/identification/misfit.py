@@ -177,7 +177,14 @@ class Folds:
     values: tuple[Mapping[str, float], ...] = ()
 
 
-def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
+def _band(quantiles: list[float]) -> float:
+    """What 95 % of the errors of a further part stay below: parts differ from one to another."""
+    return float(np.max(quantiles))
+
+
+def cross_validate(
+    family: Family, data: Data, start: Array, *, stretches: bool = False
+) -> Folds | None:
     """Fit to all cycles but some, and compare with those, in turn.
 
     Parameters
@@ -188,13 +195,16 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
         The data; rows that are not in use are left out of all.
     start : numpy.ndarray
         Where the search over nonlinear parameters has ended for all cycles.
+    stretches : bool
+        Whether each part is one stretch, so that time and amplitude are extrapolated where they
+        grow, as they are on another record; otherwise it is made of two that are far apart.
 
     Returns
     -------
     Folds or None
         The held-out errors; None where there are fewer than two cycles.
     """
-    folds = folds_of(data)
+    folds = folds_of(data, runs=1) if stretches else folds_of(data)
     if len(folds) < 2:
         return None
     errors, free, values = [], [], []
@@ -211,7 +221,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
         rms=root_mean_square(every),
         free_rms=root_mean_square(np.concatenate(free)),
         largest=float(np.max(np.abs(every))),
-        band=float(np.quantile(np.abs(every), BAND)),
+        band=_band([float(np.quantile(np.abs(e), BAND)) for e in errors]),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
         values=tuple(values),
     )

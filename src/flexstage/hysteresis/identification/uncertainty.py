@@ -40,7 +40,7 @@ class Estimate:
 
 
 def estimates(
-    fit: Fit, data: Data, left: Misfit, folds: Folds | None, chain: Mapping[str, float]
+    fit: Fit, data: Data, left: Misfit, folds: Sequence[Folds], chain: Mapping[str, float]
 ) -> tuple[tuple[Estimate, ...], Estimate, tuple[str, ...]]:
     """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
@@ -59,8 +59,8 @@ def estimates(
         The data.
     left : Misfit
         What the model leaves.
-    folds : Folds or None
-        The fits without parts of the cycles.
+    folds : sequence of Folds
+        The fits without parts of the cycles, for each way of dividing them.
     chain : Mapping
         How far each value of the chain that was found may be off; what the parameters move with
         it, all others fitted anew, is in their errors.
@@ -87,8 +87,8 @@ def estimates(
     plain = bread * float(e @ e) / max(e.size - J.shape[1], 1)
     # with few cycles the sum over them is too small, so the larger of the two is taken
     error = np.sqrt(np.maximum(np.diag(covariance), np.diag(plain)))[named] / scale[named]
-    if folds is not None and folds.values:
-        without = np.array([[own.get(n, 0.0) for n in fit.names] for own in folds.values])
+    for divided in folds:
+        without = np.array([[own.get(n, 0.0) for n in fit.names] for own in divided.values])
         error = np.maximum(error, _jackknife(without))
     for c, width in enumerate(chain.values(), start=first):
         along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
