@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.cycles import Cycles
 from flexstage.records import difference_noise, quantisation_step
+from flexstage.units import readable
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.measurement import Section
@@ -230,17 +231,12 @@ def _turns_back(branch: Array) -> tuple[int, float]:
 
 def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
     """Say that the polarity changes, and what to do."""
-    up, down = (with_unit(f"{value:.3g}", unit) for value in turned[:2])
+    up, down = (readable(unit, value) for value in turned[:2])
     return (
         f"butterfly loop: the output turns back where the input rises through {up} and where it "
         f"falls through {down}: a piezo drive passes its coercive field there, and no model here "
         "changes its polarity; keep the drive voltage unipolar"
     )
-
-
-def with_unit(number: str, unit: str) -> str:
-    """A number with its unit, where somebody has said one."""
-    return f"{number} {unit}" if unit else number
 
 
 def findings_of_record(
@@ -297,7 +293,7 @@ def findings_of_record(
     flat = clipped(u, y, section.cycles, section.noise)
     if flat is not None:
         level, lost, count = flat
-        stays = with_unit(f"{sign * level:.4g}", units[1])
+        stays = readable(units[1], sign * level, digits=4)
         add(
             "clipping", (), lost,
             f"the output stays at {stays} while the input goes on, in {count} samples "

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data, Family, behind_chain
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.heldout_error import rms_standard_error
 from flexstage.hysteresis.model import HysteresisModel
 
 __all__ = [
@@ -159,6 +160,8 @@ class Folds:
         Root mean square over all held-out rows, as predicted, in the unit of the output.
     free_rms : float
         The same, where each part may have a constant of its own.
+    standard_error : float or None
+        Standard error of the first, by its scatter between cycles.
     largest : float
         Largest absolute error there.
     band : float
@@ -171,6 +174,7 @@ class Folds:
 
     rms: float
     free_rms: float
+    standard_error: float | None
     largest: float
     band: float
     mean_square: Array
@@ -198,11 +202,15 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     if len(folds) < 2:
         return None
     errors, free, values = [], [], []
+    at_rows = [np.zeros(r.at.size) for r in data.rows]
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
         found = family.refit(part, start)
-        own = misfit(found.model, part).predicted_at(held)
+        left = misfit(found.model, part)
+        own = left.predicted_at(held)
+        for row, error, of in zip(at_rows, left.predicted, held, strict=True):
+            row[of] = error[of]
         errors.append(np.concatenate(own))
         free.append(free_constant(own))
         values.append(dict(zip(found.names, found.values.tolist(), strict=True)))
@@ -210,6 +218,7 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     return Folds(
         rms=root_mean_square(every),
         free_rms=root_mean_square(np.concatenate(free)),
+        standard_error=rms_standard_error(at_rows, data),
         largest=float(np.max(np.abs(every))),
         band=float(np.quantile(np.abs(every), BAND)),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
