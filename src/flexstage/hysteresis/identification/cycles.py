@@ -103,7 +103,7 @@ def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.i
     # large cycles make the rates, the largest first
     order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
     found: list[tuple[int, list[int]]] = []
-    for i in (*order, *np.flatnonzero(swing <= 0.5)):
+    for i in map(int, (*order, *np.flatnonzero(swing <= 0.5))):
         same = (
             own
             for first, own in found

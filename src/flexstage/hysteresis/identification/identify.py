@@ -569,8 +569,10 @@ def _before(tried: _Tried, data: Data) -> tuple[float, tuple[Start, ...]]:
         own = replace(data, measurement=replace(data.measurement, sections=moved))
         ends[start] = [c[:, 0] for c in behind_chain(quasi, own)]
     use = data.use[0]
-    left = {s: sections[0].y[data.rows[0].at] - e[0] for s, e in ends.items()}
-    rms = {s: float(np.std(e[use] if use.any() else e)) for s, e in left.items()}
+    y = sections[0].y[data.rows[0].at]
+    rms: dict[Start, float] = {}
+    for start, (first, *_) in ends.items():
+        rms[start] = float(np.std((y - first)[use] if use.any() else y - first))
     alike = tuple(s for s, own in rms.items() if own <= _ALIKE * rms[kept])
     every = [np.concatenate(ends[s]) for s in ("rested", 0.0, math.inf)]
     settling = float(np.max(np.ptp(every, axis=0)))

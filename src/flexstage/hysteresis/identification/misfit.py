@@ -160,24 +160,24 @@ class Folds:
         Root mean square over all held-out rows, as predicted, in the unit of the output.
     free_rms : float
         The same, where each part may have a constant of its own.
-    standard_error : float or None
-        Standard error of the first, by its scatter between cycles.
     largest : float
         Largest absolute error there.
     band : float
         Absolute error that 95 % of them stay below.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
+    standard_error : float or None
+        Standard error of the root mean square over all, by its scatter between cycles.
     values : tuple of Mapping
         Parameters by name where each part was left out; one that is absent is 0.
     """
 
     rms: float
     free_rms: float
-    standard_error: float | None
     largest: float
     band: float
     mean_square: Array
+    standard_error: float | None = None
     values: tuple[Mapping[str, float], ...] = ()
 
 
@@ -218,9 +218,9 @@ def cross_validate(family: Family, data: Data, start: Array) -> Folds | None:
     return Folds(
         rms=root_mean_square(every),
         free_rms=root_mean_square(np.concatenate(free)),
-        standard_error=rms_standard_error(at_rows, data),
         largest=float(np.max(np.abs(every))),
         band=float(np.quantile(np.abs(every), BAND)),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
+        standard_error=rms_standard_error(at_rows, data),
         values=tuple(values),
     )
