@@ -573,12 +573,12 @@ def _before(tried: _Tried, data: Data) -> tuple[float, tuple[Start, ...]]:
     rms: dict[Start, float] = {}
     for start, (first, *_) in ends.items():
         rms[start] = float(np.std((y - first)[use] if use.any() else y - first))
-    alike = tuple(s for s, own in rms.items() if own <= _ALIKE * rms[kept])
+    alike: list[Start] = [s for s, own in rms.items() if own <= _ALIKE * rms[kept]]
     every = [np.concatenate(ends[s]) for s in ("rested", 0.0, math.inf)]
     settling = float(np.max(np.ptp(every, axis=0)))
     if "rested" in alike and np.max(np.abs(every[0] - every[1])) < _SAME_START * settling:
-        alike = tuple(s for s in alike if s != 0.0)  # it rested at the low end
-    return settling, alike
+        alike = [s for s in alike if s != 0.0]  # it rested at the low end
+    return settling, tuple(alike)
 
 
 def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
