@@ -467,13 +467,14 @@ def _in_words(found: "Identification") -> list[str]:
     from flexstage.units import readable, readable_unit
 
     m, (low, high) = found.model, found.measurement.input_range
-    slope = f"{m.output_unit or 'output'}/{m.input_unit or 'input'}"
+    shown, factor = readable_unit(found.stroke, m.output_unit)  # one unit for all readings
+    shown, driven = shown or "output", m.input_unit or "input"
+    slope = factor * found.stroke / (high - low)
     said = [
         f"fitted: {found.settings['fitted']}",
-        f"stroke {readable(m.output_unit or 'output', found.stroke, digits=4)} over "
-        f"{readable(m.input_unit or 'input', low, high, digits=4)}, "
-        f"{readable(slope, found.stroke / (high - low))} on average; "
-        f"noise about {found.noise_percent:.2f} % of the stroke",
+        f"stroke {factor * found.stroke:.4g} {shown} over {readable(driven, low, high, digits=4)}, "
+        f"{slope:.3g} {shown}/{driven} on average; noise about {found.noise_percent:.2f} % of the "
+        "stroke",
     ]
     if found.heldout_rms_percent is not None:
         error = found.heldout_standard_error
@@ -486,10 +487,9 @@ def _in_words(found: "Identification") -> list[str]:
         said.append(f"largest error {found.max_percent:.2f} % of the stroke")
     if m.creep is not None:
         of = "the first record" if len(found.measurement.sections) > 1 else "the record"
-        unit, factor = readable_unit(found.stroke, m.output_unit)
         said.append(
             f"before {of} the drive seems to have {start_in_words(*found.starts)}; creep "
-            f"of that changes readings by up to {found.settling * factor:.2g} {unit or 'output'}"
+            f"of that changes readings by up to {factor * found.settling:.2g} {shown}"
         )
     return said
 
@@ -500,7 +500,7 @@ def _rows(found: "Identification", result: dict[str, Any]) -> list[tuple[str, st
     from flexstage.units import readable_unit
 
     m = found.model
-    shown, factor = readable_unit(found.stroke, m.output_unit)  # one unit for all lengths
+    shown, factor = readable_unit(found.stroke, m.output_unit)
     unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
     made = []
     for name, row in result["parameters"].items():

@@ -589,8 +589,8 @@ def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
         return ()
     return (
         f"creep of what the drive did before changes readings by up to {own:.2g} % of the stroke, "
-        "more than the model is off: let it move as in the record for some minutes first, before "
-        "it is recorded and before the model is used",
+        "more than the model is off: before it is recorded, and before the model is used, let it "
+        "rest or move alike for as long as the record lasts",
     )
 
 
