@@ -133,3 +133,20 @@ def test_loops_that_grow_are_said_to_be_counted_early():
     assert f"no sooner than at {reached:.3g} s" in said
     plain = measurement([record(drive(), after_cycles(drive()))], "u", "y")
     assert not any("ends" in w for w in plain.warnings)
+
+
+def test_times_that_are_drawn_are_those_of_the_file_where_samples_were_averaged():
+    from flexstage.report.figures import draw_identification
+
+    t = np.arange(96_000) / 4000.0
+    moving = LOW + 0.5 * (HIGH - LOW) * (1.0 - np.cos(2.0 * np.pi * 0.9 * t))
+    u = np.concatenate((np.full(8000, LOW), moving))
+    plant = Dahl(gain=3.3e-7, stiffness=1.1e-7, limit=2.1e-6)
+    y = plant.simulate(u).values + np.random.default_rng(3).normal(0.0, 4e-8, u.size)
+    whole = Record(channels=record(u, y).channels, time=np.arange(u.size) / 4000.0)
+    found = identify(whole, "u", "y", model="dahl", chain=ChainValues())
+    assert found.measurement.sections[0].dt > 1.5 / 4000.0
+    loop, error = draw_identification(found).axes
+    assert error.get_xlim()[1] == pytest.approx(26.0, abs=0.01)
+    last = float(loop.get_title(loc="left").split(" to ")[-1].removesuffix(" s"))
+    assert 24.0 < last < 26.0
