@@ -231,12 +231,17 @@ def _turns_back(branch: Array) -> tuple[int, float]:
 
 def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
     """Say that the polarity changes, and what to do."""
-    up, down = (readable(unit, value) for value in turned[:2])
+    up, down = (with_unit(f"{value:.3g}", unit) for value in turned[:2])
     return (
         f"butterfly loop: the output turns back where the input rises through {up} and where it "
         f"falls through {down}: a piezo drive passes its coercive field there, and no model here "
         "changes its polarity; keep the drive voltage unipolar"
     )
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number in a unit that suits it, where somebody has said one."""
+    return readable(unit, float(number), digits=4)
 
 
 def findings_of_record(
@@ -293,7 +298,7 @@ def findings_of_record(
     flat = clipped(u, y, section.cycles, section.noise)
     if flat is not None:
         level, lost, count = flat
-        stays = readable(units[1], sign * level, digits=4)
+        stays = with_unit(f"{sign * level:.4g}", units[1])
         add(
             "clipping", (), lost,
             f"the output stays at {stays} while the input goes on, in {count} samples "

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit
-from flexstage.hysteresis.identification.faults import RecordFault
+from flexstage.hysteresis.identification.faults import RecordFault, with_unit
 from flexstage.hysteresis.identification.misfit import Misfit, misfit
-from flexstage.units import readable, readable_unit
 
 __all__ = ["Verdict", "verdict"]
 
@@ -162,7 +161,7 @@ def _jumps(data: Data, left: Misfit) -> list[RecordFault]:
                     at=(at,),
                     size=jump,
                     percent=percent,
-                    text=f"the output jumps by {readable(m.output_unit, jump)} "
+                    text=f"the output jumps by {with_unit(f'{jump:.3g}', m.output_unit)} "
                     f"({percent:.2g} % of the stroke) at {at:.6g} s and stays there, and the input "
                     "does not: has the zero of the sensor changed, or has something slipped? "
                     "Identify one side of it, by --rows",
@@ -250,8 +249,6 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[RecordFaul
         ):
             continue
         seconds = s.u.size * s.dt
-        speed = size / seconds
-        unit, times = readable_unit(speed, f"{m.output_unit or 'units'}/s")
         made.append(
             RecordFault(
                 kind="drift",
@@ -259,10 +256,10 @@ def _drifts(family: Family, fit: Fit, data: Data, rms: float) -> list[RecordFaul
                 at=(),
                 size=size,
                 percent=percent,
-                text=f"the output drifts by {speed * times:.3g} {unit} "
-                f"(standard error {error / seconds * times:.1g}), {percent:.2g} % of the stroke "
-                "over the record, and does not slow down as creep does: fit it beside the model by "
-                "--drift, and look for what warms up",
+                text=f"the output drifts by {size / seconds:.3g} {m.output_unit or 'units'}/s "
+                f"(standard error {error / seconds:.1g}), {percent:.2g} % of the stroke over the "
+                "record, and does not slow down as creep does: fit it beside the model by --drift, "
+                "and look for what warms up",
             )
         )
     return made
