@@ -84,3 +84,57 @@ def test_uneven_records_are_refused():
     channels = (Channel(name="u", values=u, unit="V"), Channel(name="y", values=u, unit="m"))
     with pytest.raises(RecordError, match="not evenly sampled"):
         predict(MODEL, Record(channels=channels, time=time), "u", "y")
+
+
+def growing():
+    """Return cycles from the low end, each larger than the one before."""
+    t = np.arange(round(40.0 / DT)) * DT
+    return LOW + 0.5 * (HIGH - LOW) * np.minimum(t / 30.0, 1.0) * (1.0 - np.cos(1.4 * np.pi * t))
+
+
+def test_loops_that_grow_are_counted_before_both_ends_were_reached_and_this_is_said():
+    u = growing()
+    found = predict(MODEL, record(u, MODEL.simulate(u, DT)), "u", "y")
+    (said,) = (note for note in found.notes if "both ends of its range" in note)
+    reached = int(np.argmax(u >= HIGH - 0.05 * (HIGH - LOW))) * DT
+    assert f"no sooner than at {reached:.3g} s" in said
+    assert f"counted from {found.warm_up * DT:.3g} s on" in said
+    plain = predict(MODEL, record(drive(), MODEL.simulate(drive(), DT)), "u", "y")
+    assert not any("both ends" in note for note in plain.notes)
+
+
+def test_samples_of_the_warm_up_are_not_counted():
+    u = drive()
+    y = MODEL.simulate(u, DT, start=math.inf)
+    plain = predict(MODEL, record(u, y), "u", "y", start=math.inf)
+    y[: plain.warm_up] += 4e-6
+    found = predict(MODEL, record(u, y), "u", "y", start=math.inf)
+    assert found.warm_up == plain.warm_up > 0
+    for name in ("as_predicted_rms_percent", "constant_percent", "largest_percent"):
+        assert getattr(found, name) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_turns_of_a_transition_are_no_rate_of_their_own():
+    t = np.arange(1000) * DT
+    small = 40.0 + 8.0 * (1.0 - np.cos(2.0 * np.pi * 1.7 * t[:118]))
+    way = np.linspace(LOW, 40.0, 30)
+    u = np.concatenate((drive(12.0), way, small, way[::-1], drive(12.0)))
+    found = predict(MODEL, record(u, MODEL.simulate(u, DT)), "u", "y")
+    assert any(abs(c.rate_hz / 0.7 - 1.0) > 0.5 for c in found.cycles)
+    ((rate, many, _, _),) = found.rates
+    assert rate == pytest.approx(0.7, rel=0.05)
+    assert many < len(found.cycles)
+
+
+def test_starts_that_predict_alike_are_all_named():
+    u = drive()
+    y = MODEL.simulate(u, DT, start=math.inf)
+    # it begins at the low end: to have rested there, or just left it, is the same
+    rested = predict(MODEL, record(u, MODEL.simulate(u, DT, start="rested")), "u", "y")
+    assert set(rested.starts) == {0.0, "rested"}
+    told = predict(MODEL, record(u, y), "u", "y", start=30.0)
+    assert told.starts == (30.0,)
+    assert told.start == 30.0
+    long = predict(MODEL, record(u, y), "u", "y")
+    assert long.start == math.inf
+    assert "rested" not in long.starts

@@ -19,7 +19,9 @@ STACK = PrandtlIshlinskii(
 )
 
 
-def record(*, multisine: bool, mode: StageModes | None, noise: float = 4e-9) -> Record:
+def record(
+    *, multisine: bool, mode: StageModes | None, noise: float = 4e-9, delay: float = 0.00031
+) -> Record:
     made = excitation(
         (0.0, 113.0),
         sample_rate_hz=RATE,
@@ -31,7 +33,7 @@ def record(*, multisine: bool, mode: StageModes | None, noise: float = 4e-9) -> 
     )
     y = LogCreep(rate_per_decade=0.011).simulate(STACK.simulate(made.voltage).values, 1.0 / RATE)
     moved = y.values if mode is None else mode.simulate(y.values, 1.0 / RATE).values
-    moved = Lag(delay=0.00031).simulate(moved, 1.0 / RATE).values
+    moved = Lag(delay=delay).simulate(moved, 1.0 / RATE).values
     moved = moved + noise * np.random.default_rng(8).standard_normal(moved.size)
     return Record(
         channels=(
@@ -60,6 +62,29 @@ def test_nothing_is_found_where_nothing_rings_or_nothing_is_shown() -> None:
     mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
     unexcited = measurement([record(multisine=False, mode=mode)], "u", "y").sections[0]
     assert find_resonance(unexcited) is None
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "delay"),
+    [(412.7, 0.0131, 0.0006), (412.0, 0.28, 0.0003), (700.0, 0.02, 0.0003), (150.0, 0.02, 0.0003)],
+    ids=["delay beyond the longest", "damping beyond the largest", "above the band", "below it"],
+)
+def test_a_mode_at_the_edge_of_the_search_is_not_taken(
+    frequency: float, damping: float, delay: float
+) -> None:
+    mode = StageModes(frequency_hz=(frequency,), damping_ratio=(damping,))
+    made = record(multisine=True, mode=mode, delay=delay)
+    assert find_resonance(measurement([made], "u", "y").sections[0]) is None
+
+
+def test_a_delay_short_of_the_longest_is_found() -> None:
+    mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
+    made = record(multisine=True, mode=mode, delay=0.00046)
+    found = find_resonance(measurement([made], "u", "y").sections[0])
+    assert found is not None
+    # a tenth of a period of the slowest content that is looked at, which is 204 Hz
+    assert found.delay == pytest.approx(0.00046, abs=2e-6)
+    assert found.frequency_hz == pytest.approx(412.7, rel=1e-4)
 
 
 def test_the_chain_holds_what_was_found() -> None:

@@ -42,7 +42,7 @@ def test_a_range_beyond_and_a_prefix_of_the_unit():
     (said,) = unsuited(DRIVE, DT, command=small)
     assert "the command spans 0.1 V, 1/1.14e+03 of the 114 V" in said
     (said,) = unsuited(DRIVE, DT, command=cycles_at(2.3), reading=1e-3 * cycles_at(2.3))
-    assert said.startswith("the reference or reading spans 0.105 m, 2.76e+03 times the 3.8e-05 m")
+    assert said.startswith("the reference or reading spans 0.105 m, 2.76e+03 times the 38 um")
     (said,) = unsuited(DRIVE, DT, command=np.full(90, 7.0))
     assert "the command stands still, at 7 V" in said
     bare = DriveModel(hysteresis=DRIVE.hysteresis)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import UnitError
-from flexstage.units import DIMENSIONS, parse, to_text
+from flexstage.units import DIMENSIONS, parse, readable, readable_unit, to_text
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e15, max_value=1e15)
 
@@ -44,6 +44,23 @@ def test_text_reads_back_to_the_same_bits(value: float, dimension: str, data) ->
 def test_what_people_write(text: str, dimension: str, value: float) -> None:
     # one unit in the last place: pi and 1/K are not powers of ten
     assert parse(text, dimension) == pytest.approx(value, rel=3e-16)
+
+
+@settings(deadline=None)
+@given(st.floats(1e-11, 1e3), st.sampled_from(["m", "s", "m/V", "rad"]))
+def test_a_readable_unit_makes_numbers_that_can_be_read(size: float, unit: str) -> None:
+    name, factor = readable_unit(size, unit)
+    assert name.endswith(unit)
+    assert 0.05 <= size * factor < 1000.0 or factor == 1.0
+
+
+def test_values_are_written_in_one_unit_of_their_own() -> None:
+    assert readable("m", -119.806e-6, 41.37e-6, digits=4) == "-119.8 to 41.37 um"
+    assert readable("m/V", 1.2386e-5) == "12.4 um/V"
+    assert readable("V", 0.0, 120.0) == "0 to 120 V"
+    assert readable("s", 457.0, digits=2) == "460 s"
+    assert readable("Hz", 3000.0) == "3000 Hz"
+    assert readable("", 7.25e-5) == "7.25e-05"
 
 
 def test_hertz_is_not_an_angular_frequency() -> None:

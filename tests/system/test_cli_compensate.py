@@ -98,7 +98,7 @@ def test_the_printed_result(capsys, model_file, reference_file):
     assert "1600 samples of" in out
     assert "by the inverse of preisach" in out
     assert "the model with itself" in out
-    assert "one rate only" in out
+    assert "note: from the identification of the model: one rate only" in out
 
 
 def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):

@@ -249,6 +249,38 @@ def test_the_table_names_the_chosen_model_and_its_warnings(capsys, text_file):
     assert "nan" not in out
 
 
+def test_the_table_is_in_units_that_suit(capsys, text_file):
+    units = ("--input-unit", "V", "--output-unit", "um", "--model", "bouc-wen", "--delay", "7 ms")
+    status, out, err = run(capsys, text_file, *COLUMNS, *units)
+    assert (status, err) == (0, "")
+    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.strip()}
+    assert rows["gain"][-1] == rows["hysteresis_gain"][-1] == "um/V"
+    assert rows["delay"] == ["7", "ms"]
+    assert rows["offset"][-1] == "um"
+    assert 0.85 * STROKE_UM < float(rows["stroke"][0]) < 0.95 * STROKE_UM
+    assert rows["stroke"][1] == "um"
+    assert "e-0" not in out
+
+
+def test_a_gain_that_a_model_does_without_is_not_printed(capsys, text_file):
+    status, out, err = run(capsys, text_file, *COLUMNS, "--model", "preisach", "--delay", "0 s")
+    assert (status, err) == (0, "")
+    assert "\n gain " not in out
+    assert "output/input on average" in out
+
+
+def test_what_was_fitted_is_counted_in_the_file(capsys, text_file):
+    words = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--rows", "200:", "--train", "700:1500")
+    status, out, err = run(capsys, text_file, *words, "--json")
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    count, total = (int(word) for word in result["fitted"].split(" samples")[0].split(" of "))
+    assert count == 800
+    assert result["fitted"].endswith("samples, 3.5 to 7.495 s")
+    assert total == len(np.loadtxt(text_file)) - 200
+    assert result["heldout_standard_error_percent"] < 0.3 * result["heldout_rms_percent"]
+
+
 BAD_OPTIONS = [
     (("--model", "boucwen"), "the model 'boucwen' is not known: choose from auto, dahl, bouc-wen"),
     (("--output", "7"), "no column 7"),

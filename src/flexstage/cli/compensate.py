@@ -158,7 +158,12 @@ def compensate(
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
-    notes = (*file.warnings, *((converted,) if converted else ()), *made.notes, *record.notes)
+    notes = (
+        *file.notes,
+        *((converted,) if converted else ()),
+        *made.notes,
+        *record.notes,
+    )
     result = _result(made, drive, notes, out)
     if json:
         print_json(result)
@@ -238,17 +243,18 @@ def _result(
 
 
 def _print(result: dict[str, Any]) -> None:
+    from flexstage.units import readable
+
     screen = console()
-    low, high = result["command_range"]
-    unit, output = result["input_unit"], result["output_unit"]
+    unit, output = result["input_unit"] or "input", result["output_unit"] or "output"
     screen.print(
-        f"{result['samples']} samples of {low:.5g} to {high:.5g} {unit}, by the inverse of "
-        f"{result['model']}"
+        f"{result['samples']} samples of {readable(unit, *result['command_range'], digits=5)}, by "
+        f"the inverse of {result['model']}"
     )
     screen.print(
-        f"predicted error: {result['predicted_rms_error']:.3g} {output} rms, "
-        f"{result['predicted_max_error']:.3g} {output} at most (the model with itself: what it "
-        "leaves of a measured drive adds to it)"
+        f"predicted error: {readable(output, result['predicted_rms_error'])} rms, "
+        f"{readable(output, result['predicted_max_error'])} at most (the model with itself: what "
+        "it leaves of a measured drive adds to it)"
     )
     for note in result["notes"]:
         screen.print(f"note: {note}", style="yellow", markup=False)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.cli.common import load_stage
 from flexstage.errors import StageError
+from flexstage.units import readable
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification import Identification
@@ -83,7 +84,7 @@ def _compare(
     nearest = most if span > most else least
     times = span / nearest if span > nearest else nearest / span
     return (
-        f"the {what} spans {span:.3g} {unit} and {verb} {nearest:.3g} {unit}, {times:.3g} times "
-        f"{'less' if span > nearest else 'more'}: is the unit of the {what} right, and is it the "
-        "record of this drive?"
+        f"the {what} spans {readable(unit, span)} and {verb} {readable(unit, nearest)}, "
+        f"{times:.3g} times {'less' if span > nearest else 'more'}: is the unit of the {what} "
+        "right, and is it the record of this drive?"
     )

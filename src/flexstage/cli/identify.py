@@ -322,11 +322,13 @@ def _result(found: "Identification", read: "list[Record]", files: list[Path]) ->
         "max_percent": found.max_percent,
         "heldout_rms_percent": found.heldout_rms_percent,
         "heldout_free_constant_rms_percent": found.heldout_free_rms_percent,
+        "heldout_standard_error_percent": found.heldout_standard_error,
         "heldout_max_percent": found.heldout_max_percent,
         "heldout_band_percent": found.heldout_band_percent,
         "start": start_value(found.model.start),
         "settling": {"value": found.settling, "unit": found.model.output_unit},
         "noise_percent": found.noise_percent,
+        "fitted": found.settings["fitted"],
         "stroke": {"value": found.stroke, "unit": found.model.output_unit},
         "parameters": _parameters(found),
         "chain": _chain_values(found),
@@ -431,8 +433,6 @@ def _finite(error: float | None) -> float | None:
 
 
 def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -> None:
-    from flexstage.hysteresis.drive_model import start_in_words
-
     table = make_table(
         f"{found.kind}: {', '.join(result['records'])}",
         "model",
@@ -447,28 +447,11 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
     for c in found.candidates:
         if c.failed:
             screen.print(f"{c.kind}: {c.failed}", style="yellow", markup=False)
-    unit = found.model.output_unit or "output"
-    screen.print(
-        f"stroke {found.stroke:.5g} {unit}; largest error {found.max_percent:.2f} % of it; noise "
-        f"about {found.noise_percent:.2f} %"
-    )
-    if found.model.creep is not None:
-        screen.print(
-            f"before the record the drive {start_in_words(found.model.start)}: its settling "
-            f"changes readings by up to {found.settling:.3g} {unit}"
-        )
-    unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
+    for line in _in_words(found):
+        screen.print(line, markup=False)
     values = make_table("parameters", "name", "value", "standard error", "<unit")
-    for name, row in {**result["parameters"], **result["chain"]}.items():
-        if isinstance(row, dict) and isinstance(row["value"], float):
-            error = row["standard_error"]
-            told = "not determined" if name in unknown else ""
-            values.add_row(
-                name,
-                f"{row['value']:.5g}",
-                told if error is None else f"{error:.2g}",
-                row["unit"],
-            )
+    for row in _rows(found, result):
+        values.add_row(*row)
     screen.print(values)
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
@@ -476,3 +459,83 @@ def _print(screen: "Console", found: "Identification", result: dict[str, Any]) -
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in result["files"]:
         screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _in_words(found: "Identification") -> list[str]:
+    """What was fitted and how well, line by line."""
+    from flexstage.hysteresis.drive_model import start_in_words
+    from flexstage.units import readable, readable_unit
+
+    m, (low, high) = found.model, found.measurement.input_range
+    shown, factor = readable_unit(found.stroke, m.output_unit)  # one unit for all readings
+    shown, driven = shown or "output", m.input_unit or "input"
+    slope = factor * found.stroke / (high - low)
+    said = [
+        f"fitted: {found.settings['fitted']}",
+        f"stroke {factor * found.stroke:.4g} {shown} over {readable(driven, low, high, digits=4)}, "
+        f"{slope:.3g} {shown}/{driven} on average; noise about {found.noise_percent:.2f} % of the "
+        "stroke",
+    ]
+    if found.heldout_rms_percent is not None:
+        error = found.heldout_standard_error
+        known = "" if error is None else f" +- {error:.3f} (standard error)"
+        said.append(
+            f"held out, as predicted: {found.heldout_rms_percent:.3f}{known} % of the stroke rms; "
+            f"95 % within {found.heldout_band_percent:.2f}, largest {found.heldout_max_percent:.2f}"
+        )
+    else:
+        said.append(f"largest error {found.max_percent:.2f} % of the stroke")
+    if m.creep is not None:
+        of = "the first record" if len(found.measurement.sections) > 1 else "the record"
+        said.append(
+            f"before {of} the drive seems to have {start_in_words(*found.starts)}; creep "
+            f"of that changes readings by up to {factor * found.settling:.2g} {shown}"
+        )
+    return said
+
+
+def _rows(found: "Identification", result: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Name, value, standard error and unit of what was found, as people read them."""
+    from flexstage.hysteresis.identification import parameter_unit
+    from flexstage.units import readable_unit
+
+    m = found.model
+    shown, factor = readable_unit(found.stroke, m.output_unit)
+    unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
+    made = []
+    for name, row in result["parameters"].items():
+        value, error = row["value"], row["standard_error"]
+        if not isinstance(value, float) or (value == 0.0 and error is None):
+            continue  # a table, or what this model does without
+        power = _power(parameter_unit(found.kind, name, "input", "output"))
+        unit = parameter_unit(found.kind, name, m.input_unit, shown)
+        made.append((name, *_numbers(value, error, factor**power), unit))
+    for name, row in result["chain"].items():
+        if not isinstance(row, dict) or row["value"] is None:
+            continue
+        value, error = row["value"], row["standard_error"]
+        own, times = readable_unit(max(abs(value), error or 0.0), row["unit"])
+        if name == "offset":
+            own, times = shown or "output", factor
+        elif name == "creep_per_decade":
+            own, times = "%", 100.0
+        number, known = _numbers(value, error, times)
+        known = "not determined" if name in unknown else known
+        made.append((name.replace("_", " "), number, known, own))
+    return made
+
+
+def _power(unit: str) -> int:
+    """Whether the output is over or under the line of a unit."""
+    over, _, under = unit.partition("/")
+    return ("output" in over) - ("output" in under)
+
+
+def _numbers(value: float, error: float | None, factor: float) -> tuple[str, str]:
+    """A value to the digits that its standard error leaves, and that error."""
+    value *= factor
+    if not error:
+        return f"{value:.4g}", ""
+    error *= factor
+    least = min(error, abs(value) or error)
+    return f"{value:.{max(1 - math.floor(math.log10(least)), 0)}f}", f"{error:.2g}"

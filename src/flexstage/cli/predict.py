@@ -101,7 +101,12 @@ def predict(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Tell how well an identified model predicts other records: as it stands, nothing fitted."""
+    """Tell how well an identified model predicts other records, as it stands.
+
+    Nothing is fitted to the samples that are counted. What the drive did before the record, where
+    its creep begins, is estimated from the first samples, until both ends of the range were
+    reached, and these are not counted; `--start` says it where it is known.
+    """
     require_image(figure)
     before = _start(start)
     file = read_model_file(model)
@@ -358,16 +363,20 @@ def print_predictions(
             table.add_row("", f"{rate:.3g}", str(many), f"{predicted:.3f}", f"{free:.3f}", "")
     screen.print(table)
     from flexstage.hysteresis.drive_model import start_in_words
+    from flexstage.units import readable
 
-    unit = model.output_unit or "output"
     for p in found:
+        stroke = readable(model.output_unit or "output", p.stroke, digits=4)
         screen.print(
-            f"{Path(p.source).name or 'record'}: stroke {p.stroke:.5g} {unit}; constant "
-            f"{p.constant_percent:+.2f} % of it; {p.warm_up} samples are not counted"
-            + ("" if model.creep is None else f"; before, the drive {start_in_words(p.start)}"),
+            f"{Path(p.source).name or 'record'}: stroke {stroke}; mean error "
+            f"{p.constant_percent:+.2f} % of it; the first {p.warm_up} of {p.time.size} samples "
+            "are not counted",
             markup=False,
             soft_wrap=True,
         )
+        if model.creep is not None:
+            did = start_in_words(*p.starts)
+            screen.print(f"before, the drive is taken to have {did}", markup=False)
         for note in p.notes:
             screen.print(f"note: {note}", style="yellow", markup=False)
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain import Creep, Lag, StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
+from flexstage.units import readable
 
 __all__ = ["DriveModel", "Start", "ValidityRange", "creep_start", "start_in_words"]
 
@@ -73,26 +74,40 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
     return state
 
 
-def start_in_words(start: Start) -> str:
+def start_in_words(*starts: Start) -> str:
     """Return what a drive did before a record, as the end of a sentence about it.
 
     Parameters
     ----------
-    start : "rested" or float
-        What the drive did before.
+    *starts : "rested" or float
+        What the drive did before; several where any of them may be what it did.
 
     Returns
     -------
     str
-        The words that follow the drive's name.
+        The words that follow "the drive had".
+
+    Examples
+    --------
+    >>> start_in_words("rested"), start_in_words(30.0, math.inf)
+    ('rested at the first command', 'moved for about 30 s or longer')
     """
-    if start == "rested":
-        return "had rested at the first command"
-    if start == 0.0:
-        return "had just left the low end of its range"
-    if start == math.inf:
-        return "had moved for long"
-    return f"had moved for about {start:.2g} s"
+    said = ["rested at the first command"] if "rested" in starts else []
+    moved = sorted(float(s) for s in starts if s != "rested")
+    if moved and moved[0] == 0.0:
+        said.append("just left the low end of its range")
+        moved = moved[1:]
+    if moved:
+        said.append(f"moved for {_for_how_long(moved[0], moved[-1])}")
+    return " or ".join(said)
+
+
+def _for_how_long(least: float, most: float) -> str:
+    if least == math.inf:
+        return "long"
+    if most == math.inf:
+        return f"about {readable('s', least, digits=2)} or longer"
+    return f"about {readable('s', *sorted({least, most}), digits=2)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -217,11 +232,11 @@ class DriveModel:
             return ""
         given = np.asarray(u, dtype=np.float64)
         low, high = self.validity.input_range
-        margin = 1e-6 * (high - low)
-        if given.min() >= low - margin and given.max() <= high + margin:
+        beyond = max(low - float(given.min()), float(given.max()) - high) / (high - low)
+        if beyond <= 1e-6:
             return ""
-        unit = f" {self.input_unit}" if self.input_unit else ""
         return (
-            f"the commands reach {given.min():g} to {given.max():g}{unit}, the model was "
-            f"identified on {low:g} to {high:g}{unit}: what it says beyond is extrapolated"
+            f"the commands, {readable(self.input_unit, given.min(), given.max())}, go beyond the "
+            f"{readable(self.input_unit, low, high)} that the model was identified on, by up to "
+            f"{100.0 * beyond:.2g} % of that range: what it says there is extrapolated"
         )

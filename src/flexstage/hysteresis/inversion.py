@@ -11,6 +11,7 @@ from flexstage.hysteresis.chain import Creep
 from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start
 from flexstage.hysteresis.model import Array, Response, samples
 from flexstage.hysteresis.suitability import PREFIX, unsuited
+from flexstage.units import readable
 
 __all__ = ["Feedforward", "feedforward", "smoothed"]
 
@@ -158,13 +159,14 @@ def feedforward(
         lost = float(np.max(np.abs(predicted - smooth)))
         notes.append(
             f"limits changed {int(limited.sum())} of {wanted.size} samples of the command; the "
-            f"largest error that follows is {lost:.3g} {model.output_unit}".rstrip()
+            f"largest error that follows is {readable(model.output_unit, lost)}"
         )
     before = float(memory[0])
     if abs(slow[0] - before) > max(_JUMP * (high - low), (largest_rate or 0.0) * dt):
         notes.append(
-            f"the command begins at {slow[0]:.5g} {model.input_unit}".rstrip()
-            + f", the drive stands at {before:.5g} before: lead it there slowly, in one movement"
+            f"the command begins at {readable(model.input_unit, slow[0], digits=5)}, the drive "
+            f"stands at {readable(model.input_unit, before, digits=5)} before: lead it there "
+            "slowly, in one movement"
         )
     return Feedforward(
         time=(np.arange(wanted.size) * dt).astype(np.float64),
@@ -256,12 +258,13 @@ def _out_of_reach(model: DriveModel, wanted: Array, reach: tuple[float, float]) 
     # creep adds to what the hysteresis reaches, so what was seen says more where it is known
     seen = None if model.validity is None else model.validity.output_range
     ends = seen or sorted(model.offset + model.sign * r for r in reach)
-    unit = f" {model.output_unit}" if model.output_unit else ""
+    unit = model.output_unit
     times = float(np.ptp(wanted)) / (ends[1] - ends[0])
     slip = f"; it spans {times:.3g} times as much: is its unit right?" if times > PREFIX else ""
     return (
-        f"the reference runs from {wanted.min():g} to {wanted.max():g}{unit}, the drive reaches "
-        f"{ends[0]:g} to {ends[1]:g}{unit}: shift the reference into that range{slip}"
+        f"the reference runs from {readable(unit, wanted.min(), wanted.max(), digits=4)}, the "
+        f"drive reaches {readable(unit, *ends, digits=4)}: shift the reference into that range"
+        f"{slip}"
     )
 
 
@@ -276,10 +279,10 @@ def _made_smooth(
     change = np.abs(smooth - wanted)
     if change.max() <= _SMOOTH * max(float(np.ptp(wanted)), 1e-300):
         return wanted, []
-    unit = f" {model.output_unit}" if model.output_unit else ""
+    unit = model.output_unit
     return smooth, [
         f"the reference was smoothed to a band of {band_hz:.3g} Hz: it changed by at most "
-        f"{change.max():.3g}{unit}, {np.sqrt(np.mean(change**2)):.3g}{unit} rms"
+        f"{readable(unit, change.max())}, {readable(unit, np.sqrt(np.mean(change**2)))} rms"
     ]
 
 

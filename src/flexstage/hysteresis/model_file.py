@@ -26,6 +26,9 @@ _LARGEST = 4_000_000  # characters; a model has some thousands
 _DEEPEST = 20  # a model has 4
 
 
+_CHANGED = "the file was changed since it was written"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelFile:
     """A drive model with where it comes from.
@@ -46,6 +49,14 @@ class ModelFile:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     errors: Mapping[str, float | None] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user of the model should know; what its identification said is named so."""
+        return tuple(
+            w if w == _CHANGED else f"from the identification of the model: {w}"
+            for w in self.warnings
+        )
 
 
 def model_text(file: ModelFile) -> str:
@@ -140,7 +151,7 @@ def read_model_text(text: str, source: str = "the model file") -> ModelFile:
     warnings = _texts(content.get("warnings"), source)
     stated = content.pop("checksum", None)
     if stated != _checksum(content):
-        warnings = (*warnings, "the file was changed since it was written")
+        warnings = (*warnings, _CHANGED)
     return ModelFile(
         model=model,
         provenance=_optional_mapping(content, "provenance", source),

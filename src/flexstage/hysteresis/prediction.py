@@ -7,11 +7,11 @@ import numpy as np
 
 from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start
-from flexstage.hysteresis.identification.cycles import Cycles, cycles
+from flexstage.hysteresis.identification.cycles import Cycles, by_rate, cycles
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.measurement import (
+    early_text,
     first_moving,
-    rates_of,
     require_usable,
     warm_up,
 )
@@ -25,6 +25,8 @@ __all__ = ["CycleError", "Prediction", "predict"]
 #: What a drive can have done before a record: to have moved for long, for some seconds since it
 #: left the low end of its range, or to have rested at the first command.
 _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(), 0.0, "rested")
+#: A start is as likely as the best where it leaves no more than this many times as much.
+_ALIKE = 1.01
 #: Samples of a warm-up that can tell what a drive did before.
 _ENOUGH = 20
 
@@ -56,7 +58,7 @@ class CycleError:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """A model on a record: nothing of it was fitted to what is counted.
+    """A model on a record: nothing of it was fitted to the samples that are counted.
 
     Parameters
     ----------
@@ -72,8 +74,9 @@ class Prediction:
         What the model says, shape (n,).
     warm_up : int
         Number of first samples that still know what was before the record; they are not counted.
-    start : "rested" or float
-        What the drive is taken to have done before the record.
+    starts : tuple of "rested" or float
+        What the drive may have done before the record, by the samples that are not counted: first
+        what it is taken to have done. One alone where it was given.
     stroke : float
         Range of what was measured after the warm-up, in its unit.
     as_predicted_rms_percent : float
@@ -96,7 +99,7 @@ class Prediction:
     measured: Array
     predicted: Array
     warm_up: int
-    start: Start
+    starts: tuple[Start, ...]
     stroke: float
     as_predicted_rms_percent: float
     free_constant_rms_percent: float
@@ -106,14 +109,24 @@ class Prediction:
     notes: tuple[str, ...]
 
     @property
+    def start(self) -> Start:
+        """What the drive is taken to have done before the record."""
+        return self.starts[0]
+
+    @property
     def rates(self) -> tuple[tuple[float, int, float, float], ...]:
-        """Rate [Hz], number of cycles, and both errors [%] over all cycles of about that rate."""
+        """Rate [Hz], number of cycles, and both errors [%] over all cycles of that rate."""
         made = []
-        for rate in rates_of([c.rate_hz for c in self.cycles]):
-            own = [c for c in self.cycles if rate <= c.rate_hz <= 1.5 * rate]
-            squares = [(c.as_predicted_rms_percent**2, c.free_constant_rms_percent**2) for c in own]
+        groups = by_rate(
+            np.array([c.rate_hz for c in self.cycles]), np.array([c.swing for c in self.cycles])
+        )
+        for rate, own in sorted(groups, key=lambda group: group[0]):
+            every = [self.cycles[i] for i in own]
+            squares = [
+                (c.as_predicted_rms_percent**2, c.free_constant_rms_percent**2) for c in every
+            ]
             both = np.sqrt(np.mean(squares, axis=0))
-            made.append((rate, len(own), float(both[0]), float(both[1])))
+            made.append((rate, len(every), float(both[0]), float(both[1])))
         return tuple(made)
 
 
@@ -176,7 +189,7 @@ def predict(
     # a median, as the first samples after a jump are none of the model
     enough = int(np.isfinite(y[first:begin]).sum()) >= _ENOUGH
     before = slice(first, begin) if enough else slice(0)
-    start, predicted = _started(model, u, y, dt, before, start)
+    starts, predicted = _started(model, u, y, dt, before, start)
     if not np.isfinite(y[begin:]).any():
         begin = 0  # of a table, what comes before was not measured
     stroke = float(np.nanmax(y[begin:]) - np.nanmin(y[begin:]))
@@ -185,6 +198,7 @@ def predict(
             f"column '{read.name}' of {record.source or 'the record'} stands still after the first "
             f"{begin} samples, which are not counted: give a record that moves on"
         )
+    early = early_text([(u[first:], moves, dt, begin - first, first * dt)] if whole else [])
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
@@ -195,7 +209,7 @@ def predict(
         measured=y,
         predicted=predicted,
         warm_up=begin,
-        start=start,
+        starts=starts,
         stroke=stroke,
         as_predicted_rms_percent=root_mean_square(counted),
         free_constant_rms_percent=float(np.std(counted)),
@@ -204,6 +218,7 @@ def predict(
         cycles=_cycles(error, moves, first, begin, dt),
         notes=(
             *_notes(model, u, y[np.isfinite(y)], dt, moves),
+            *([early] if early else []),
             *((smoothed_text(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
         ),
     )
@@ -211,13 +226,19 @@ def predict(
 
 def _started(
     model: DriveModel, u: Array, y: Array, dt: float, before: slice, start: Start | None
-) -> tuple[Start, Array]:
-    """Readings after what the drive did before, by the samples that are not counted."""
+) -> tuple[tuple[Start, ...], Array]:
+    """What the drive did before, the likeliest first, and the readings after that.
+
+    It is told by the samples that are not counted.
+    """
     starts = (start,) if start is not None else _STARTS if model.creep is not None else _STARTS[:1]
     made: list[tuple[Start, Array]] = [(s, model.simulate(u, dt, start=s)) for s in starts]
     if before.stop == 0:
-        return made[0]
-    return min(made, key=lambda m: float(np.nanmedian(np.abs(y - m[1])[before])))
+        return starts, made[0][1]
+    off = [float(np.nanmedian(np.abs(y - m[1])[before])) for m in made]
+    best = int(np.argmin(off))
+    alike = tuple(i for i in range(len(off)) if i != best and off[i] <= _ALIKE * off[best])
+    return tuple(starts[i] for i in (best, *alike)), made[best][1]
 
 
 def _cycles(

@@ -7,7 +7,7 @@ from flexstage.errors import ModelError, UnitError
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, samples
-from flexstage.units import si_unit
+from flexstage.units import readable, si_unit
 
 __all__ = ["in_unit_of_model", "unsuited"]
 
@@ -122,12 +122,11 @@ def _span(what: str, values: Array, known: tuple[float, float], unit: str) -> st
     own, size = float(np.ptp(values)), known[1] - known[0]
     if not size > 0.0 or size / PREFIX <= own <= size * PREFIX:
         return ""
-    shown = f" {unit}" if unit else ""
-    seen = f"{size:.3g}{shown} that the model was identified on"
+    seen = f"{readable(unit, size)} that the model was identified on"
     if own == 0.0:
-        return f"the {what} stands still, at {values[0]:.5g}{shown}, of {seen}"
+        return f"the {what} stands still, at {readable(unit, values[0], digits=5)}, of {seen}"
     much = f"{own / size:.3g} times" if own > size else f"1/{size / own:.3g} of"
-    return f"the {what} spans {own:.3g}{shown}, {much} the {seen}: is its unit right?"
+    return f"the {what} spans {readable(unit, own)}, {much} the {seen}: is its unit right?"
 
 
 def _rate(u: Array, dt: float, known: tuple[float, float]) -> str:

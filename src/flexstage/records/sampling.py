@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.quality import quantisation_step
 from flexstage.records.record import Channel, Record
+from flexstage.units import readable
 
 __all__ = [
     "LARGEST_STEP",
@@ -318,8 +319,9 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
     late = float(np.hypot(rms, 0.1 * coarse / rate))
     lost = (
         f"steps of time differ from their median by {100.0 * rms / usual:.3g} % rms and up to "
-        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about {1e3 * late:.2g} ms, and "
-        f"motion above {slow:.3g} Hz is lowered by more than 1 %"
+        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about "
+        f"{readable('s', late, digits=2)}, and motion above {slow:.3g} Hz is lowered by more "
+        "than 1 %"
     )
     return replace(made, notes=(*record.notes, f"{made.notes[-1]}: {lost}"))
 

@@ -286,7 +286,7 @@ def _with_delay(
         searched=("creep_per_decade",),
         rms=search.rms(best),
         errors=errors,
-        notes=(*notes, *_undetermined(errors)),
+        notes=notes,
     )
 
 
@@ -304,7 +304,7 @@ def _by_cycles(
     if rung is not None and search.rms(rung) < (1.0 - _WORTH) * rms:
         best, names, rms = rung, (*names, "resonance_hz"), search.rms(rung)
     errors = _errors(search, best, names, data)
-    notes = (*_at_limits(best, most), *_undetermined(errors))
+    notes = _at_limits(best, most)
     return FoundChain(values=best, searched=names, rms=rms, errors=errors, notes=notes)
 
 
@@ -377,16 +377,6 @@ def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
             "--drift), a slow sensor or noise of the input"
         )
     return tuple(notes)
-
-
-def _undetermined(errors: Mapping[str, float]) -> tuple[str, ...]:
-    names = [name for name, error in errors.items() if math.isinf(error)]
-    if not names:
-        return ()
-    return (
-        f"not determined at one rate: {' and '.join(names)}; the values belong to the hysteresis "
-        "that was fitted behind them and mean nothing by themselves",
-    )
 
 
 def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
@@ -510,7 +500,7 @@ class _Search:
         made = []
         for i, section in enumerate(self._data.measurement.sections):
             late, share = divmod(chain.delay / section.dt, 1.0)
-            mixed = np.kron(np.array([1.0 - share, share]), np.array([1.0, gamma]))
+            mixed = np.outer([1.0 - share, share], [1.0, gamma]).ravel()
             made.append(groups_summed(self._product(i, int(late)), mixed))
         return functools.reduce(operator.add, made)
 

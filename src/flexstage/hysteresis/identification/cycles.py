@@ -70,17 +70,7 @@ class Cycles:
         A smaller loop at the same speed repeats more often, and one of the same period is slower:
         another rate is one at which both differ.
         """
-        large = self.swing > 0.5
-        pairs = zip(self.frequency_hz[large], self.swing[large], strict=True)
-        found: list[tuple[float, float, list[float]]] = []
-        for f, share in sorted(pairs, key=lambda pair: (-pair[1].round(1), pair[0])):
-            same = [g for g in found if not (_differ(f, g[0]) and _differ(f * share, g[1]))]
-            if not same:
-                found.append((float(f), float(f * share), [1.0 / f]))
-            for _, _, times in same[:1]:
-                times.append(1.0 / f)
-        least = _RATE_TIME * sum(sum(times) for _, _, times in found)
-        return tuple(sorted(f for f, _, t in found if len(t) >= _RATE_CYCLES or sum(t) >= least))
+        return tuple(sorted(rate for rate, _ in by_rate(self.frequency_hz, self.swing)))
 
     @property
     def has_minor_loops(self) -> bool:
@@ -91,6 +81,48 @@ class Cycles:
 
 def _differ(first: float, second: float) -> bool:
     return max(first, second) > _OTHER_RATE * min(first, second)
+
+
+def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
+    """Return the rates of cycles, each with the cycles that belong to it.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Frequency of each cycle [Hz], shape (c,).
+    swing : numpy.ndarray
+        Range that it moves over, as a share of the whole range, shape (c,).
+
+    Returns
+    -------
+    list of tuple
+        Rates of large cycles, and the numbers of the cycles that repeat, or move, as fast. The
+        turns of a transition from one motion to another belong to none.
+    """
+    speed = frequency_hz * swing
+    # large cycles make the rates, the largest first
+    order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
+    found: list[tuple[int, list[int]]] = []
+    for i in map(int, (*order, *np.flatnonzero(swing <= 0.5))):
+        same = (
+            own
+            for first, own in found
+            if not (
+                _differ(frequency_hz[i], frequency_hz[first]) and _differ(speed[i], speed[first])
+            )
+        )
+        group = next(same, None)
+        if group is not None:
+            group.append(i)
+        elif swing[i] > 0.5:
+            found.append((i, [i]))
+    time = [sum(1.0 / frequency_hz[i] for i in own if swing[i] > 0.5) for _, own in found]
+    many = [sum(swing[i] > 0.5 for i in own) for _, own in found]
+    return [
+        (float(frequency_hz[first]), np.sort(own))
+        for (first, own), t, n in zip(found, time, many, strict=True)
+        if n >= _RATE_CYCLES or t >= _RATE_TIME * sum(time)
+    ]
 
 
 @compiled

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.cycles import Cycles
 from flexstage.records import difference_noise, quantisation_step
+from flexstage.units import readable
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.measurement import Section
@@ -239,8 +240,8 @@ def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
 
 
 def with_unit(number: str, unit: str) -> str:
-    """A number with its unit, where somebody has said one."""
-    return f"{number} {unit}" if unit else number
+    """A number in a unit that suits it, where somebody has said one."""
+    return readable(unit, float(number), digits=4)
 
 
 def findings_of_record(

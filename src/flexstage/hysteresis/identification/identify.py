@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.drive_model import (
-    DriveModel,
-    ValidityRange,
-    start_in_words,
-)
+from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_search import (
@@ -23,6 +19,7 @@ from flexstage.hysteresis.identification.chain_search import (
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
+from flexstage.hysteresis.identification.heldout_error import rms_standard_error
 from flexstage.hysteresis.identification.measurement import (
     Measurement,
     Section,
@@ -42,6 +39,7 @@ from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
 from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.progress import tell
 from flexstage.records import Record
+from flexstage.units import readable
 
 __all__ = ["Candidate", "Identification", "identify"]
 
@@ -60,6 +58,10 @@ _NOTHING = 1e-5
 _UNUSUAL_CREEP = 0.05
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
 _STILL = 0.1
+#: What a drive did before is told by a misfit that is larger by this factor with anything else.
+_ALIKE = 1.01
+#: Two starts that differ by less than this share of what starts can change are the same.
+_SAME_START = 0.05
 #: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
 _NO_PREDICTION = 100.0
 _DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
@@ -116,6 +118,9 @@ class Identification:
         Root mean square on cycles that the model was not fitted to [%]; None where there are none.
     heldout_free_rms_percent : float or None
         Root mean square there where the constant is fitted again [%].
+    heldout_standard_error : float or None
+        Standard error of the root mean square there, by how it differs between parts of the cycles
+        [%]; None where there are fewer than two.
     heldout_max_percent : float or None
         Largest absolute value of the prediction's error there [%].
     heldout_band_percent : float or None
@@ -133,6 +138,9 @@ class Identification:
     settling : float
         Largest change of the readings by whether the drive rested or moved before the records, in
         the unit of the output: creep of what was before.
+    starts : tuple of "rested" or float
+        What the drive may have done before the first record, as far as that tells; the model begins
+        with one of them.
     warnings : tuple of str
         What the records cannot tell, and which experiment is missing.
     candidates : tuple of Candidate
@@ -154,6 +162,7 @@ class Identification:
     max_percent: float
     heldout_rms_percent: float | None
     heldout_free_rms_percent: float | None
+    heldout_standard_error: float | None
     heldout_max_percent: float | None
     heldout_band_percent: float | None
     stroke: float
@@ -162,6 +171,7 @@ class Identification:
     chain: tuple[Estimate, ...]
     offset: Estimate
     settling: float
+    starts: tuple[Start, ...]
     warnings: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     measurement: Measurement
@@ -268,7 +278,11 @@ def identify(
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
     chosen, candidates = _choose(tried, every)
     made = _result(tried[chosen], (*candidates, *failed), every, found, train)
-    made = replace(made, warnings=(*made.warnings, *_passed_over(tried, candidates)))
+    made = replace(
+        made,
+        warnings=(*made.warnings, *_passed_over(tried, candidates)),
+        settings={**made.settings, "fitted": _fitted(given, data, train)},
+    )
     return made if temperature is None else _at(made, temperature)
 
 
@@ -294,6 +308,30 @@ def _wider(found: FoundChain, width: float) -> FoundChain:
         return found
     error = math.hypot(found.errors["creep_per_decade"], width)
     return replace(found, errors={**found.errors, "creep_per_decade": error})
+
+
+def _fitted(given: Sequence[Record], data: Measurement, train: tuple[int, int] | None) -> str:
+    """Say which samples of the records were fitted."""
+    said = []
+    for record, s in zip(given, data.sections, strict=True):
+        first = s.first + s.warm_up - s.history
+        stop = record.size
+        if train is not None:
+            first, stop = max(first, train[0]), min(stop, train[1])
+        if stop <= first:
+            said.append(f"none of {record.size} samples")
+            continue
+        begin, end = _times_in_file(record)[[first, stop - 1]]
+        said.append(f"{stop - first} of {record.size} samples, {begin:.4g} to {end:.4g} s")
+    return "; ".join(said)
+
+
+def _times_in_file(record: Record) -> Array:
+    """Times from the first sample of the file [s], of which a part may have been read."""
+    numbers, since = record.numbers, record.time - record.time[0]
+    if numbers is None or np.isnan(numbers).any():
+        return since
+    return since + float(numbers[0] * since[-1] / (numbers[-1] - numbers[0]))
 
 
 def _stands_still(data: Data) -> bool:
@@ -379,6 +417,7 @@ class _Errors:
     largest: float
     held: float | None = None
     held_free: float | None = None
+    held_error: float | None = None
     held_largest: float | None = None
     held_band: float | None = None
 
@@ -395,6 +434,7 @@ def _errors(tried: _Tried, data: Data) -> _Errors:
             made,
             held=root_mean_square(every),
             held_free=root_mean_square(free_constant(parts)) * percent,
+            held_error=_of(rms_standard_error(tried.left.predicted, data.with_use(held)), percent),
             held_largest=float(np.max(np.abs(every))),
             held_band=float(np.quantile(np.abs(every), BAND)),
         )
@@ -404,9 +444,14 @@ def _errors(tried: _Tried, data: Data) -> _Errors:
         made,
         held=tried.folds.rms * percent,
         held_free=tried.folds.free_rms * percent,
+        held_error=_of(tried.folds.standard_error, percent),
         held_largest=tried.folds.largest * percent,
         held_band=tried.folds.band * percent,
     )
+
+
+def _of(error: float | None, percent: float) -> float | None:
+    return None if error is None else error * percent
 
 
 def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candidate, ...]]:
@@ -471,15 +516,12 @@ def _result(
         errors = replace(errors, held_band=cut.band * 100.0 / data.measurement.stroke)
     parts = tuple(f for f in (tried.folds, cut) if f is not None)
     parameters, offset, said = estimates(tried.fit, data, tried.left, parts, found.widths)
-    settling = _settling(tried, data)
+    settling, starts = _before(tried, data)
     m = data.measurement
     drive = _drive_model(tried, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
     error = max(errors.rms, errors.held or 0.0)
     judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
-    settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
-    if train is not None:
-        settings["fitted samples"] = f"{train[0]} to {train[1]}"
     return Identification(
         model=drive,
         kind=tried.family.kind,
@@ -487,6 +529,7 @@ def _result(
         max_percent=errors.largest,
         heldout_rms_percent=errors.held,
         heldout_free_rms_percent=errors.held_free,
+        heldout_standard_error=errors.held_error,
         heldout_max_percent=errors.held_largest,
         heldout_band_percent=errors.held_band,
         stroke=m.stroke,
@@ -496,6 +539,7 @@ def _result(
         offset=replace(offset, value=m.sign * offset.value),
         warnings=(
             *judged.sentences,
+            *_untold(m, found),
             *m.warnings,
             *_no_motion(train, data),
             *_history(settling, errors, data),
@@ -507,11 +551,12 @@ def _result(
             *said,
         ),
         settling=settling,
+        starts=starts,
         candidates=candidates,
         measurement=replace(m, sections=tuple(map(_as_measured, m.sections))),
         predicted=_predicted(tried, data),
         verdict=judged,
-        settings=settings,
+        settings={"model": tried.family.kind, "sections": str(len(m.sections))},
     )
 
 
@@ -523,29 +568,55 @@ def _as_measured(section: Section) -> Section:
     return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
-def _settling(tried: _Tried, data: Data) -> float:
-    """Largest change of a prediction by whether the drive had rested or had moved before."""
+def _before(tried: _Tried, data: Data) -> tuple[float, tuple[Start, ...]]:
+    """How much what the drive did before may change readings, and which of it fits alike."""
+    sections = data.measurement.sections
+    kept = sections[0].start
     if data.chain.creep_per_decade == 0.0:
-        return 0.0
-    quasi = [tried.fit.model.simulate(s.u).values[:, None] for s in data.measurement.sections]
-    ends = []
-    for start in ("rested", 0.0, math.inf):
-        sections = tuple(replace(s, start=start) for s in data.measurement.sections)
-        own = replace(data, measurement=replace(data.measurement, sections=sections))
-        ends.append(np.concatenate(behind_chain(quasi, own)))
-    return float(np.max(np.ptp(ends, axis=0)))
+        return 0.0, (kept,)
+    quasi = [tried.fit.model.simulate(s.u).values[:, None] for s in sections]
+    ends: dict[Start, list[Array]] = {}
+    for start in dict.fromkeys((kept, "rested", 0.0, math.inf)):
+        moved = tuple(replace(s, start=start) for s in sections)
+        own = replace(data, measurement=replace(data.measurement, sections=moved))
+        ends[start] = [c[:, 0] for c in behind_chain(quasi, own)]
+    use = data.use[0]
+    y = sections[0].y[data.rows[0].at]
+    rms: dict[Start, float] = {}
+    for start, (first, *_) in ends.items():
+        rms[start] = float(np.std((y - first)[use] if use.any() else y - first))
+    alike: list[Start] = [s for s, own in rms.items() if own <= _ALIKE * rms[kept]]
+    every = [np.concatenate(ends[s]) for s in ("rested", 0.0, math.inf)]
+    settling = float(np.max(np.ptp(every, axis=0)))
+    if "rested" in alike and np.max(np.abs(every[0] - every[1])) < _SAME_START * settling:
+        alike = [s for s in alike if s != 0.0]  # it rested at the low end
+    return settling, tuple(alike)
 
 
 def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
     """Say where what the drive did before matters more than the model's own error."""
-    m = data.measurement
     held = errors.held if errors.held is not None else errors.rms
-    own = 100.0 * settling / m.stroke
+    own = 100.0 * settling / data.measurement.stroke
     if own <= held:
         return ()
     return (
-        f"before the record the drive {start_in_words(m.sections[0].start)}, as it seems: by what "
-        f"it did before, creep changes the readings by up to {own:.2g} % of the stroke",
+        f"creep of what the drive did before changes readings by up to {own:.2g} % of the stroke, "
+        "more than the model is off: before it is recorded, and before the model is used, let it "
+        "rest or move alike for as long as the record lasts",
+    )
+
+
+def _untold(m: Measurement, found: FoundChain) -> tuple[str, ...]:
+    """Say which values of the chain mean nothing by themselves, and why."""
+    names = " and ".join(n.split("_")[0] for n, e in found.errors.items() if math.isinf(e))
+    alone = f"; what was found of {names} belongs to this fit and means nothing by itself"
+    if len(m.rates_hz) > 1:
+        return (f"the records do not tell {names}{alone}",) if names else ()
+    at = f"{m.rates_hz[0]:.3g} Hz" if m.rates_hz else "one rate"
+    return (
+        f"one rate only ({at}): lag, creep and hysteresis cannot be told apart"
+        f"{alone if names else ''}; record the same cycles at a second rate, ten times slower or "
+        "faster",
     )
 
 
@@ -591,7 +662,7 @@ def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:
     if fastest < _SHOWS_MODES_HZ:
         return ()
     return (
-        f"no resonance was seen: one below {30.0 * fastest:.3g} Hz would change cycles at "
+        f"no resonance was seen: one below {readable('Hz', 30.0 * fastest)} would change cycles at "
         f"{fastest:.3g} Hz by 0.1 % and more, and be taken for creep; name it, or record a small "
         "multisine about it",
     )

@@ -388,12 +388,8 @@ def first_moving(u: Array) -> int:
 
 def warm_up(u: Array, moves: Cycles) -> int:
     """Return how many first samples still know what was before the record."""
-    low, high = moves.range
-    reach = _END * (high - low)
-    first_high = int(np.argmax(u >= high - reach))
-    first_low = int(np.argmax(u <= low + reach))
-    # the later of both, and a whole cycle after it where there are many: other memory fades there
-    both = max(first_high, first_low)
+    # and a whole cycle after it where there are many: other memory fades there
+    both = _both_ends(u, moves)
     after = moves.bounds[moves.bounds >= both]
     more = 1 if after.size > 6 else 0
     end = int(after[more]) if after.size else both
@@ -401,6 +397,42 @@ def warm_up(u: Array, moves: Cycles) -> int:
     if end <= longest:
         return end
     return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
+
+
+def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
+    """Say that samples are counted that may know what was before the record.
+
+    Parameters
+    ----------
+    parts : sequence of tuple
+        Of each record the input, its cycles, the time from one sample to the next [s], the first
+        sample that is counted, and when the first one is in the record [s].
+
+    Returns
+    -------
+    str
+        A sentence; empty where both ends of the range were reached before in all of them.
+    """
+    ends, counts = [], []
+    for u, moves, dt, counted, begin in parts:
+        both = _both_ends(u, moves)
+        if both > counted:
+            ends.append(f"{begin + both * dt:.3g}")
+            counts.append(f"{begin + counted * dt:.3g}")
+    if not ends:
+        return ""
+    return (
+        f"the input reaches both ends of its range no sooner than at {' and '.join(ends)} s, and "
+        f"errors are counted from {' and '.join(counts)} s on: till then readings depend on what "
+        "was before, which is taken to be a cycle over the whole range"
+    )
+
+
+def _both_ends(u: Array, moves: Cycles) -> int:
+    """The sample at which an input has reached both ends of its range."""
+    low, high = moves.range
+    reach = _END * (high - low)
+    return max(int(np.argmax(u >= high - reach)), int(np.argmax(u <= low + reach)))
 
 
 def _require_order(sections: Sequence[Section], input_name: str, output_name: str) -> None:
@@ -440,13 +472,6 @@ def _loop_areas(section: Section) -> Array:
 
 def _warnings(m: Measurement) -> tuple[str, ...]:
     found: list[str] = []
-    rates = m.rates_hz
-    if len(rates) < 2:
-        at = f"{rates[0]:.3g} Hz" if rates else "one rate"
-        found.append(
-            f"one rate only ({at}): lag, creep and hysteresis cannot be told apart; record the "
-            "same cycles at a second rate, ten times slower or faster"
-        )
     if not any(s.cycles.has_minor_loops for s in m.sections):
         found.append(
             "no minor loops: what happens inside the major loop is not identified; record nested "
@@ -457,11 +482,16 @@ def _warnings(m: Measurement) -> tuple[str, ...]:
             "fewer than three whole cycles: errors on cycles that were held out say little; record "
             "more"
         )
-    found += [
-        f"the input rests for {s.begin:.3g} s before it moves: this is left out"
-        for s in m.sections
-        if s.first > 0
-    ]
+    rests = [f"{s.begin:.3g}" for s in m.sections if s.first > 0]
+    if rests:
+        found.append(
+            f"the input rests for {' and '.join(dict.fromkeys(rests))} s before it moves: this is "
+            "left out"
+        )
+    bare = map(without_history, m.sections)
+    early = early_text([(s.u, s.cycles, s.dt, s.warm_up, s.begin) for s in bare])
+    if early:
+        found.append(early)
     if max(_levels(s.u) for s in m.sections) < 10:
         found.append(
             "the input jumps between few levels: what lies between them is not identified; drive "

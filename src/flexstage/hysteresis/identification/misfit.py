@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data, Family, behind_chain
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.heldout_error import rms_standard_error
 from flexstage.hysteresis.model import HysteresisModel
 
 __all__ = [
@@ -165,6 +166,8 @@ class Folds:
         Absolute error that 95 % of them stay below.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
+    standard_error : float or None
+        Standard error of the root mean square over all, by its scatter between cycles.
     values : tuple of Mapping
         Parameters by name where each part was left out; one that is absent is 0.
     """
@@ -174,6 +177,7 @@ class Folds:
     largest: float
     band: float
     mean_square: Array
+    standard_error: float | None = None
     values: tuple[Mapping[str, float], ...] = ()
 
 
@@ -208,11 +212,15 @@ def cross_validate(
     if len(folds) < 2:
         return None
     errors, free, values = [], [], []
+    at_rows = [np.zeros(r.at.size) for r in data.rows]
     for held in folds:
         rest = tuple(u & ~h for u, h in zip(data.use, held, strict=True))
         part = data.with_use(rest)
         found = family.refit(part, start)
-        own = misfit(found.model, part).predicted_at(held)
+        left = misfit(found.model, part)
+        own = left.predicted_at(held)
+        for row, error, of in zip(at_rows, left.predicted, held, strict=True):
+            row[of] = error[of]
         errors.append(np.concatenate(own))
         free.append(free_constant(own))
         values.append(dict(zip(found.names, found.values.tolist(), strict=True)))
@@ -223,5 +231,6 @@ def cross_validate(
         largest=float(np.max(np.abs(every))),
         band=_band([float(np.quantile(np.abs(e), BAND)) for e in errors]),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
+        standard_error=rms_standard_error(at_rows, data),
         values=tuple(values),
     )

@@ -93,8 +93,14 @@ def _seen_in(section: Section, part: slice, low: float) -> Resonance | None:
     found = _refined(section, part, low, rough)
     # a hump that is as wide as it may be, or stands anywhere, is the shape of something else
     sharp = found.damping_ratio < 0.9 * _LARGEST_DAMPING
+    inside = found.delay < 0.99 * _longest_delay(low)
     placed = found.frequency_error_hz < _VAGUE * found.frequency_hz
-    return found if sharp and placed else None
+    return found if sharp and placed and inside else None
+
+
+def _longest_delay(low: float) -> float:
+    """Longest delay that is looked for [s], where content begins at a frequency [Hz]."""
+    return 0.1 / low
 
 
 def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Resonance:
@@ -117,7 +123,7 @@ def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Res
 
     begin = np.array([rough.frequency_hz, rough.damping_ratio, 0.98, 0.5 * dt])
     least = np.array([0.7 * begin[0], 1e-4, 0.02, 0.0])
-    most = np.array([1.3 * begin[0], _LARGEST_DAMPING, 1.0, 0.1 / low])
+    most = np.array([1.3 * begin[0], _LARGEST_DAMPING, 1.0, _longest_delay(low)])
     found = least_squares(
         left,
         np.clip(begin, least + 1e-6 * (most - least), most - 1e-6 * (most - least)),

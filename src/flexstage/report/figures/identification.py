@@ -113,7 +113,7 @@ def _extent(found: Identification, section: int, within: np.ndarray) -> str:
     count = s.cycles.swing.size
     which = f"cycle {last}" if last == first + 1 else f"cycles {first + 1} to {last}"
     cycles = f"all {count} cycles" if last - first == count > 1 else f"{which} of {count}"
-    begin, end = (s.first + within[[0, -1]]) * s.dt
+    begin, end = s.begin + within[[0, -1]] * s.dt
     return f"{cycles}, {begin:.4g} to {end:.4g} s"
 
 
@@ -122,12 +122,12 @@ def _residual(axes: "Axes", found: Identification, section: int, within: np.ndar
     left = (found.measurement.sign * s.y - found.predicted[section]) * (100.0 / found.stroke)
     counted = s.warm_up + np.flatnonzero(np.isfinite(left[s.warm_up :]))
     own = left[counted]
-    begin, end = (float((s.first + i) * s.dt) for i in counted[[0, -1]])
-    shaded = [float((s.first + i) * s.dt) for i in within[[0, -1]]]
+    begin, end = s.begin + counted[[0, -1]] * s.dt
+    shaded = s.begin + within[[0, -1]] * s.dt
     dress(axes)
     axes.axvspan(*shaded, color=MUTED, alpha=0.12, linewidth=0.0)
     at = counted[_extremes(own)]
-    axes.plot((s.first + at) * s.dt, left[at], color=CYCLE[0], linewidth=0.5)
+    axes.plot(s.begin + at * s.dt, left[at], color=CYCLE[0], linewidth=0.5)
     for level in (-found.noise_percent, found.noise_percent):
         axes.axhline(level, color=INK, linewidth=0.8, linestyle=(0, (5, 3)))
     axes.set_xlim(begin, end)
