@@ -169,7 +169,7 @@ def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -
     behind = np.empty((m, first.size))
     at = np.clip(first - chain.delay / section.dt, 0.0, n - 1.0)
     before = np.minimum(at.astype(np.intp), n - 2)
-    share = at - before
+    share = np.asarray(at - before, dtype=np.float64)
     for block in _blocks(n, m):
         # column by column, as they lie in memory
         part = np.ascontiguousarray(columns[:, block].T)
