@@ -24,6 +24,7 @@ from flexstage.hysteresis.identification.families.family import (
     equations,
 )
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.identify import _choose, _Tried
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, misfit
@@ -572,6 +573,23 @@ def test_a_preisach_fit_is_an_optimum():
     assert np.abs(gradient / scale)[x > 0.0].max() < 1e-9
     assert np.max((gradient / scale)[(x == 0.0) & moving], initial=-np.inf) < 1e-9
     assert (x > 0.0).sum() > 60
+
+
+@pytest.mark.parametrize("kind", ["maxwell-slip", "modified-prandtl-ishlinskii"])
+def test_changes_in_closed_form_are_the_limit_of_differences(kind: str):
+    u = drive()
+    stack = virtual_stack((0.0, 112.0), 38e-6, 0.12)
+    data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
+    family = FAMILIES[kind]
+    assert isinstance(family, RefinedFamily)
+    p, (section,) = family.fit(data).search, data.measurement.sections
+    _, scale = family.bounds(data)
+    exact = family.changes(p, scale, section, data)
+    by_differences = RefinedFamily.changes(family, p, scale, section, data)
+    # the step is 1e-5 of each parameter; where a kink passes a sample in it they differ for a while
+    error = np.abs(exact - by_differences).max(axis=1) / np.abs(exact).max()
+    assert np.quantile(error, 0.99) < 2e-4
+    assert error.max() < 0.1
 
 
 def test_an_offset_belongs_to_no_model():

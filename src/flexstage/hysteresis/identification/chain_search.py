@@ -500,8 +500,8 @@ class _Search:
         made = []
         for i, section in enumerate(self._data.measurement.sections):
             late, share = divmod(chain.delay / section.dt, 1.0)
-            mixed = np.outer([1.0 - share, share], [1.0, gamma]).ravel()
-            made.append(groups_summed(self._product(i, int(late)), mixed))
+            mixed = [1.0 - share, (1.0 - share) * gamma, share, share * gamma]
+            made.append(groups_summed(self._product(i, int(late)), np.array(mixed)))
         return functools.reduce(operator.add, made)
 
     def _product(self, i: int, late: int) -> Normal:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, oaconvolve, savgol_coeffs, savgol_filter
 
 from flexstage.records import difference_noise
 
@@ -77,6 +76,8 @@ def _noise(u: Array) -> float:
 
 
 def _smoothed(u: Array, noise: float) -> Array:
+    from scipy.signal import oaconvolve, savgol_coeffs
+
     made, reach = u.copy(), _OWN_INTERVAL * noise
     low, high = u - reach, u + reach
     going = np.ones(u.size, dtype=bool)
@@ -98,6 +99,8 @@ def _smoothed(u: Array, noise: float) -> Array:
 
 def _followed(taken: Array, noise: float, u: Array, y: Array) -> bool:
     """Whether the output moves with what was taken from the input."""
+    from scipy.signal import correlate, savgol_filter
+
     quick = y - np.asarray(savgol_filter(y, 11, 3))
     size = 1.4826 * float(np.median(np.abs(quick)))
     quick = np.clip(quick, -4.0 * size, 4.0 * size)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from flexstage.hysteresis.chain import StageModes
 from flexstage.hysteresis.identification.measurement import Section, without_history
@@ -106,10 +105,9 @@ def _longest_delay(low: float) -> float:
 def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Resonance:
     """Fit the mode to the samples of the part, both sides without what is slow."""
     dt = section.dt
-    slow = butter(4, low, "highpass", fs=1.0 / dt, output="sos")
     margin = int(3.0 / (low * dt))
     start, stop = max(part.start - margin, 0), min(part.stop + margin, section.u.size)
-    u, y = sosfiltfilt(slow, section.u[start:stop]), sosfiltfilt(slow, section.y[start:stop])
+    u, y = (_without_slow(x[start:stop], low * dt) for x in (section.u, section.y))
     inside = slice(part.start - start, part.stop - start)
     at = np.arange(u.size, dtype=np.float64)
 
@@ -146,8 +144,7 @@ def _refined(section: Section, part: slice, low: float, rough: Resonance) -> Res
 
 def _excited(section: Section, low: float) -> slice | None:
     """The part of a record in which the input moves quickly and little."""
-    filtered = butter(4, low, "highpass", fs=1.0 / section.dt, output="sos")
-    quick = np.abs(sosfiltfilt(filtered, section.u))
+    quick = np.abs(_without_slow(section.u, low * section.dt))
     width = max(1, int(4.0 / (low * section.dt)))
     envelope = np.convolve(quick, np.ones(width) / width, mode="same")
     span = float(np.ptp(section.u))
@@ -163,7 +160,19 @@ def _excited(section: Section, low: float) -> slice | None:
     return slice(int(start), int(stop))
 
 
+def _without_slow(values: Array, low: float) -> Array:
+    """What lies above a frequency [per sample]: a Butterworth filter of order four, both ways."""
+    n = values.size - 1
+    straight = values - np.linspace(values[0], values[-1], n + 1)
+    # turned about its ends the rest repeats itself
+    content = np.fft.rfft(np.concatenate((straight[:-1], -straight[:0:-1])))
+    f = np.tan(0.5 * np.pi * np.arange(n + 1) / n) / np.tan(np.pi * low)
+    return np.fft.irfft(content * (f**8 / (1.0 + f**8)), 2 * n)[: n + 1]
+
+
 def _response(u: Array, y: Array, rate: float, low: float) -> tuple[Array, NDArray, Array]:
+    from scipy.signal import csd, welch
+
     length = int(min(u.size // 4, max(256, 2 ** int(np.log2(12.0 * rate / low)))))
     settings = {"fs": rate, "nperseg": length, "detrend": "linear"}
     f, own = welch(u, **settings)

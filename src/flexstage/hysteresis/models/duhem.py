@@ -20,7 +20,7 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models.play import ROUNDING, fixed
 from flexstage.hysteresis.models.play_model import sampled
 
-__all__ = ["Duhem"]
+__all__ = ["Duhem", "duhem_columns"]
 
 #: Inputs at which the conditions are looked at.
 GRID = 513
@@ -341,18 +341,77 @@ class Duhem(HysteresisModel):
         return out
 
 
+def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
+    """Return the output of a Duhem model per unit of each of its coefficients.
+
+    Parameters
+    ----------
+    u : array_like
+        Inputs [V], shape (n,).
+    rate : float
+        Alpha of the model [1/V].
+    curve : int
+        Number of coefficients of its anhysteretic curve.
+    tangent : int
+        Number of coefficients of its tangent.
+
+    Returns
+    -------
+    numpy.ndarray
+        Columns, shape (n, curve + tangent), those of the curve first.
+
+    Raises
+    ------
+    ModelError
+        The input is no finite sequence.
+
+    Notes
+    -----
+    Validity: as `Duhem`, from rest.
+
+    Examples
+    --------
+    >>> duhem_columns([80.0, 30.0], 0.04, 3, 1) @ [2.0, 0.45, 0.4e-3, 0.3]
+    array([35.76095275, 19.26880817])
+    """
+    return _columns(samples(u, "input"), rate, curve, tangent)
+
+
 @compiled
-def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: Array) -> float:
-    """Return the output after the input has gone from u by sign v."""
-    q0 = alpha * (f[0] + u * (f[1] + u * (f[2] + u * f[3])))
-    q1 = alpha * (f[1] + u * (2.0 * f[2] + 3.0 * u * f[3]))
-    q2 = alpha * (2.0 * f[2] + 6.0 * u * f[3])
-    q3 = alpha * 6.0 * f[3]
-    q0 += sign * (g[0] + u * (g[1] + u * (g[2] + u * g[3])))
-    q1 += sign * (g[1] + u * (2.0 * g[2] + 3.0 * u * g[3]))
-    q2 += sign * (2.0 * g[2] + 6.0 * u * g[3])
-    q3 += sign * 6.0 * g[3]
-    x = -alpha * v
+def _columns(u: Array, alpha: float, curve: int, tangent: int) -> Array:
+    made = np.zeros((u.size, curve + tangent))
+    moved = np.zeros(max(curve, tangent))
+    here, last = np.zeros(curve + tangent), 0.0
+    for n in range(u.size):
+        if u[n] != last:
+            sign = 1.0 if u[n] > last else -1.0
+            v = sign * (u[n] - last)
+            phi1, phi2, phi3, phi4 = _phis(-alpha * v)
+            # powers of the input where the step begins, and their derivatives
+            d0, d1, d2, d3 = 1.0, 0.0, 0.0, 0.0
+            for k in range(moved.size):
+                moved[k] = v * (
+                    d0 * phi1 + v * (sign * d1 * phi2 + v * (d2 * phi3 + v * sign * d3 * phi4))
+                )
+                d0, d1, d2, d3 = (
+                    last * d0,
+                    last * d1 + d0,
+                    last * d2 + 2.0 * d1,
+                    last * d3 + 3.0 * d2,
+                )
+            decay = math.exp(-alpha * v)
+            for k in range(curve):
+                here[k] = decay * here[k] + alpha * moved[k]
+            for k in range(tangent):
+                here[curve + k] = decay * here[curve + k] + sign * moved[k]
+            last = u[n]
+        made[n] = here
+    return made
+
+
+@compiled
+def _phis(x: float) -> tuple[float, float, float, float]:
+    """Return phi_1 to phi_4."""
     if x > -1.0:
         # Upwards, the differences would lose digits; the series is short, and downwards is safe.
         term = 1.0 / 24.0
@@ -370,6 +429,22 @@ def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: 
         phi2 = (phi1 - 1.0) / x
         phi3 = (phi2 - 0.5) / x
         phi4 = (phi3 - 1.0 / 6.0) / x
+    return phi1, phi2, phi3, phi4
+
+
+@compiled
+def _step(u: float, y: float, v: float, sign: float, alpha: float, f: Array, g: Array) -> float:
+    """Return the output after the input has gone from u by sign v."""
+    q0 = alpha * (f[0] + u * (f[1] + u * (f[2] + u * f[3])))
+    q1 = alpha * (f[1] + u * (2.0 * f[2] + 3.0 * u * f[3]))
+    q2 = alpha * (2.0 * f[2] + 6.0 * u * f[3])
+    q3 = alpha * 6.0 * f[3]
+    q0 += sign * (g[0] + u * (g[1] + u * (g[2] + u * g[3])))
+    q1 += sign * (g[1] + u * (2.0 * g[2] + 3.0 * u * g[3]))
+    q2 += sign * (2.0 * g[2] + 6.0 * u * g[3])
+    q3 += sign * 6.0 * g[3]
+    x = -alpha * v
+    phi1, phi2, phi3, phi4 = _phis(x)
     moved = v * (q0 * phi1 + v * (sign * q1 * phi2 + v * (q2 * phi3 + v * sign * q3 * phi4)))
     return y * math.exp(x) + moved
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
-from flexstage.hysteresis.models.duhem import Duhem
+from flexstage.hysteresis.models.duhem import Duhem, duhem_columns
 
 __all__ = ["DuhemFamily"]
 
@@ -84,12 +84,7 @@ class DuhemFamily(SearchFamily):
         numpy.ndarray
             Quasi-static columns at every sample, shape (n, 6).
         """
-        made = []
-        for k in range(_CURVE + _TANGENT):
-            one = np.zeros(_CURVE + _TANGENT)
-            one[k] = 1.0
-            made.append(_model(place, one, data).simulate(section.u).values)
-        return np.column_stack(made)
+        return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
     def build(self, place: Array, coefficients: Array, data: Data) -> Duhem:
         """Return the model that some parameters make.
@@ -113,10 +108,13 @@ class DuhemFamily(SearchFamily):
 
 def _model(place: Array, coefficients: Array, data: Data) -> Duhem:
     low, high = data.measurement.input_range
-    rate = 10.0 ** (_RATE[0] + place[0] * (_RATE[1] - _RATE[0])) / data.input_scale
     return Duhem(
-        rate=float(rate),
+        rate=_rate(place, data),
         anhysteretic=coefficients[:_CURVE],
         tangent=coefficients[_CURVE:],
         input_range=(min(low, 0.0), max(high, 0.0)),
     )
+
+
+def _rate(place: Array, data: Data) -> float:
+    return float(10.0 ** (_RATE[0] + place[0] * (_RATE[1] - _RATE[0])) / data.input_scale)

@@ -193,7 +193,8 @@ class LinearFamily(Family):
             behind = [np.concatenate(own, axis=1) for own in zip(*parts, strict=True)]
             every, some = np.concatenate(moving), moves(behind, _ROUNDING)
             every[every] = some
-            data.memo[self.kind] = [c[:, some] for c in behind], every
+            kept = behind if some.all() else [c[:, some] for c in behind]
+            data.memo[self.kind] = kept, every
         return data.memo[self.kind]
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import (
     interior_kinks,
@@ -14,7 +15,9 @@ from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PrandtlIshlinskiiFamily,
 )
 from flexstage.hysteresis.identification.families.refined import RefinedFamily, roughness
+from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 __all__ = ["MaxwellSlipFamily"]
@@ -126,6 +129,39 @@ class MaxwellSlipFamily(RefinedFamily):
             dead_zone_weights=parameters[1 + self._elements :],
         )
 
+    def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+        """Return the change of the output with each parameter, in closed form.
+
+        The voltage is given, so that what a parameter adds to it the displacement y takes away
+        again, by the slope of all springs at y less that of the sliders that slide. Those that
+        stick keep the change that they had where they last slid.
+
+        Parameters
+        ----------
+        p : numpy.ndarray
+            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
+        scale : numpy.ndarray
+            By how much each may change at once, shape (k,).
+        section : Section
+            The section.
+        data : Data
+            The data.
+
+        Returns
+        -------
+        numpy.ndarray
+            Change of the quasi-static output with each parameter over its scale, shape (n, k).
+        """
+        model = self.build(p, data)
+        y = model.simulate(section.u).values
+        sliders = play_columns(y, model.thresholds)
+        beyond = y[:, None] - model.dead_zones
+        beyond = np.where(beyond * np.sign(model.dead_zones) > 0.0, beyond, 0.0)
+        slope = model.stiffness + (beyond != 0.0) @ model.dead_zone_weights
+        made = np.column_stack((y, y[:, None] - sliders, beyond))
+        _given_voltage(made, sliders, slope, model.element_stiffness)
+        return made * scale
+
     def _cached(self, data: Data) -> list[Array]:
         """Stiffness, thresholds and stiffnesses of elements of the start, and the kinks."""
         key = f"{self.kind} start"
@@ -142,3 +178,23 @@ class MaxwellSlipFamily(RefinedFamily):
             # a play is the displacement less a stop, so that negative plays are stops and a spring
             data.memo[key] = [np.array([gain + weights.sum()]), thresholds, -weights, kinks]
         return data.memo[key]
+
+
+@compiled
+def _given_voltage(made: Array, sliders: Array, slope: Array, stiffness: Array) -> None:
+    """Turn changes of the voltage at given displacements into those of the displacement."""
+    kept = np.zeros((sliders.shape[1], made.shape[1]))
+    before = np.zeros(sliders.shape[1])
+    for n in range(made.shape[0]):
+        now, total = made[n], slope[n]
+        for i in range(before.size):
+            if sliders[n, i] == before[i]:
+                total += stiffness[i]
+                for q in range(now.size):
+                    now[q] -= stiffness[i] * kept[i, q]
+        for q in range(now.size):
+            now[q] /= -total
+        for i in range(before.size):
+            if sliders[n, i] != before[i]:
+                before[i] = sliders[n, i]
+                kept[i] = now

@@ -270,15 +270,15 @@ class SearchFamily(Family):
         At the best linear parameters it does not matter how these would change along.
         """
         solution, behind, left = self.project(place, data)
-        x = solution.coefficients
+        x, sections = solution.coefficients, data.measurement.sections
         slope = np.empty(place.size)
         for k in range(place.size):
             other = place.copy()
             other[k] += _STEP if place[k] < 0.5 else -_STEP
-            quasi = [self.columns(s, other, data) @ x for s in data.measurement.sections]
-            moved = behind_chain([q[:, None] for q in quasi], data)
+            # column by column, as what the drive did before is not linear in their sum
+            moved = behind_chain([self.columns(s, other, data) for s in sections], data)
             change = np.concatenate(
-                [(m[:, 0] - c @ x)[u] for m, c, u in zip(moved, behind, data.use, strict=True)]
+                [((m - c) @ x)[u] for m, c, u in zip(moved, behind, data.use, strict=True)]
             )
             slope[k] = -2.0 * _ABOUT * float(left @ change) / (other[k] - place[k])
         return slope * data.measurement.stroke
