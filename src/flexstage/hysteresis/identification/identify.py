@@ -464,7 +464,7 @@ def _result(
     drive = _drive_model(tried, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
     error = max(errors.rms, errors.held or 0.0)
-    judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
+    judged = verdict(data, error, noise)
     settings = {"model": tried.family.kind, "sections": str(len(m.sections))}
     if train is not None:
         settings["fitted samples"] = f"{train[0]} to {train[1]}"
