@@ -177,6 +177,30 @@ def test_one_sample_in_a_hundred_is_enough():
     assert (found[0], found[2]) == (level, 60)
 
 
+def monitored(y, share, seed, rate_hz=1.3):
+    """What is found where the input was read with noise."""
+    u = drive(y.size, rate_hz)
+    noise = np.random.default_rng(seed).normal(0.0, share * float(np.ptp(u)), u.size)
+    return [f.kind for f in measurement([record(u + noise, y)], "u", "y").findings]
+
+
+@pytest.mark.parametrize("share", [0.001, 0.002, 0.005, 0.01, 0.02])
+def test_noise_of_the_input_clips_nothing(share):
+    for rate_hz in (0.31, 1.3, 4.7):
+        y = stack(drive(rate_hz=rate_hz), late=0.012, noise=0.003)
+        level = float(np.quantile(y, 0.99))
+        for seed in range(4):
+            assert monitored(y, share, seed, rate_hz) == []
+        assert monitored(np.minimum(y, level), share, 4, rate_hz) == ["clipping"]
+        assert monitored(np.minimum(y, y.max() - 0.13 * STROKE), share, 5, rate_hz) == ["clipping"]
+
+
+def test_values_alike_at_the_end_are_clipped_even_behind_the_turns():
+    late = stack(U, late=0.02)
+    level = float(np.quantile(late, 0.99))
+    assert ends(U, np.minimum(late, level)) == (level, NOISE, 60)
+
+
 def test_an_amplifier_that_limits_softly_is_found():
     soft = 30.0 * np.tanh(CLEAN / 15.0)
     assert ends(U, soft) is not None
