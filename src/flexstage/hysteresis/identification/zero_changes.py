@@ -44,8 +44,8 @@ _LARGEST_CREEP = 0.3
 #: A spectrum whose slowest lag, as slow as the record is long, has more of the motion than this is
 #: none of creep: a drift is in it.
 _USUAL_CREEP = 0.05
-#: Longest of the time constants that creep may have beside its logarithm [s].
-_LONGEST_LAG = 1000.0
+#: Records of fewer rows tell nothing of their zero.
+_FEWEST_ROWS = 50
 
 
 def zero_changes(data: Data) -> list[RecordFault]:
@@ -74,6 +74,8 @@ def zero_changes(data: Data) -> list[RecordFault]:
         The jumps and the drifts, in order of the records.
     """
     fit = _Fit(data)
+    if min(r.at.size for r in fit.rows) < _FEWEST_ROWS:
+        return []
     rows: list[int] = []
     while len(rows) < _MOST_JUMPS:
         found = fit.next_jump(rows)
@@ -146,7 +148,11 @@ class _Fit:
         """The same with creep that began otherwise, and with its spectrum where that is usual."""
         longest = max(s.u.size * s.dt for s in self.sections)
         starts: tuple[Start, ...] = ("rested", 0.0, longest, math.inf)
-        begun = [[replace(s, start=start) for s in self.sections] for start in starts]
+        begun = [
+            [replace(s, start=start) for s in self.sections]
+            for start in starts
+            if any(s.start != start for s in self.sections)
+        ]
         every: list[tuple[Sequence[Section], CreepSpectrum | None]] = [(b, None) for b in begun]
         if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _USUAL_CREEP:
             every.append((self.sections, chain.spectrum))
@@ -239,10 +245,11 @@ class _Fit:
 
     def _tangents(self, solved: _Solved) -> Array:
         """What the model can do about a solution: its density, and lags of every decade."""
-        shortest = 10.0 * min(s.dt for s in self.sections)
+        shortest = math.log10(10.0 * min(s.dt for s in self.sections))
+        longest = math.log10(self._bare.creep_longest)
         parts = []
-        for tau in 10.0 ** np.arange(math.ceil(math.log10(shortest)), math.log10(_LONGEST_LAG) + 1):
-            lag = CreepSpectrum(times=(float(tau),), weights=(1.0,))
+        for decade in range(math.ceil(shortest), math.floor(longest) + 1):
+            lag = CreepSpectrum(times=(10.0**decade,), weights=(1.0,))
             chain = replace(self._bare, spectrum=lag, creep_per_decade=lag.rate_per_decade)
             own = [filtered((c @ solved.weights)[:, None], s, r, chain) for c, s, r in self._each()]
             parts.append(np.concatenate(own))
@@ -362,6 +369,9 @@ def _drifts(data: Data, fits: Sequence[_Fit], without: float) -> list[RecordFaul
             or abs(size) < _CERTAIN * error
         ):
             continue
+        # starts that are as good give other trends
+        good = [o.extra[k] for _, o in solved if (1.0 - _WORTH) * _square(o) <= _square(best)]
+        error = math.hypot(error, 0.5 * longer * float(np.ptp(good)))
         seconds = s.u.size * s.dt
         made.append(
             RecordFault(
