@@ -4,7 +4,8 @@ Faults are put into a measured record (PICMA P-885.91 of ``../shared/data``) and
 simulated stack, driven as ``flexstage excite`` designs it. Each record is identified by the command
 line, and the model that comes out is tried on the record without the fault as well. Run as a
 program for a table of one of the two, by this or another source of flexstage, of all faults or of
-those whose names hold a word: ``python tests/identification_evidence.py picma [SOURCE [WORD]]``.
+those whose names hold one of some words:
+``python tests/identification_evidence.py picma [SOURCE [WORD...]]``.
 """
 
 import json
@@ -200,11 +201,11 @@ def main() -> None:
     """Write a row for every fault."""
     own = {"picma": picma, "stack": stack}[sys.argv[1]]()
     source = Path(sys.argv[2]) if len(sys.argv) > 2 else HERE / "src"
-    word = sys.argv[3] if len(sys.argv) > 3 else ""
+    words = sys.argv[3:] or [""]
     clean: dict[str, tuple[float, set[str]]] = {}
     with tempfile.TemporaryDirectory() as name:
         for fault in faults(own):
-            if not (fault.name == "none" or word in fault.name):
+            if fault.name != "none" and not any(word in fault.name for word in words):
                 continue
             found = identified(fault, own, source, Path(name))
             sys.stdout.write(row(fault, found, clean) + "\n")
