@@ -4,7 +4,8 @@ Faults are put into a measured record (PICMA P-885.91 of ``../shared/data``) and
 simulated stack, driven as ``flexstage excite`` designs it. Each record is identified by the command
 line, and the model that comes out is tried on the record without the fault as well. Run as a
 program for a table of one of the two, by this or another source of flexstage, of all faults or of
-those whose names hold a word: ``python tests/identification_evidence.py picma [SOURCE [WORD]]``.
+those whose names hold one of some words:
+``python tests/identification_evidence.py picma [SOURCE [WORD...]]``.
 """
 
 import json
@@ -76,6 +77,8 @@ class Fault:
     unit: str = "um"
     model: str = "preisach"
     told_rate_hz: float = 0.0
+    #: Samples of the record without a fault to one of this.
+    every: int = 1
 
 
 def measured_by(u: Array, dt: float) -> Array:
@@ -143,16 +146,14 @@ def faults(own: Bench) -> Iterator[Fault]:
     spiked[rng.choice(u.size, 4, replace=False)] += 0.5 * stroke * np.array([1.0, -1.0, 1.0, -1.0])
     yield record("4 spikes", u, spiked)
     at = np.arange(u.size) / rate
-    for name, told in ((f"{rate:g}", rate), (f"{LOGGED_HZ:g}", LOGGED_HZ)):
-        # as if everything had been so much slower
-        late = at + JITTER / rate * rng.uniform(-1.0, 1.0, u.size)
-        late[0], late[-1] = at[0], at[-1]
+    for told in (rate, LOGGED_HZ):
+        every = 1 if told == rate else 4  # a logger is slow, and so is what it logs
+        late = at[::every] + JITTER * every / rate * rng.uniform(-1.0, 1.0, at[::every].size)
+        late = np.sort(np.clip(late, at[0], at[-1]))
         own_u, own_y = (np.interp(late, at, v) for v in (u, y))
-        if told != rate:  # every so many samples: a logger is slow, and so is what it logs
-            some = slice(None, None, 4)
-            own_u, own_y, late = own_u[some], own_y[some], late[some] * rate / told / 4.0
         yield record(
-            f"times +-{100 * JITTER:g} %, {name} Hz", own_u, own_y, time=late,
+            f"times +-{100 * JITTER:g} %, {told:g} Hz", own_u, own_y,
+            time=late * rate / told / every, every=every,
             options=("--resample", "median"), told_rate_hz=told,
         )  # fmt: skip
     yield record("rate ten times too high", u, y, told_rate_hz=10.0 * rate)
@@ -186,9 +187,8 @@ def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str
         return {"refused": " ".join(run.stderr.split())}
     found: dict[str, Any] = json.loads(run.stdout)
     np.save(folder / "clean.npy", np.stack((own.u, own.y)))
-    dt = 1.0 / own.rate_hz if fault.time is None else fault.rate_hz / told / own.rate_hz
+    dt = 1.0 / (told * fault.every)
     turned = {"um": 1e6, "mm": 1e3}[fault.unit]
-    dt = dt if not fault.told_rate_hz or fault.time is not None else 1.0 / told
     words = [str(out), str(folder / "clean.npy"), repr(dt), repr(BEGUN), repr(turned)]
     tried = subprocess.run(
         [sys.executable, "-c", TRY, *words], capture_output=True, text=True, env=where, check=False
@@ -201,11 +201,11 @@ def main() -> None:
     """Write a row for every fault."""
     own = {"picma": picma, "stack": stack}[sys.argv[1]]()
     source = Path(sys.argv[2]) if len(sys.argv) > 2 else HERE / "src"
-    word = sys.argv[3] if len(sys.argv) > 3 else ""
+    words = sys.argv[3:] or [""]
     clean: dict[str, tuple[float, set[str]]] = {}
     with tempfile.TemporaryDirectory() as name:
         for fault in faults(own):
-            if not (fault.name == "none" or word in fault.name):
+            if fault.name != "none" and not any(word in fault.name for word in words):
                 continue
             found = identified(fault, own, source, Path(name))
             sys.stdout.write(row(fault, found, clean) + "\n")

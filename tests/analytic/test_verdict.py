@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from flexstage.errors import RecordError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.identification import ChainValues, cycles, identify, measurement
+from flexstage.hysteresis.identification.chain_filter import rows_of
+from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.faults import butterfly, clipped
 from flexstage.hysteresis.identification.spikes import without_spikes
-from flexstage.hysteresis.identification.verdict import steps_of
+from flexstage.hysteresis.identification.zero_changes import zero_changes
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.virtual_stack import virtual_stack
@@ -56,8 +58,6 @@ U = drive()
 TIME = np.arange(U.size) * DT
 CLEAN = stack(U)
 STROKE = float(np.ptp(CLEAN))
-#: 40 cycles alike.
-EVEN = 50.0 - 50.0 * np.cos(2.0 * np.pi * np.arange(6000) / 150.0)
 
 
 def staircase(hold=20, levels=60):
@@ -177,6 +177,30 @@ def test_one_sample_in_a_hundred_is_enough():
     assert (found[0], found[2]) == (level, 60)
 
 
+def monitored(y, share, seed, rate_hz=1.3):
+    """What is found where the input was read with noise."""
+    u = drive(y.size, rate_hz)
+    noise = np.random.default_rng(seed).normal(0.0, share * float(np.ptp(u)), u.size)
+    return [f.kind for f in measurement([record(u + noise, y)], "u", "y").findings]
+
+
+@pytest.mark.parametrize("share", [0.001, 0.002, 0.005, 0.01, 0.02])
+def test_noise_of_the_input_clips_nothing(share):
+    for rate_hz in (0.31, 1.3, 4.7):
+        y = stack(drive(rate_hz=rate_hz), late=0.012, noise=0.003)
+        level = float(np.quantile(y, 0.99))
+        for seed in range(4):
+            assert monitored(y, share, seed, rate_hz) == []
+        assert monitored(np.minimum(y, level), share, 4, rate_hz) == ["clipping"]
+        assert monitored(np.minimum(y, y.max() - 0.13 * STROKE), share, 5, rate_hz) == ["clipping"]
+
+
+def test_values_alike_at_the_end_are_clipped_even_behind_the_turns():
+    late = stack(U, late=0.02)
+    level = float(np.quantile(late, 0.99))
+    assert ends(U, np.minimum(late, level)) == (level, NOISE, 60)
+
+
 def test_an_amplifier_that_limits_softly_is_found():
     soft = 30.0 * np.tanh(CLEAN / 15.0)
     assert ends(U, soft) is not None
@@ -244,50 +268,88 @@ def test_no_model_fits_a_butterfly():
 # --------------------------------------------------------------------------------- jump and drift
 
 
+def changes(*records, chain=CHAIN):
+    """What is found of the zero of some records, by a chain that may be wrong."""
+    m = measurement([record(u, y) for u, y in records], "u", "y")
+    rows = rows_of(m)
+    use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
+    return zero_changes(Data(measurement=m, chain=chain, rows=rows, use=use))
+
+
+def jumped(place, share, u=U, y=CLEAN):
+    return y + np.where(np.arange(u.size) >= place, share * STROKE, 0.0)
+
+
 @pytest.mark.parametrize(("share", "place"), [(0.02, 3550), (-0.05, 4801), (0.2, 3777)])
 def test_a_jump_of_the_zero_is_placed(share, place):
-    y = CLEAN + np.where(np.arange(U.size) >= place, share * STROKE, 0.0)
-    found = found_in(U, y)
+    found = found_in(U, jumped(place, share))
     (jump,) = found.verdict.findings
     assert jump.kind == "jump"
     assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
-    assert jump.size == pytest.approx(share * STROKE, rel=0.35)
+    assert jump.size == pytest.approx(share * STROKE, rel=0.1)
     assert f"at {jump.at[0]:.6g} s and stays there" in found.warnings[int(not found.verdict.fits)]
 
 
+#: What a search makes of a record with a jump: creep at its limit, none, a spectrum.
+MISLED = (
+    ChainValues(creep_per_decade=0.12, delay=0.004),
+    ChainValues(),
+    ChainValues(
+        creep_per_decade=0.07, spectrum=CreepSpectrum(times=(0.1, 30.0), weights=(0.02, 0.18))
+    ),
+)
+
+
+@pytest.mark.parametrize("chain", MISLED)
+@pytest.mark.parametrize(("share", "place"), [(0.005, 2700), (-0.01, 1903), (0.01, 5460)])
+def test_a_small_jump_is_found_whatever_was_taken_for_creep(share, place, chain):
+    (jump,) = changes((U, jumped(place, share)), chain=chain)
+    assert (jump.kind, jump.record) == ("jump", 0)
+    assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
+    assert jump.size == pytest.approx(share * STROKE, rel=0.35)
+
+
+def test_a_jump_is_found_between_two_rates():
+    fast = drive(2500, rate_hz=6.1)
+    u = np.concatenate((U[:3500], fast))
+    y = stack(u)
+    (jump,) = changes((u, jumped(3300, 0.02, u, y)), chain=MISLED[2])
+    assert jump.at[0] == pytest.approx(3300 * DT, abs=3.0 * DT)
+    assert jump.percent == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_jump_belongs_to_its_record():
+    other = drive(4000, rate_hz=0.7)
+    y = stack(other, seed=3)
+    (jump,) = changes((U, CLEAN), (other, jumped(2345, -0.02, other, y)))
+    assert (jump.kind, jump.record) == ("jump", 1)
+    assert jump.at[0] == pytest.approx(2345 * DT, abs=3.0 * DT)
+
+
 def test_what_has_no_jump_shows_none():
-    """Misfits that are alike over a cycle, of the shape of a cycle, and those that wander."""
+    """Noise that wanders, and loops that are not alike, are no changes of the zero."""
     rng = np.random.default_rng(12)
-    cycle = 150
-    alarms = 0
-    for _ in range(60):
-        white = rng.normal(0.0, 1.0, 6000)
-        wander = np.convolve(white, np.exp(-np.arange(800) / cycle), mode="same")
-        shape = np.cumsum(rng.normal(0.0, 1.0, cycle))
-        shape -= np.linspace(shape[0], shape[-1], cycle)
-        each = np.repeat(1.0 + 0.2 * rng.normal(size=40), cycle) * np.tile(shape, 40)
-        for e in (white, wander / wander.std(), each / each.std()):
-            alarms += len(steps_of(e, EVEN, cycle)) > 0
-    assert alarms <= 2  # of 180
+    u = U[:3000]
+    for _ in range(6):
+        white = rng.normal(0.0, 1.0, u.size)
+        wander = np.convolve(white, np.exp(-np.arange(800) / 150.0), mode="same")
+        bowed = np.interp(np.arange(u.size), np.arange(0, 3001, 150), rng.normal(size=21))
+        for extra in (wander / wander.std(), bowed * np.sin(0.05 * u) * 2.0):
+            assert changes((u, CLEAN[:3000] + 0.1 * extra)) == []
 
 
 def test_two_jumps_are_two():
-    rng = np.random.default_rng(2)
-    e = rng.normal(0.0, 0.2, 6000)
-    e[1500:] += 1.0
-    e[4000:] -= 0.7
-    found = sorted(steps_of(e, EVEN, 150))
-    assert [k for k, _ in found] == pytest.approx([1500, 4000], abs=4)
-    assert [size for _, size in found] == pytest.approx([1.0, -0.7], abs=0.15)
+    y = jumped(1500, 0.02) - jumped(4000, 0.014) + CLEAN
+    found = changes((U, y))
+    assert [f.at[0] for f in found] == pytest.approx([1500 * DT, 4000 * DT], abs=4.0 * DT)
+    assert [f.percent for f in found] == pytest.approx([2.0, -1.4], abs=0.2)
 
 
 def test_a_jump_that_the_input_makes_is_no_jump_of_the_zero():
-    e = np.where(np.arange(6000) >= 2500, 1.0, 0.0)
-    steps = EVEN + np.where(np.arange(6000) >= 2500, 40.0, 0.0)
-    begins = np.where(np.arange(6000) >= 2500, EVEN, EVEN[2500])
-    assert steps_of(e, EVEN, 150)
-    assert not steps_of(e, steps, 150)
-    assert not steps_of(e, begins, 150)
+    stepped = 2.0 + 0.4 * (U - 2.0) + np.where(np.arange(U.size) >= 2500, 60.0, 0.0)
+    y = stack(stepped)
+    assert changes((stepped, jumped(2500, 0.02, stepped, y))) == []
+    assert changes((stepped, jumped(2300, 0.02, stepped, y))) != []
 
 
 def test_drift_is_named_and_fitted():
@@ -307,9 +369,36 @@ def test_drift_is_named_and_fitted():
     assert told_off < 0.5 * blind_off
 
 
+@pytest.mark.parametrize("chain", [CHAIN, MISLED[2]])
+@pytest.mark.parametrize("share", [0.015, -0.03])
+def test_a_small_drift_is_told_from_creep(share, chain):
+    y = CLEAN + share * STROKE * np.linspace(0.0, 1.0, U.size)
+    (drift,) = changes((U, y), chain=chain)
+    assert drift.kind == "drift"
+    # what had settled before the record is known as badly
+    assert drift.percent == pytest.approx(100.0 * share, abs=0.9)
+
+
 def test_what_creeps_does_not_drift():
     settles = CLEAN + 0.02 * STROKE * np.log10(1.0 + TIME / 0.1)
     assert kinds(found_in(U, settles)) == []
+
+
+@pytest.mark.parametrize(
+    "creep",
+    [
+        LogCreep(rate_per_decade=0.04),
+        LogCreep(rate_per_decade=0.02, longest=3.0),
+        CreepSpectrum(times=(0.3, 3.0), weights=(0.02, 0.04)),
+    ],
+)
+def test_creep_behind_a_large_step_is_neither_jump_nor_drift(creep):
+    t = np.arange(6000) * DT
+    u = np.where(t < 8.0, U, 104.0)
+    u[t >= 20.0] = U[t < 10.0]
+    free = virtual_stack((0.0, 120.0), 38.0, 0.13).simulate(u).values
+    y = creep.simulate(free, DT).values + np.random.default_rng(1).normal(0.0, NOISE, u.size)
+    assert changes((u, y)) == []
 
 
 def test_clean_records_show_nothing():

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.cycles import Cycles
-from flexstage.records import difference_noise, quantisation_step
+from flexstage.records import difference_noise, quantisation_step, saturation
 from flexstage.units import readable
 
 if TYPE_CHECKING:
@@ -66,12 +66,16 @@ class RecordFault:
     text: str
 
 
-def clipped(u: Array, y: Array, moves: Cycles, noise: float) -> tuple[float, float, int] | None:
+def clipped(
+    u: Array, y: Array, moves: Cycles, noise: float, input_noise: float = 0.0
+) -> tuple[float, float, int] | None:
     """Find where the output stays at an end although the input goes on.
 
     Only branches on which the input goes out to its end are looked at: behind a turning point every
     drive hesitates. Their slope near the end is compared with that further in. Neither a delay nor
-    creep makes it smaller, and noise does not hide a slope of many samples.
+    creep makes it smaller, and noise does not hide a slope of many samples; over some times the
+    noise of the input it is not looked at. Values that are exactly alike at the end tell by
+    themselves where noise would have made them differ.
 
     Parameters
     ----------
@@ -83,6 +87,8 @@ def clipped(u: Array, y: Array, moves: Cycles, noise: float) -> tuple[float, flo
         How the input moves.
     noise : float
         Noise of the output, in its unit.
+    input_noise : float
+        Noise that was taken out of the input, in its unit.
 
     Returns
     -------
@@ -91,25 +97,27 @@ def clipped(u: Array, y: Array, moves: Cycles, noise: float) -> tuple[float, flo
         samples there; None where it follows to both ends.
     """
     for sign in (1.0, -1.0):
-        found = _clipped_above(sign * u, sign * y, moves.turning, noise)
+        found = _clipped_above(sign * u, sign * y, moves.turning, noise, input_noise)
         if found is not None:
             return sign * found[0], found[1], found[2]
     return None
 
 
 def _clipped_above(
-    u: Array, y: Array, turning: NDArray[np.intp], noise: float
+    u: Array, y: Array, turning: NDArray[np.intp], noise: float, input_noise: float
 ) -> tuple[float, float, int] | None:
     low, high = float(u.min()), float(u.max())
     rising = [s for s in _swings(u, turning) if u[s.stop - 1] > u[s.start]]
     inner = _slope(u, y, rising, low + 0.3 * (high - low), low + 0.7 * (high - low))
-    jitter = difference_noise(u, 2)
+    jitter = max(difference_noise(u, 2), input_noise)
     if inner is None or inner[0] <= 0.0:
         return None
     step = quantisation_step(y)
-    exact = _rests(u, y, rising)
-    if exact is not None and exact * inner[0] > 2.0 * step:
-        return float(y.max()), exact * inner[0], int(np.sum(y == y.max()))
+    held = saturation(y)
+    if held.clipped_high:
+        lost = max(_rise(u, y, rising) - 3.0 * jitter, 0.0) * inner[0]
+        if max(lost, noise) > 2.0 * step:
+            return held.high, max(lost, noise), held.at_high
     for share in _END_BANDS:
         band = share * (high - low)
         # noise of the input makes every slope over less than some times it too small
@@ -125,17 +133,13 @@ def _clipped_above(
     return None
 
 
-def _rests(u: Array, y: Array, swings: Sequence[slice]) -> float | None:
+def _rise(u: Array, y: Array, swings: Sequence[slice]) -> float:
     """Over how much of the input the output is exactly at its highest, on the way out."""
     spans = []
     for s in swings:
         ends = np.flatnonzero(np.diff(np.concatenate(([0], (y[s] == y.max()).astype(int), [0]))))
-        spans += [
-            float(np.ptp(u[s][a:b]))
-            for a, b in zip(ends[::2], ends[1::2], strict=True)
-            if b - a > 2
-        ]
-    return max(spans, default=None)
+        spans += [float(np.ptp(u[s][a:b])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    return max(spans, default=0.0)
 
 
 def _slope(
@@ -231,17 +235,12 @@ def _turns_back(branch: Array) -> tuple[int, float]:
 
 def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
     """Say that the polarity changes, and what to do."""
-    up, down = (with_unit(f"{value:.3g}", unit) for value in turned[:2])
+    up, down = (readable(unit, value) for value in turned[:2])
     return (
         f"butterfly loop: the output turns back where the input rises through {up} and where it "
         f"falls through {down}: a piezo drive passes its coercive field there, and no model here "
         "changes its polarity; keep the drive voltage unipolar"
     )
-
-
-def with_unit(number: str, unit: str) -> str:
-    """A number in a unit that suits it, where somebody has said one."""
-    return readable(unit, float(number), digits=4)
 
 
 def findings_of_record(
@@ -295,10 +294,10 @@ def findings_of_record(
     if turned is not None:
         add("butterfly", (), turned[2], butterfly_text(turned, units[0]))
         return tuple(made)  # it has no end to be clipped at
-    flat = clipped(u, y, section.cycles, section.noise)
+    flat = clipped(u, y, section.cycles, section.noise, section.input_noise)
     if flat is not None:
         level, lost, count = flat
-        stays = with_unit(f"{sign * level:.4g}", units[1])
+        stays = readable(units[1], sign * level, digits=4)
         add(
             "clipping", (), lost,
             f"the output stays at {stays} while the input goes on, in {count} samples "

@@ -521,7 +521,7 @@ def _result(
     drive = _drive_model(tried, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
     error = max(errors.rms, errors.held or 0.0)
-    judged = verdict(tried.family, tried.fit, data, tried.left, error, noise)
+    judged = verdict(data, error, noise)
     return Identification(
         model=drive,
         kind=tried.family.kind,
