@@ -93,15 +93,13 @@ def _rows(case: str, taken: list[Taken]) -> Iterator[Row]:
         )
 
 
-def _least(
-    work: Callable[[], Any], runs: int = 3, clock: Callable[[], float] = time.perf_counter
-) -> tuple[float, Any]:
-    """Least seconds of some runs, and what the last one returned."""
+def _least(work: Callable[[], Any], runs: int = 3) -> tuple[float, Any]:
+    """Least seconds of the processor of some runs, and what the last one returned."""
     times, made = [], None
     for _ in range(runs):
-        start = clock()
+        start = time.process_time()
         made = work()
-        times.append(clock() - start)
+        times.append(time.process_time() - start)
     return min(times), made
 
 
@@ -139,7 +137,7 @@ def _stages(kind: str, given: Record) -> list[Taken]:
 
 
 def auto(count: int = SAMPLES) -> Iterator[Row]:
-    """Choose a model of all, in processor time, against global searches for two of them alone."""
+    """Choose a model of all, against global searches for two of them alone."""
     given = record(count)
     data = _data(given)
     problem, family = _FourParameters(data), PreisachFamily(smoothing=WEIGHT)
@@ -149,9 +147,7 @@ def auto(count: int = SAMPLES) -> Iterator[Row]:
         matrix, target, _ = _full_matrix(family, data)
         return nnls(matrix, target, maxiter=50 * matrix.shape[1])[0]
 
-    seconds, found = _least(
-        lambda: identify(given, "voltage", "displacement"), clock=time.process_time
-    )
+    seconds, found = _least(lambda: identify(given, "voltage", "displacement"))
     best = f"{found.kind}, {found.heldout_rms_percent:.3g} % on cycles held out"
     taken = [
         Taken(name="flexstage, nine models, chain, cross-validation", seconds=seconds, words=best)
@@ -160,9 +156,9 @@ def auto(count: int = SAMPLES) -> Iterator[Row]:
         ("scipy differential_evolution, Bouc-Wen", lambda: _evolved(problem, np.full(4, 0.5))),
         ("scipy nnls, full matrix of Preisach", by_nnls),
     ):
-        alone, _ = _least(work, 1, time.process_time)
+        alone, _ = _least(work, 1)
         taken.append(Taken(name=name, seconds=alone, words="one fit behind a known chain"))
-    yield from _rows(f"choosing among all models, {count} samples, processor time", taken)
+    yield from _rows(f"choosing among all models, {count} samples", taken)
 
 
 # ------------------------------------------------------------------------------------- Bouc-Wen

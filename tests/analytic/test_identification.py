@@ -1,6 +1,7 @@
 """Identification finds what made a record, says how well, and refuses what cannot serve."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,13 +18,16 @@ from flexstage.hysteresis.identification import (
     measurement,
 )
 from flexstage.hysteresis.identification.chain_filter import rows_of
+from flexstage.hysteresis.identification.chain_search import _Search
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Fit,
     behind_chain,
     equations,
+    residual,
 )
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.identify import _choose, _Tried
@@ -573,6 +577,31 @@ def test_a_preisach_fit_is_an_optimum():
     assert np.abs(gradient / scale)[x > 0.0].max() < 1e-9
     assert np.max((gradient / scale)[(x == 0.0) & moving], initial=-np.inf) < 1e-9
     assert (x > 0.0).sum() > 60
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0034, 0.0461])
+def test_the_search_for_a_chain_leaves_what_columns_behind_it_leave(delay: float):
+    records = []
+    for rate, dt in ((0.9, 0.01), (2.3, 0.004)):
+        u = drive(1500, rate, dt)
+        records.append(record(u, noisy(DAHL, u, 3), dt))
+    m = measurement(records, "u", "y")
+    search = _Search(m, None)
+    starts = ("rested", 7.3)
+    search.begin(starts)
+    sections = tuple(replace(s, start=a) for s, a in zip(m.sections, starts, strict=True))
+    chain = ChainValues(delay=delay, creep_per_decade=0.023)
+    data = replace(whole(replace(m, sections=sections)), chain=chain)
+    family = PreisachFamily(8, 8)
+    columns = [np.concatenate(list(family.columns(s, data)), axis=1) for s in sections]
+    moving = np.any([np.ptp(c, axis=0) > 0.0 for c in columns], axis=0)
+    assert 30 < moving.sum() < 64
+    behind = behind_chain(columns, data)
+    normal, penalty = equations(behind, data), family.smoothing(data, moving)
+    assert penalty is not None
+    solution = solve(normal, smoothing=penalty * (normal.count * data.input_scale**2))
+    left = residual(behind, solution, data) / m.stroke
+    assert search.rms(chain) == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["maxwell-slip", "modified-prandtl-ishlinskii"])

@@ -383,9 +383,9 @@ def _drifts(data: Data, fits: Sequence[_Fit], without: float) -> list[RecordFaul
                 size=size,
                 percent=percent,
                 text=f"the output drifts by {size * per_second:.3g} {unit} "
-                f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over the "
-                "record, and does not slow down as creep does: fit it beside the model by --drift, "
-                "and look for what warms up",
+                f"(standard error {error * per_second:.1g}), {percent:.2g} % of the stroke over "
+                "the record, and does not slow down as creep does: fit it beside the model by "
+                "--drift, and look for what warms up",
             )
         )
     return made
