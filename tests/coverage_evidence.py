@@ -29,6 +29,7 @@ from flexstage.records import Record, read_record
 PICMA = Path(__file__).resolve().parents[2] / "shared" / "data" / "picma-p885"
 #: Intervals of 95 %, and the shares of errors that a band of 95 % may hold.
 WIDE, BAND = 1.96, (0.90, 0.99)
+QUANTILES = (0.05, 0.5, 0.95)
 Pair = tuple[Record, ...]
 
 
@@ -108,15 +109,16 @@ def within(found: Identification, tried: Prediction) -> NDArray[np.bool_]:
 
 def held_out(
     found: Identification, records: Pair, ends: Sequence[tuple[int, int]], columns: tuple[str, str]
-) -> float | None:
-    """Share of errors inside the stated band, with a free constant, over what was not cut out.
+) -> tuple[float, float] | None:
+    """Share of errors inside the stated band, and their rms [%], over what was not cut out.
 
-    Only where the drive stays within the range that was identified, as the model says of itself.
+    With a free constant, and only where the drive stays within the range that was identified, as
+    the model says of itself.
     """
     band = found.heldout_band_percent
     if band is None:
         return None
-    shares = []
+    errors = []
     for r, (start, stop) in zip(records, ends, strict=True):
         for a, b in ((0, start), (stop, r.time.size)):
             if b - a < r.time.size // 5:
@@ -125,9 +127,12 @@ def held_out(
             known = within(found, tried)
             if known.sum() < r.time.size // 10:
                 continue
-            error = (tried.measured - tried.predicted)[known] / found.stroke
-            shares.append(float(np.mean(np.abs(error - error.mean()) < 0.01 * band)))
-    return float(np.mean(shares)) if shares else None
+            error = 100.0 * (tried.measured - tried.predicted)[known] / found.stroke
+            errors.append(error - error.mean())
+    if not errors:
+        return None
+    shares = [float(np.mean(np.abs(e) < band)) for e in errors]
+    return float(np.mean(shares)), float(np.sqrt(np.mean([np.mean(e**2) for e in errors])))
 
 
 def main() -> None:
@@ -136,6 +141,8 @@ def main() -> None:
     every = pairs(Path(sys.argv[2])) if len(sys.argv) > 2 else picma()
     total: Counter[str] = Counter()
     bands: list[float] = []
+    ratios: list[float] = []
+    wide: list[float] = []
     for records, driven, follows, length in every:
         whole = stated(identify(records, driven, follows, model="bouc-wen"))
         for own, ends in cuts(records, length, count):
@@ -151,9 +158,16 @@ def main() -> None:
                 both = math.hypot(error, whole[name][1] if math.isfinite(whole[name][1]) else 0.0)
                 inside = abs(value - whole[name][0]) <= WIDE * both
                 total[f"{name} {'covered' if inside else 'missed'}"] += 1
-            share = held_out(found, records, ends, (driven, follows))
-            if share is not None:
-                bands.append(share)
+            elsewhere = held_out(found, records, ends, (driven, follows))
+            if elsewhere is None:
+                continue
+            bands.append(elsewhere[0])
+            held, error = found.heldout_free_rms_percent, found.heldout_standard_error
+            if held is not None and error is not None:
+                inside = abs(elsewhere[1] - held) <= WIDE * error
+                total[f"held-out error {'covered' if inside else 'missed'}"] += 1
+                ratios.append(elsewhere[1] / held)
+                wide.append(error / held)
         sys.stdout.write(f"{records[0].source}: {whole}\n{dict(sorted(total.items()))}\n")
         if bands:
             inside = sum(BAND[0] <= b <= BAND[1] for b in bands)
@@ -162,6 +176,9 @@ def main() -> None:
                 f"median, {100 * min(bands):.0f} to {100 * max(bands):.0f}; {inside} of "
                 f"{len(bands)} cuts within 90 to 99 %, "
                 f"{sum(b > BAND[1] for b in bands)} above\n"
+                "in 5, 50 and 95 % of the cuts errors elsewhere over those held out are "
+                f"{np.round(np.quantile(ratios, QUANTILES), 2)}, and their standard errors "
+                f"{np.round(np.quantile(wide, QUANTILES), 2)}\n"
             )
         sys.stdout.flush()
 

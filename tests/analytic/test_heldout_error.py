@@ -5,7 +5,7 @@ import pytest
 
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows
 from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.heldout_error import rms_standard_error
+from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.measurement import Measurement
 
 EACH = 30
@@ -54,3 +54,19 @@ def test_cycles_that_are_not_in_use_do_not_count():
     found = [rms_standard_error([e], rows(24, held)) for e in (error, other)]
     assert found[0] == found[1]
     assert rms_standard_error([error], rows(24, [3])) is None
+
+
+def test_another_stretch_is_held_by_what_stretches_differ():
+    """Stretches of a drive differ by an own factor: that of a further one is to be held."""
+    rng, inside = np.random.default_rng(7), []
+    for _ in range(400):
+        rms = 1.0 + 0.3 * rng.normal(size=6)
+        found = another_stretch(float(np.sqrt(np.mean(rms[:5] ** 2))), 0.02, rms[:5])
+        inside.append(abs(rms[5] - np.mean(rms[:5])) < 1.96 * found)
+    # of the mean of five, which has an error of its own: a little less than 95 %
+    assert 0.89 < np.mean(inside) < 0.97
+
+
+def test_extrapolating_to_a_stretch_counts():
+    found = another_stretch(0.2, 0.03, np.full(5, 0.6))
+    assert found == pytest.approx(np.hypot(0.03, 0.4))

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.folds import folds_of
 
-__all__ = ["rms_standard_error"]
+__all__ = ["another_stretch", "rms_standard_error"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,32 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
     sizes = np.array([part.size for part in parts])
     without = np.sqrt((squares.sum() - squares) / (sizes.sum() - sizes))
     many = without.size
-    # few blocks: the factor makes twice the error cover what the distribution of Student does
-    few = float(stdtrit(many - 1, 0.975)) / 1.96
-    return few * float(np.sqrt((many - 1) * np.var(without)))
+    return _few(many) * float(np.sqrt((many - 1) * np.var(without)))
+
+
+def another_stretch(rms: float, error: float, stretches: Array) -> float:
+    """Return the standard error of what another stretch of cycles of the drive will show.
+
+    Parameters
+    ----------
+    rms : float
+        Root mean square of the errors on cycles that were held out.
+    error : float
+        Its standard error, by the scatter between those cycles.
+    stretches : numpy.ndarray
+        Root mean squares of stretches, each held out as a whole, shape (k,).
+
+    Returns
+    -------
+    float
+        The standard error, in the unit of the errors: stretches differ by more than their cycles
+        do by chance, and extrapolating to one leaves more.
+    """
+    apart = _few(stretches.size) * float(np.std(stretches, ddof=1))
+    further = float(np.sqrt(np.mean(stretches**2))) - rms
+    return float(np.sqrt(error**2 + apart**2 + further**2))
+
+
+def _few(many: int) -> float:
+    """Factor by which twice an error of few parts covers what the distribution of Student does."""
+    return float(stdtrit(many - 1, 0.975)) / 1.96

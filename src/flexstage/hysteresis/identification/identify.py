@@ -19,7 +19,7 @@ from flexstage.hysteresis.identification.chain_search import (
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
-from flexstage.hysteresis.identification.heldout_error import rms_standard_error
+from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.measurement import (
     Measurement,
     Section,
@@ -119,8 +119,8 @@ class Identification:
     heldout_free_rms_percent : float or None
         Root mean square there where the constant is fitted again [%].
     heldout_standard_error : float or None
-        Standard error of the root mean square there, by how it differs between parts of the cycles
-        [%]; None where there are fewer than two.
+        Standard error of what another stretch of such cycles will show, by how stretches differ
+        that were held out as a whole [%]; None where there are fewer than two.
     heldout_max_percent : float or None
         Largest absolute value of the prediction's error there [%].
     heldout_band_percent : float or None
@@ -513,7 +513,11 @@ def _result(
     errors = _errors(tried, data)
     cut = cross_validate(tried.family, data, tried.fit.search, stretches=True)
     if cut is not None and tried.folds is not None:
-        errors = replace(errors, held_band=cut.band * 100.0 / data.measurement.stroke)
+        percent = 100.0 / data.measurement.stroke
+        own = another_stretch(
+            tried.folds.rms, tried.folds.standard_error or 0.0, np.sqrt(cut.mean_square)
+        )
+        errors = replace(errors, held_band=cut.band * percent, held_error=own * percent)
     parts = tuple(f for f in (tried.folds, cut) if f is not None)
     parameters, offset, said = estimates(tried.fit, data, tried.left, parts, found.widths)
     settling, starts = _before(tried, data)

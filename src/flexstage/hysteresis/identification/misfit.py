@@ -163,7 +163,8 @@ class Folds:
     largest : float
         Largest absolute error there.
     band : float
-        Absolute error that 95 % of them stay below.
+        Absolute error that 95 % of them stay below in the worst part, as another record is another
+        part.
     mean_square : numpy.ndarray
         Mean square of each part, shape (parts,).
     standard_error : float or None
@@ -179,11 +180,6 @@ class Folds:
     mean_square: Array
     standard_error: float | None = None
     values: tuple[Mapping[str, float], ...] = ()
-
-
-def _band(quantiles: list[float]) -> float:
-    """What 95 % of the errors of a further part stay below: parts differ from one to another."""
-    return float(np.max(quantiles))
 
 
 def cross_validate(
@@ -229,7 +225,7 @@ def cross_validate(
         rms=root_mean_square(every),
         free_rms=root_mean_square(np.concatenate(free)),
         largest=float(np.max(np.abs(every))),
-        band=_band([float(np.quantile(np.abs(e), BAND)) for e in errors]),
+        band=max(float(np.quantile(np.abs(e), BAND)) for e in errors),
         mean_square=np.array([float(np.mean(e**2)) for e in errors]),
         standard_error=rms_standard_error(at_rows, data),
         values=tuple(values),
