@@ -212,7 +212,7 @@ def test_limits_of_the_model_are_its_range():
     with pytest.raises(ModelError, match="limits of the command must rise"):
         feedforward(drive, reference_within(drive), DT, limits=(9.0, 9.0))
     beyond = feedforward(drive, reference_within(drive, 1.2), DT, limits=(0.0, 120.0))
-    assert any("identified on 4 to 116 V" in note for note in beyond.notes)
+    assert any("4 to 116 V that the model was identified on" in note for note in beyond.notes)
 
 
 def test_a_reference_with_corners_is_smoothed_and_the_change_is_said():
@@ -235,7 +235,7 @@ def test_a_reference_with_corners_is_smoothed_and_the_change_is_said():
 
 def test_out_of_reach_is_refused_with_the_range():
     drive = drive_of("dahl")
-    with pytest.raises(ModelError, match=r"reaches -6e-05 to 0 m: shift the reference"):
+    with pytest.raises(ModelError, match=r"reaches -60 to 0 um: shift the reference"):
         feedforward(drive, reference_within(drive) + 1e-3, DT)
     part = feedforward(drive, reference_within(drive) + 12e-6, DT)
     assert 0 < part.limited < part.command.size

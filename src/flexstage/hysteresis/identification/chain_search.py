@@ -313,8 +313,8 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
 
     Hysteresis takes the place of creep there, and a slow drift looks like it, so that the best
     creep is often a multiple of what stretches that were not fitted agree with. From the best to
-    the usual creep, the one is taken for which the square of how significantly those stretches are
-    worse (Student's t of the difference) and that of how unusual it is are least together.
+    the usual creep, the one is taken for which two squares are least together: how significantly
+    those stretches are worse (Student's t of the logarithm of the ratio), and how unusual it is.
     """
     own, usual = best.creep_per_decade, _USUAL_CREEP
     found: Any = minimize_scalar(
@@ -336,7 +336,8 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
     held = np.array([search.held_out(between(share)) for share in shares])
     if held.shape[1] < 3:
         return best
-    worse = held - held[0]
+    # stretches differ in what they leave, their ratios less
+    worse = np.log(np.maximum(held, 1e-300) / np.maximum(held[0], 1e-300))
     error = np.std(worse, axis=1, ddof=1) / math.sqrt(held.shape[1])
     t = np.maximum(worse.mean(axis=1), 0.0) / np.maximum(error, 1e-300)
     unusual = (1.0 - shares) * (own - usual) / _CREEP_RANGE
