@@ -359,7 +359,13 @@ def _errors(
         "creep_per_decade": _LARGEST_CREEP,
         "resonance_hz": best.resonance_hz,
     }
-    return search.spread(best, {name: limits[name] for name in names})
+    limits = {name: limits[name] for name in names}
+    # slow things are left out as stretches, fast ones as cycles that are alike
+    errors = search.spread(best, limits, runs=2)
+    if "creep_per_decade" in errors:
+        slow = search.spread(best, limits, runs=1)["creep_per_decade"]
+        errors["creep_per_decade"] = max(errors["creep_per_decade"], slow)
+    return errors
 
 
 def _at_limits(chain: ChainValues, longest: float) -> tuple[str, ...]:
@@ -520,7 +526,7 @@ class _Search:
             )
         return self._products[i, late]
 
-    def spread(self, best: ChainValues, limits: Mapping[str, float]) -> dict[str, float]:
+    def spread(self, best: ChainValues, limits: Mapping[str, float], runs: int) -> dict[str, float]:
         """Standard errors of values of the chain: the jackknife over parts of the cycles.
 
         What is left is the error of a model, alike in neighbouring cycles. How far the best chain
@@ -532,7 +538,7 @@ class _Search:
         names = tuple(limits)
         step = _STEP * np.array([limits[name] for name in names])
         at = np.maximum([getattr(best, name) for name in names], step)
-        parts = folds_of(self._data, _PARTS, runs=1)
+        parts = folds_of(self._data, _PARTS, runs)
         if len(parts) < 3:
             return dict.fromkeys(names, math.inf)
         around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(names))))
