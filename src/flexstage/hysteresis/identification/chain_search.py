@@ -313,8 +313,10 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
 
     Hysteresis takes the place of creep there, and a slow drift looks like it, so that the best
     creep is often a multiple of what stretches that were not fitted agree with. From the best to
-    the usual creep, the one is taken for which two squares are least together: how significantly
-    those stretches are worse (Student's t of the logarithm of the ratio), and how unusual it is.
+    the usual creep, the one is taken for which two things are least together: how significantly
+    those stretches are worse, by the square of Student's t of the logarithm of the ratio, and how
+    unusual it is, by twice the logarithm of the density of Cauchy, whose tails let a drive of
+    another kind be one.
     """
     own, usual = best.creep_per_decade, _USUAL_CREEP
     found: Any = minimize_scalar(
@@ -341,7 +343,7 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
     error = np.std(worse, axis=1, ddof=1) / math.sqrt(held.shape[1])
     t = np.maximum(worse.mean(axis=1), 0.0) / np.maximum(error, 1e-300)
     unusual = (1.0 - shares) * (own - usual) / _CREEP_RANGE
-    return between(float(shares[int(np.argmin(t**2 + unusual**2))]))
+    return between(float(shares[int(np.argmin(t**2 + 2.0 * np.log1p(unusual**2)))]))
 
 
 def _longest_delay(data: Measurement) -> float:
