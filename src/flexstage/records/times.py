@@ -10,6 +10,7 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, time_jitter
+from flexstage.records.text_heading import X_VALUE
 
 __all__ = ["timed"]
 
@@ -105,6 +106,9 @@ def _own_time(names: Sequence[str], sure: Sequence[int]) -> int | None:
 
 def _no_time(raw: Columns, names: Sequence[str], called: Sequence[int]) -> str:
     hint = raw.hint
+    several = [name for name in names if name.startswith(f"{X_VALUE} of ")]
+    if several:
+        hint = f"; its channels have different times: choose one by time, such as '{several[0]}'"
     if called and not hint:
         listed = " or ".join(f"'{names[i]}'" for i in called)
         hint = f"; column {listed} may be it: choose it by time"
