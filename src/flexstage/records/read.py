@@ -30,6 +30,7 @@ from flexstage.records.sampling import LARGEST_STEP, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
+from flexstage.records.touchstone import read_touchstone
 from flexstage.records.universal_file import read_universal
 
 __all__ = ["FORMATS", "read_record"]
@@ -68,8 +69,8 @@ def read_record(
     ----------
     path : str or pathlib.Path
         The file.
-    format : {"text", "matlab", "hdf5", "tdms", "numpy", "universal", "gcs", "cmm"}, optional
-        The format, where neither content nor suffix says it.
+    format : str, optional
+        One of `FORMATS`, where neither content nor suffix says it.
     sample_rate_hz : float, optional
         Sample rate [Hz] of a file that does not say it.
     time : str or int, optional
@@ -190,7 +191,7 @@ def _read(
     delimiter: str | None,
     decimal: str | None,
 ) -> Columns:
-    if known in ("text", "gcs") and dataset is not None:
+    if known in ("text", "gcs", "touchstone") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
@@ -205,6 +206,8 @@ def _read(
         )
     if known == "gcs":
         return read_gcs_array(file)
+    if known == "touchstone":
+        return read_touchstone(file)
     readers = {
         "matlab": read_matlab,
         "hdf5": read_hdf5,
