@@ -124,7 +124,7 @@ def complex_files(folder: Path) -> dict[str, Path]:
         file["f"], file["H"] = f, H
     pairs = list(zip(f.tolist(), H.tolist(), strict=True))
     files["csv"].write_text("f (Hz),H\n" + "".join(f"{a},{b}\n" for a, b in pairs))
-    spelled = "".join(f"{a}\t{b.real!r} {b.imag:+.17g}i\n" for a, b in pairs)
+    spelled = "".join(f"{a}\t{b.real:.17g} {b.imag:+.17g}i\n" for a, b in pairs)
     files["txt"].write_text("f (Hz)\tH\n" + spelled)
     return files
 

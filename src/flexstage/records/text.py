@@ -94,7 +94,7 @@ def read_text(
         layout, heading = _one_or_two(
             lines, first, layout, heading, one_name and first > skip_lines
         )
-    return _columns(_numbers(lines, first, layout), heading, layout)
+    return _columns(_without_last(_numbers(lines, first, layout)), heading, layout)
 
 
 def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
@@ -150,6 +150,15 @@ def _numbers(lines: list[str], first: int, layout: Layout) -> _Table:
         except ValueError:
             pass
     return _numbers_slowly(lines, first, layout)
+
+
+def _without_last(table: _Table) -> _Table:
+    """Leave out rows of empty fields at the end, as oscilloscopes write them."""
+    held = np.flatnonzero(np.isfinite(table.values).any(axis=1))
+    last = max(int(held[-1]) if held.size else -1, max((row for row, _ in table.words), default=-1))
+    table.values = table.values[: last + 1]
+    table.lines = table.lines[: last + 1]
+    return table
 
 
 def _text_beside(lines: list[str], first: int, layout: Layout) -> _Table | None:
