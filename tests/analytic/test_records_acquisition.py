@@ -137,3 +137,19 @@ def test_complex_values_are_two_columns(tmp_path: Path, kind: str) -> None:
     ] == ["f", "H real", "H imaginary"]
     assert record.channel("H real").values.tolist() == H.real.tolist()
     assert record.channel("H imaginary").values.tolist() == H.imag.tolist()
+
+
+def test_oscilloscopes(tmp_path: Path) -> None:
+    numbered = (
+        "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-3.5e-03,5e-06,\n0,2.5,8,\n1,8,-1.6,\n"
+    )
+    file = tmp_path / "numbered.csv"
+    file.write_text(numbered)
+    record = read_record(file)
+    assert [(c.name, c.unit) for c in record.channels] == [("X", ""), ("CH1", "V"), ("CH2", "V")]
+    assert record.time.tolist() == pytest.approx([-3.5e-3, -3.495e-3])
+    unnamed = ",CH1,CH2\nSecond,Volt,Volt\n-3.2e-02,3.5,9.4\n-3.1e-02,3.0,9.25\n,,\n"
+    file.write_text(unnamed)
+    record = read_record(file)
+    assert record.time.tolist() == [-3.2e-2, -3.1e-2]
+    assert record.channel("CH2").values.tolist() == [9.4, 9.25]

@@ -101,12 +101,31 @@ def heading_of(lines: Sequence[str], width: int, delimiter: str | None) -> Headi
         return _labview(written, width, text)
     if not written:
         return Heading()
+    if len(written) > 1 and (found := _sequence(written, width, delimiter, text)) is not None:
+        return found
     last = _names(written[-1], width, delimiter)
     if len(written) > 1 and last and _are_units(last):
         above = _names(written[-2], width, delimiter)
         if above:
             return Heading(names=above, units=tuple(map(_bare, last)), text=text)
     return Heading(names=last, text=text)
+
+
+def _sequence(lines: Sequence[str], width: int, delimiter: str | None, text: str) -> Heading | None:
+    """Understand an oscilloscope's numbered samples, whose step stands beside the units."""
+    names, units = (split_line(line, delimiter) for line in lines[-2:])
+    while names and not names[-1]:
+        names.pop()
+    if names[width:] != ["Start", "Increment"] or len(units) < width + 2:
+        return None
+    return Heading(
+        names=tuple(names[:width]),
+        units=("", *units[1:width]),
+        start=_number(units[width:]),
+        interval=_number(units[width + 1 :]) or None,
+        interval_source="'Increment'",
+        text=text,
+    )
 
 
 def _names(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:

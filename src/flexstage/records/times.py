@@ -76,7 +76,11 @@ def timed(
             f"{own:g} Hz: leave one out, or mend it"
         )
     called = [
-        i for i, c in enumerate(channels) if c.name.lower() in _TIME_NAMES and c.unit in ("s", "")
+        i
+        for i, c in enumerate(channels)
+        if (c.name.lower() in _TIME_NAMES and c.unit in ("s", ""))
+        # a column without a name whose unit is said
+        or (c.name == f"column {i}" and c.unit == "s")
     ]
     sure = [i for i in called if channels[i].unit == "s"]
     if rate is not None or own is not None:
