@@ -39,6 +39,7 @@ LAYOUTS = {
     "linear and radians": "f,|H|,phase (rad)\n" + rows(F, np.abs(H), np.radians(DEG)),
     "degrees in the name": "freq,gain_dB,phase_deg\n" + rows(F, DB, DEG - 360.0),
     "unwrapped sign": "Hz,abs,arg [°]\n" + rows(F, np.abs(H), DEG),
+    "analyser": 'BEGIN CH1\nFreq(Hz),"A,1"(REAL),"A,1"(IMAG)\n' + rows(F, H.real, H.imag) + "END\n",
     "falling": "freq,re,im\n" + rows(F[::-1], H.real[::-1], H.imag[::-1]),
     "twice": "Frequency [Hz],Magnitude [dB],Phase [deg],complex number\n"
     + "".join(

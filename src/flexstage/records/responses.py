@@ -29,7 +29,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
 _ROLES = {word: role for role, words in _WORDS.items() for word in words}
 # Zre, ReS11: what is measured stands in capitals before or behind the word
 _JOINED = re.compile(
-    rf"(?P<before>[A-Z]{{1,3}}\d{{0,2}})?(?P<word>(?i:{'|'.join(_ROLES)}))(?P<behind>[A-Z]{{1,3}}\d{{0,2}})?"
+    rf"(?P<before>[A-Z]{{1,3}}\d{{0,2}})??(?P<word>(?i:{'|'.join(_ROLES)}))(?P<behind>[A-Z]{{1,3}}\d{{0,2}})?"
 )
 _FREQUENCIES = frozenset(("f", "freq", "frequency", "frequencies", "frequenz", "hz"))
 _ANGULAR = frozenset(("omega", "w"))

@@ -80,6 +80,8 @@ def read_text(
         raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     delimiters = _delimiters(delimiter)
     lines = text_lines(path)
+    if lines[-1].strip() == "END":  # of what a network analyser writes between BEGIN and END
+        lines.pop()
     row = first_row(lines, skip_lines, delimiters, decimal)
     if row is None:
         raise RecordError(f"'{path}' has no row of numbers: is it the file that was meant?")
