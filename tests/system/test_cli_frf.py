@@ -405,3 +405,41 @@ def test_a_figure_that_cannot_be_written_leaves_no_response(capsys, struck, tmp_
     assert status == 1
     assert "cannot read or write" in err
     assert list(tmp_path.iterdir()) == [blocked]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz", "h5", "mat"])
+def test_a_response_that_was_written_gives_the_same_modes(capsys, shaken, tmp_path, suffix):
+    out = tmp_path / f"response.{suffix}"
+    band = ("--band", "80:350", "--modes", "2")
+    first = found(
+        capsys, shaken, "--input", "force", "--output", "a,b", "--resolution", "0.5 Hz", *band,
+        "--out", out,
+    )  # fmt: skip
+    again = found(capsys, out, *band)
+    assert again["outputs"] == ["a", "b"]
+    for one, other in zip(first["modes"], again["modes"], strict=True):
+        for figure in ("frequency_hz", "damping_ratio"):
+            assert other[figure]["value"] == pytest.approx(one[figure]["value"], rel=1e-9)
+            assert other[figure]["uncertainty"] == pytest.approx(
+                one[figure]["uncertainty"], rel=1e-6
+            )
+
+
+def test_a_table_of_an_analyser(capsys, folder, tmp_path):
+    f = np.arange(80.0, 350.25, 0.25)
+    h = accelerances(f)[:, 0]
+    file = folder / "bode.csv"
+    columns = np.column_stack((f, 20.0 * np.log10(np.abs(h)), np.degrees(np.angle(h))))
+    np.savetxt(file, columns, delimiter=",", header="Frequency (Hz),Gain (dB),P", comments="")
+    refused(capsys, "--response", tmp_path, file)
+    result = found(capsys, file, "--response", "0,1,2 deg", "--modes", "2")
+    for mode, (f0, zeta, _) in zip(result["modes"], MODES, strict=True):
+        assert mode["frequency_hz"]["value"] == pytest.approx(f0, rel=1e-5)
+        assert mode["damping_ratio"]["value"] == pytest.approx(zeta, rel=1e-3)
+
+
+def test_options_of_existing_responses(capsys, shaken, universal, tmp_path):
+    driven = ("--input", "force", "--output", "a")
+    refused(capsys, "one or the other", tmp_path, shaken, *driven, "--response", "0,1,2")
+    refused(capsys, "leave --response out", tmp_path, universal, "--response", "0,1,2")
+    refused(capsys, "need --input and --output", tmp_path, shaken, "--sample-rate", "2048")

@@ -27,6 +27,7 @@ from flexstage.cli.predict import predict
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
 from flexstage.cli.show import show
+from flexstage.cli.show_records import records
 from flexstage.cli.study import study
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
@@ -58,6 +59,7 @@ for _command in (
     export,
     hinges,
     part,
+    records,
     excite,
     identify,
     predict,

@@ -41,13 +41,15 @@ if TYPE_CHECKING:
 
 __all__ = ["frf"]
 
+_NEEDED = "records over time need --input and --output: name the columns"
+
 
 def frf(
     records: Annotated[
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="Measured files, averaged together; or universal files (58) of responses.",
+            help="Measured files, averaged together; or files of measured responses.",
         ),
     ],
     input: Annotated[
@@ -57,6 +59,14 @@ def frf(
     output: Annotated[
         str | None,
         typer.Option(metavar="COLUMNS", help="Columns that follow it, with commas between."),
+    ] = None,
+    response: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMNS",
+            help="Columns of a response that exists, where headings do not tell them: frequency, "
+            'real and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".',
+        ),
     ] = None,
     estimator: Annotated[
         str,
@@ -148,7 +158,8 @@ def frf(
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,
-                           exponential=exponential, delay=delay, lag=lag, out=out)  # fmt: skip
+                           exponential=exponential, delay=delay, lag=lag, out=out,
+                           response=response)  # fmt: skip
     for path in (out, figure):
         if path is not None:
             require_writable(path.parent)
@@ -157,6 +168,14 @@ def frf(
     lines = _hertz(resolution, "--resolution")
     inputs, outputs = _columns(input), _columns(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
+    existing = not (inputs or outputs or ring_down)
+    if existing and (sample_rate or time or resample):
+        raise ModelError(_NEEDED)
+    if response is not None and not existing:
+        raise ModelError(
+            "--response names columns of a response that exists, --input and --output those of "
+            "a record over time: give one or the other"
+        )
     with progress_bar():
         read = read_records(
             records,
@@ -170,14 +189,17 @@ def frf(
             skip_lines=skip_lines,
             delimiter=delimiter,
             decimal=decimal,
-            over="any",
+            over="table" if existing else "any",
             resample=resample,
         )
+        if existing:
+            chosen = None if response is None else response.split(",")
+            read = [_tabled(record, chosen, output_unit, input_unit) for record in read]
         if ring_down:
             result, draw = _decayed(read, outputs, count)
-            response = None
+            found = None
         else:
-            result, draw, response = _responded(
+            result, draw, found = _responded(
                 read,
                 inputs,
                 outputs,
@@ -193,7 +215,7 @@ def frf(
             )
     said = (note for record in read for note in record.notes)
     result["notes"] = list(dict.fromkeys((*result["notes"], *said)))
-    result["files"] = _written(out, figure, response, read, draw)
+    result["files"] = _written(out, figure, found, read, draw)
     if json:
         print_json(result)
         return
@@ -222,6 +244,22 @@ def _written(
     for path, content in contents.items():
         write_file(path, content)
     return [str(path) for path in contents]
+
+
+def _tabled(
+    record: "Record", columns: list[str] | None, output_unit: str | None, input_unit: str | None
+) -> "Record":
+    """Return a record over frequency, as it is or from columns of a table."""
+    from flexstage.records import responses_in_columns
+
+    if record.over != "frequency":
+        return responses_in_columns(record, columns, output_unit=output_unit, input_unit=input_unit)
+    if columns is not None:
+        raise ModelError(
+            f"'{record.source}' says itself which responses it holds: leave --response out, and "
+            "choose some by --dataset"
+        )
+    return record
 
 
 def _no_driven_options(**given: Any) -> None:
@@ -288,7 +326,7 @@ def _responded(
         responses = [response_from_record(record) for record in read]
     else:
         if not inputs or not outputs:
-            raise ModelError("records over time need --input and --output: name the columns")
+            raise ModelError(_NEEDED)
         hits = None if exponential is None else HitOptions(exponential=exponential)
         estimate = estimate_response(read, inputs, outputs, hits=hits, **how)
         responses, added = [estimate.response], estimate.added_damping_rate

@@ -24,7 +24,8 @@ def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Reco
     Returns
     -------
     Record
-        Frequency; real and imaginary part, variance and coherence as far as they are known.
+        Frequency; real and imaginary part, variance and coherence as far as they are known, and by
+        how much a window has mixed neighbouring lines.
     """
     import numpy as np
 
@@ -35,9 +36,10 @@ def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Reco
         for i, other in enumerate(response.inputs):
             h = response.response[:, o, i]
             label = f"{name}/{other}"
+            unit = _quotient(response, o, i)
             channels += [
-                Channel(name=f"{label} real", values=h.real.copy()),
-                Channel(name=f"{label} imaginary", values=h.imag.copy()),
+                Channel(name=f"{label} real", values=h.real.copy(), unit=unit),
+                Channel(name=f"{label} imaginary", values=h.imag.copy(), unit=unit),
             ]
             if response.variance is not None:
                 channels.append(
@@ -47,6 +49,9 @@ def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Reco
             channels.append(
                 Channel(name=f"{name} coherence", values=response.coherence[:, o].copy())
             )
+    if response.blur:
+        blur = np.full(response.frequency_hz.size, response.blur)
+        channels.append(Channel(name="blur", values=blur))
     return Record(
         channels=tuple(channels),
         time=np.arange(response.frequency_hz.size, dtype=np.float64),
@@ -54,6 +59,16 @@ def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Reco
         notes=response.notes,
         over="point",
     )
+
+
+def _quotient(response: "MeasuredResponse", o: int, i: int) -> str:
+    """Return the unit of a response; empty where that of output or input is not known."""
+    if not response.output_units or not response.input_units:
+        return ""
+    above, below = response.output_units[o], response.input_units[i]
+    if not above or not below:
+        return ""
+    return f"{above}/({below})" if "/" in below else f"{above}/{below}"
 
 
 def response_result(

@@ -51,8 +51,8 @@ FormatOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="text, matlab, hdf5, tdms, numpy, universal, gcs or cmm, where neither content nor "
-        "suffix says it.",
+        help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm, where neither "
+        "content nor suffix says it.",
     ),
 ]
 DatasetOption = Annotated[

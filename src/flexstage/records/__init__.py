@@ -17,6 +17,7 @@ from flexstage.records.quality import (
 from flexstage.records.read import FORMATS, read_record
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.require import require_live, require_unclipped, require_unit
+from flexstage.records.responses import responses_in_columns
 from flexstage.records.sampling import (
     LARGEST_STEP,
     LARGEST_UNEVEN_STEP,
@@ -56,6 +57,7 @@ __all__ = [
     "require_uniform",
     "require_unit",
     "resampled",
+    "responses_in_columns",
     "saturation",
     "selected",
     "time_jitter",

@@ -1,5 +1,6 @@
 """What a reader of one format finds: named columns, and what the file itself says about them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -11,7 +12,27 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError, UnitError
 from flexstage.units import si_unit
 
-__all__ = ["Column", "Columns", "as_float", "labelled", "measured_unit"]
+__all__ = [
+    "GRAVITY",
+    "Column",
+    "Columns",
+    "as_float",
+    "complex_parts",
+    "gravity_unit",
+    "is_acceleration",
+    "labelled",
+    "measured_unit",
+]
+
+#: What stands for the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2], and its parts.
+GRAVITY = {
+    **dict.fromkeys(("g", "G", "gn", "g_n", "gee"), 9.80665),
+    "mg": 9.80665e-3,
+    **dict.fromkeys(("ug", "µg"), 9.80665e-6),
+}
+_ACCELERATION = re.compile(
+    r"(?<![a-z])(acc[a-z]{0,2}|accel[a-z]*|beschl[a-z]*|a[xyz])(?![a-z])", re.IGNORECASE
+)
 
 # the last integer up to which every integer is a float
 _LAST_EXACT = 2**53
@@ -285,7 +306,8 @@ def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
     try:
         measured_unit(found)
     except UnitError:
-        return Column(name=label, values=values)
+        if gravity_unit(found, name) is None:
+            return Column(name=label, values=values)
     return Column(name=name or label, values=values, unit=found)
 
 
@@ -297,6 +319,84 @@ def _split(label: str) -> tuple[str, str]:
             return name.rstrip(), inside.strip()
     name, _, inside = label.rpartition(" / ")
     return (name.strip(), inside.strip()) if name else (label, "")
+
+
+def is_acceleration(name: str) -> bool:
+    """Say whether a name is that of an acceleration.
+
+    Parameters
+    ----------
+    name : str
+        Of a column, or of a file.
+
+    Returns
+    -------
+    bool
+        Whether a word of it says so.
+
+    Examples
+    --------
+    >>> is_acceleration("Acceleration_2"), is_acceleration("acc_x"), is_acceleration("accuracy")
+    (True, True, False)
+    """
+    return _ACCELERATION.search(name) is not None
+
+
+def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
+    """Return what a unit is in SI that means the acceleration of gravity, and no gram.
+
+    Parameters
+    ----------
+    unit : str
+        The unit, ``"g"`` or ``"g/N"``.
+    name : str
+        Name of the column; without an acceleration in it, ``g_n`` and a unit over a force are one.
+
+    Returns
+    -------
+    tuple or None
+        How many SI units one of it is, and which; None where it is another unit.
+
+    Examples
+    --------
+    >>> gravity_unit("g", "ax"), gravity_unit("g", "load"), gravity_unit("g/N", "H")
+    ((9.80665, 'm/s^2'), None, (9.80665, 'm/s^2/N'))
+    """
+    above, stroke, below = unit.partition("/")
+    factor = GRAVITY.get(_unwrapped(above))
+    if factor is None:
+        return None
+    sure = "n" in above or is_acceleration(name)
+    if not stroke:
+        return (factor, "m/s^2") if sure else None
+    try:
+        divisor, per = si_unit(_unwrapped(below))
+    except UnitError:
+        return None
+    if per != "N" and not sure:
+        return None
+    return factor / divisor, f"m/s^2/({per})" if "/" in per else f"m/s^2/{per}"
+
+
+def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Column, Column]:
+    """Return a column of complex values as two, ``NAME real`` and ``NAME imaginary``.
+
+    Parameters
+    ----------
+    column : Column
+        The column, with the real part as its values.
+    imaginary : numpy.ndarray
+        The imaginary part, shape (n,).
+
+    Returns
+    -------
+    tuple of Column
+        Both parts, each with the unit.
+    """
+    return (
+        replace(column, name=f"{column.name} real"),
+        replace(column, name=f"{column.name} imaginary", values=imaginary),
+    )
 
 
 def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
@@ -317,11 +417,9 @@ def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
     Raises
     ------
     RecordError
-        The numbers are complex, are integers that a float would round, or are no numbers.
+        The numbers are integers that a float would round, or are no numbers.
     """
     kind = values.dtype.kind
-    if kind == "c":
-        raise RecordError(f"{what} is complex: save its real part, or its magnitude, as a column")
     if kind in "Mm":
         return _seconds(values, what)
     if kind not in "biuf":

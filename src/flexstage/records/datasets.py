@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, as_float, labelled
+from flexstage.records.columns import Column, Columns, as_float, complex_parts, labelled
 
 __all__ = ["Leaf", "Tree", "chosen_columns"]
 
@@ -80,7 +80,7 @@ class Leaf:
     @property
     def usable(self) -> bool:
         """Whether it can be one or more columns."""
-        return self.kind in "biufM" and len(self.core) in (1, 2) and 0 not in self.shape
+        return self.kind in "biufcM" and len(self.core) in (1, 2) and 0 not in self.shape
 
     def __str__(self) -> str:
         size = " x ".join(map(str, self.shape)) or "a number"
@@ -172,8 +172,6 @@ def _some(leaves: Sequence[Leaf], most: int = 12) -> str:
 
 
 def _require_usable(leaf: Leaf) -> None:
-    if leaf.kind == "c":
-        raise RecordError(f"{leaf} is complex: save its real part, or its magnitude, as a column")
     if not leaf.usable:
         raise RecordError(f"{leaf} cannot be columns of a record: choose a vector or a matrix")
 
@@ -230,6 +228,21 @@ def _append(columns: list[Column], leaf: Leaf, tree: Tree) -> list[str]:
     array = leaf.load()
     if array.size != int(np.prod(leaf.shape)):
         raise RecordError(f"{leaf} is cut short: the file ends before its last sample")
+    if leaf.kind == "c":
+        first = len(columns)
+        notes = _real_columns(columns, leaf, label, unit, np.real(array))
+        real, columns[first:] = columns[first:], []
+        _real_columns(columns, leaf, label, unit, np.imag(array))
+        imaginary, columns[first:] = columns[first:], []
+        for above, beside in zip(real, imaginary, strict=True):
+            columns += complex_parts(above, beside.values)
+        return notes
+    return _real_columns(columns, leaf, label, unit, array)
+
+
+def _real_columns(
+    columns: list[Column], leaf: Leaf, label: str, unit: str, array: NDArray
+) -> list[str]:
     values = as_float(array, f"'{leaf.path}'")
     notes = []
     if leaf.kind == "M":

@@ -6,6 +6,7 @@ from flexstage.errors import RecordError
 from flexstage.records.cmm import is_coordinate_report
 from flexstage.records.gcs_array import is_gcs_array
 from flexstage.records.text_lines import decoded
+from flexstage.records.touchstone import is_touchstone
 from flexstage.records.universal_sets import is_universal
 
 __all__ = ["FORMATS", "format_of"]
@@ -19,6 +20,7 @@ FORMATS: dict[str, tuple[str, ...]] = {
     "numpy": (".npy", ".npz"),
     "universal": (".uff", ".unv", ".ufb", ".bunv"),
     "gcs": (".gcs",),
+    "touchstone": (".s1p", ".s2p", ".s3p", ".s4p"),
     "cmm": (),
 }
 
@@ -86,4 +88,6 @@ def _kind_of_text(head: bytes) -> str:
     text = decoded(head if len(head) < _HEAD else head[: (head.rfind(b"\n") + 1) // 2 * 2])
     if is_gcs_array(text):
         return "gcs"
+    if is_touchstone(text):
+        return "touchstone"
     return "cmm" if is_coordinate_report(text) else "text"

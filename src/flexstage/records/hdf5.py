@@ -141,8 +141,15 @@ class _Walk:
 
 
 def _whole(dataset: Any, *, turned: bool) -> Callable[[], NDArray]:
-    # MATLAB writes the first index as the one that runs fastest
-    return lambda: np.asarray(dataset[()]).T if turned else np.asarray(dataset[()])
+    def load() -> NDArray:
+        array = np.asarray(dataset[()])
+        if array.dtype.names is not None:
+            # MATLAB's complex numbers
+            array = array["real"] + 1j * array["imag"]
+        # MATLAB writes the first index as the one that runs fastest
+        return array.T if turned else array
+
+    return load
 
 
 def _field(dataset: Any, name: str) -> Callable[[], NDArray]:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.records.cmm import read_coordinates
-from flexstage.records.columns import Column, Columns, measured_unit
+from flexstage.records.columns import (
+    GRAVITY,
+    Column,
+    Columns,
+    gravity_unit,
+    is_acceleration,
+    measured_unit,
+)
 from flexstage.records.detect import FORMATS, format_of
 from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.hdf5 import read_hdf5
@@ -23,6 +30,7 @@ from flexstage.records.sampling import LARGEST_STEP, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
+from flexstage.records.touchstone import read_touchstone
 from flexstage.records.universal_file import read_universal
 
 __all__ = ["FORMATS", "read_record"]
@@ -61,8 +69,8 @@ def read_record(
     ----------
     path : str or pathlib.Path
         The file.
-    format : {"text", "matlab", "hdf5", "tdms", "numpy", "universal", "gcs", "cmm"}, optional
-        The format, where neither content nor suffix says it.
+    format : str, optional
+        One of `FORMATS`, where neither content nor suffix says it.
     sample_rate_hz : float, optional
         Sample rate [Hz] of a file that does not say it.
     time : str or int, optional
@@ -139,7 +147,7 @@ def read_record(
         used = _used(raw, columns)
         for number in sorted(used):
             raw.require_numbers(number)
-        channels, notes = _in_si(raw, units or {})
+        channels, notes = _in_si(raw, units or {}, _accelerations(raw, file))
         kind = _kind(raw, over, time, sample_rate_hz)
         if kind == "time":
             channels, times, more = timed(raw, channels, time, sample_rate_hz, largest_step)
@@ -183,7 +191,7 @@ def _read(
     delimiter: str | None,
     decimal: str | None,
 ) -> Columns:
-    if known in ("text", "gcs") and dataset is not None:
+    if known in ("text", "gcs", "touchstone") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
@@ -198,6 +206,8 @@ def _read(
         )
     if known == "gcs":
         return read_gcs_array(file)
+    if known == "touchstone":
+        return read_touchstone(file)
     readers = {
         "matlab": read_matlab,
         "hdf5": read_hdf5,
@@ -250,7 +260,19 @@ def _numbers(raw: Columns, names: Sequence[str], selector: str | int) -> tuple[i
     return (column_number(names, selector),)
 
 
-def _in_si(raw: Columns, units: Mapping[str, str]) -> tuple[list[Channel], list[str]]:
+def _accelerations(raw: Columns, file: Path) -> str:
+    """Return what says that a file is of accelerations, where its columns do not; empty if none."""
+    if raw.attributes.get("heading", "").startswith("LabVIEW Measurement"):
+        return "of an acquisition by LabVIEW"
+    for column in raw.columns:
+        if is_acceleration(column.name) or column.unit == "m/s^2":
+            return f"beside column '{column.name}'"
+    return "by the name of the file" if is_acceleration(file.stem) else ""
+
+
+def _in_si(
+    raw: Columns, units: Mapping[str, str], accelerations: str
+) -> tuple[list[Channel], list[str]]:
     """Return the columns in SI units, and what was done."""
     names = [c.name for c in raw.columns]
     said: dict[int, str] = {}
@@ -262,8 +284,14 @@ def _in_si(raw: Columns, units: Mapping[str, str]) -> tuple[list[Channel], list[
     channels, notes, found = [], [], []
     for number, column in enumerate(raw.columns):
         text = said.get(number, column.unit)
+        if column.si is None and text.strip() in GRAVITY and number not in said:
+            own = "as its name says" if is_acceleration(column.name) else accelerations
+            meant, note = _weighed(column, own)
+            notes.append(note)
+        else:
+            meant = column
         try:
-            factor, unit = _si(column, text, number in said)
+            factor, unit = _si(meant, text, number in said)
         except UnitError as error:
             if number in said:
                 raise RecordError(f"column '{column.name}': {error}") from error
@@ -284,6 +312,20 @@ def _in_si(raw: Columns, units: Mapping[str, str]) -> tuple[list[Channel], list[
     return channels, notes
 
 
+def _weighed(column: Column, acceleration: str) -> tuple[Column, str]:
+    """Return a column in g with what that is, and a note."""
+    if acceleration:
+        note = (
+            f"'{column.unit}' of column '{column.name}' is taken as the acceleration of gravity, "
+            f"{acceleration}: of a mass, say its unit as gram"
+        )
+        return replace(column, si=(GRAVITY[column.unit], "m/s^2")), note
+    return column, (
+        f"'{column.unit}' of column '{column.name}' is taken as a mass: of an acceleration, say "
+        "its unit as g_n"
+    )
+
+
 def _scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     """Return values in SI, rounded once: 1.25 um is 1.25e-06 m, and not its neighbour."""
     whole = round(1.0 / factor)
@@ -295,6 +337,8 @@ def _si(column: Column, text: str, given: bool) -> tuple[float, str]:
     """Return what the unit of a column is in SI: as given, as its format says, by its name."""
     if column.si is not None and not given:
         return column.si
+    if (meant := gravity_unit(text.strip(), column.name)) is not None:
+        return meant
     return measured_unit(text) if text.strip() else (1.0, "")
 
 
@@ -307,11 +351,15 @@ def _known(text: str) -> tuple[float, str] | None:
 
 
 def _used(raw: Columns, wanted: Sequence[str | int] | None) -> set[int]:
-    """Return the columns that must be complete: those wanted, or all but those of text alone."""
+    """Return the columns that must be complete: those wanted, or all that hold numbers."""
     names = [c.name for c in raw.columns]
     if wanted is not None:
         return {number for selector in wanted for number in _numbers(raw, names, selector)}
-    return {i for i, column in enumerate(raw.columns) if not _is_text(column)}
+    return {
+        i
+        for i, column in enumerate(raw.columns)
+        if not _is_text(column) and (column.words is not None or np.isfinite(column.values).any())
+    }
 
 
 def _is_text(column: Column) -> bool:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, labelled
-from flexstage.records.text_heading import COMMENT_MARKS, Heading, heading_of
+from flexstage.records.columns import Column, Columns, complex_parts, labelled
+from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
 from flexstage.records.text_lines import text_lines
 from flexstage.records.text_rows import (
+    COMPLEX,
     NUMBER,
     STAMP,
     Layout,
@@ -79,6 +80,8 @@ def read_text(
         raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     delimiters = _delimiters(delimiter)
     lines = text_lines(path)
+    if lines[-1].strip() == "END":  # of what a network analyser writes between BEGIN and END
+        lines.pop()
     row = first_row(lines, skip_lines, delimiters, decimal)
     if row is None:
         raise RecordError(f"'{path}' has no row of numbers: is it the file that was meant?")
@@ -93,7 +96,7 @@ def read_text(
         layout, heading = _one_or_two(
             lines, first, layout, heading, one_name and first > skip_lines
         )
-    return _columns(_numbers(lines, first, layout), heading, layout)
+    return _columns(_without_last(_numbers(lines, first, layout)), heading, layout)
 
 
 def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
@@ -151,6 +154,15 @@ def _numbers(lines: list[str], first: int, layout: Layout) -> _Table:
     return _numbers_slowly(lines, first, layout)
 
 
+def _without_last(table: _Table) -> _Table:
+    """Leave out rows of empty fields at the end, as oscilloscopes write them."""
+    held = np.flatnonzero(np.isfinite(table.values).any(axis=1))
+    last = max(int(held[-1]) if held.size else -1, max((row for row, _ in table.words), default=-1))
+    table.values = table.values[: last + 1]
+    table.lines = table.lines[: last + 1]
+    return table
+
+
 def _text_beside(lines: list[str], first: int, layout: Layout) -> _Table | None:
     """Return the text of plain rows without their numbers; None where one is unlike the others."""
     table = _Table(np.zeros(0))
@@ -163,7 +175,7 @@ def _text_beside(lines: list[str], first: int, layout: Layout) -> _Table | None:
         for j in layout.words:
             text = fields[j].strip()
             if not is_missing(text):
-                table.words[len(table.lines), j] = text[:_LETTERS]
+                table.words[len(table.lines), j] = _kept(text)
         table.lines.append(number)
     return table
 
@@ -183,7 +195,7 @@ def _numbers_slowly(lines: list[str], first: int, layout: Layout) -> _Table:
         for j, text in enumerate(fields):
             value = _value(text, j, layout)
             if value is None:
-                table.words[len(rows), j] = text[:_LETTERS]
+                table.words[len(rows), j] = _kept(text)
             elif j not in layout.stamps:
                 signs |= {sign: number for sign in ".," if sign in text and sign not in signs}
             row.append(np.nan if value is None else value)
@@ -219,6 +231,10 @@ def _value(text: str, column: int, layout: Layout) -> float | None:
     return float(text.replace(",", ".")) if NUMBER.fullmatch(text) else None
 
 
+def _kept(text: str) -> str:
+    return text if COMPLEX.fullmatch(text) else text[:_LETTERS]
+
+
 def _seconds(text: str, first_day: int) -> float | None:
     """Return the seconds that a date or a time of day is after a day has begun.
 
@@ -232,7 +248,7 @@ def _seconds(text: str, first_day: int) -> float | None:
 
 
 def _columns(table: _Table, heading: Heading, layout: Layout) -> Columns:
-    names: Sequence[str] = heading.names or [""] * layout.width
+    names: Sequence[str] = _x_named(heading.names, table.values) or [""] * layout.width
     units: Sequence[str] = heading.units or [""] * layout.width
     notes = _remarks(table)
     columns: list[Column] = []
@@ -246,6 +262,13 @@ def _columns(table: _Table, heading: Heading, layout: Layout) -> Columns:
             column = Column(name=column.name, values=numbers - origin, unit="s")
             notes.append(f"dates of '{column.name}' are taken as seconds after the first")
         words = {row: text for (row, at), text in table.words.items() if at == j}
+        if words and all(map(COMPLEX.fullmatch, words.values())):
+            imaginary = np.where(np.isfinite(numbers), 0.0, np.nan)
+            for row, text in words.items():
+                value = complex(re.sub(r"\s", "", text.lower()).replace(",", ".").replace("i", "j"))
+                numbers[row], imaginary[row] = value.real, value.imag
+            columns += complex_parts(column, imaginary)
+            continue
         if words:
             beside = np.zeros(numbers.size, dtype=f"<U{max(map(len, words.values()))}")
             beside[list(words)] = list(words.values())
@@ -260,6 +283,23 @@ def _columns(table: _Table, heading: Heading, layout: Layout) -> Columns:
         attributes={"heading": heading.text} if heading.text else {},
         lines=np.array(table.lines) if table.words else None,
     )
+
+
+def _x_named(names: Sequence[str], values: Array) -> Sequence[str]:
+    """Return names of columns of which LabVIEW wrote times before each channel.
+
+    The times of the first are those of all, where they are the same.
+    """
+    xs = [j for j, name in enumerate(names) if name == X_VALUE]
+    if len(xs) < 2:
+        return names
+    # a channel that ends before others has no times there
+    apart = np.abs(values[:, xs] - values[:, xs[:1]])
+    same = bool(np.all((apart == 0.0) | np.isnan(apart))) and np.isfinite(values[:, xs[0]]).all()
+    return [
+        f"{X_VALUE} of {names[j + 1]}" if j in xs[int(same) :] and j + 1 < len(names) else name
+        for j, name in enumerate(names)
+    ]
 
 
 def _remarks(table: _Table) -> list[str]:

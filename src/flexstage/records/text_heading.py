@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from flexstage.errors import RecordError, UnitError
 from flexstage.units import si_unit
 
-__all__ = ["COMMENT_MARKS", "Heading", "heading_of", "split_line"]
+__all__ = ["COMMENT_MARKS", "X_VALUE", "Heading", "heading_of", "split_line"]
 
 COMMENT_MARKS = ("#", "%", ";", "//", "!")
 
 # a word with the bracket behind it, for headings that only spaces divide
 _WORD = re.compile(r"[^\s()\[\]]+(?:\s?(?:\([^()]*\)|\[[^\[\]]*\]))?")
 _END_OF_HEADER = "***End_of_Header***"
+#: What LabVIEW calls a column of times.
+X_VALUE = "X_Value"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,12 +101,31 @@ def heading_of(lines: Sequence[str], width: int, delimiter: str | None) -> Headi
         return _labview(written, width, text)
     if not written:
         return Heading()
+    if len(written) > 1 and (found := _sequence(written, width, delimiter, text)) is not None:
+        return found
     last = _names(written[-1], width, delimiter)
     if len(written) > 1 and last and _are_units(last):
         above = _names(written[-2], width, delimiter)
         if above:
             return Heading(names=above, units=tuple(map(_bare, last)), text=text)
     return Heading(names=last, text=text)
+
+
+def _sequence(lines: Sequence[str], width: int, delimiter: str | None, text: str) -> Heading | None:
+    """Understand an oscilloscope's numbered samples, whose step stands beside the units."""
+    names, units = (split_line(line, delimiter) for line in lines[-2:])
+    while names and not names[-1]:
+        names.pop()
+    if names[width:] != ["Start", "Increment"] or len(units) < width + 2:
+        return None
+    return Heading(
+        names=tuple(names[:width]),
+        units=("", *units[1:width]),
+        start=_number(units[width:]),
+        interval=_number(units[width + 1 :]) or None,
+        interval_source="'Increment'",
+        text=text,
+    )
 
 
 def _names(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:
@@ -155,16 +176,17 @@ def _labview(lines: Sequence[str], width: int, text: str) -> Heading:
     delimiter = "," if "\t" not in text else "\t"
     for line in lines:
         words = [word.strip() for word in line.split(delimiter)]
-        keys[words[0]] = [word for word in words[1:] if word]
+        keys[words[0]] = words[1:]
     names = split_line(lines[-1], delimiter)
-    if names and names[-1] in {"Comment", ""}:
+    while len(names) > width and names[-1] in {"Comment", ""}:
         names.pop()
     empty_first = keys.get("X_Columns", ["One"])[0] == "No"
-    units = ["", *keys.get("Y_Unit_Label", [])]
     is_time = keys.get("X_Dimension", [""])[0] == "Time"
+    # what is said of a channel stands in its column, whatever columns of times are between
+    units = ["", *keys.get("Y_Unit_Label", []), *[""] * width][:width]
     if is_time and not empty_first:
-        units[0] = "s"
-    if len(names) != width or len(units) != width:
+        units = ["s" if n == X_VALUE else u for n, u in zip(names, units, strict=False)]
+    if len(names) != width:
         units = []
     interval = None
     if empty_first and is_time:

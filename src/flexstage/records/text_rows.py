@@ -8,10 +8,25 @@ from datetime import date
 
 from flexstage.records.text_heading import COMMENT_MARKS, split_line
 
-__all__ = ["NUMBER", "STAMP", "Layout", "day", "first_row", "is_comment", "is_missing", "row_of"]
+__all__ = [
+    "COMPLEX",
+    "NUMBER",
+    "STAMP",
+    "Layout",
+    "day",
+    "first_row",
+    "is_comment",
+    "is_missing",
+    "row_of",
+]
 
 NUMBER = re.compile(
     r"[+-]?(?:(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?|nan)", re.IGNORECASE
+)
+_PART = r"(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
+# 1.5-2e-3j, (1+2i), 3j
+COMPLEX = re.compile(
+    rf"\(?\s*(?:[+-]?{_PART}\s*[+-]\s*{_PART}|[+-]?{_PART})\s*[ij]\s*\)?", re.IGNORECASE
 )
 STAMP = re.compile(r"(?:\d{4}-\d\d-\d\d[ T])?\d\d?:\d\d:\d\d(?:[.,]\d{1,9})?Z?")
 _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#qnan", "-1.#ind"))

@@ -10,6 +10,7 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, time_jitter
+from flexstage.records.text_heading import X_VALUE
 
 __all__ = ["timed"]
 
@@ -75,7 +76,11 @@ def timed(
             f"{own:g} Hz: leave one out, or mend it"
         )
     called = [
-        i for i, c in enumerate(channels) if c.name.lower() in _TIME_NAMES and c.unit in ("s", "")
+        i
+        for i, c in enumerate(channels)
+        if (c.name.lower() in _TIME_NAMES and c.unit in ("s", ""))
+        # a column without a name whose unit is said
+        or (c.name == f"column {i}" and c.unit == "s")
     ]
     sure = [i for i in called if channels[i].unit == "s"]
     if rate is not None or own is not None:
@@ -105,6 +110,9 @@ def _own_time(names: Sequence[str], sure: Sequence[int]) -> int | None:
 
 def _no_time(raw: Columns, names: Sequence[str], called: Sequence[int]) -> str:
     hint = raw.hint
+    several = [name for name in names if name.startswith(f"{X_VALUE} of ")]
+    if several:
+        hint = f"; its channels have different times: choose one by time, such as '{several[0]}'"
     if called and not hint:
         listed = " or ".join(f"'{names[i]}'" for i in called)
         hint = f"; column {listed} may be it: choose it by time"

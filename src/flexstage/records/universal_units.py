@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 from flexstage.errors import UnitError
-from flexstage.records.columns import measured_unit
+from flexstage.records.columns import GRAVITY, measured_unit
 from flexstage.records.universal_sets import Axis, Function, UnitSystem
 
 __all__ = ["FunctionUnits", "axis_unit", "function_units"]
 
-# the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2]
-_GRAVITY = 9.80665
 _ACCELERATION = 12
-_GRAVITY_LABELS = frozenset(("g", "G", "gn", "g_n", "gee"))
 # kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
 _BY_SYSTEM = {
     8: ((1, 0, "m"), (0, 0, "rad")),
@@ -72,8 +69,8 @@ def axis_unit(axis: Axis, system: UnitSystem | None) -> tuple[float, str] | None
     >>> axis_unit(Axis(quantity=12, label="g"), None), axis_unit(Axis(quantity=12), None)
     ((9.80665, 'm/s^2'), None)
     """
-    if axis.label in _GRAVITY_LABELS:
-        return (_GRAVITY, "m/s^2") if axis.quantity == _ACCELERATION else None
+    if axis.label in GRAVITY:
+        return (GRAVITY[axis.label], "m/s^2") if axis.quantity == _ACCELERATION else None
     if axis.label:
         try:
             return measured_unit(axis.label)

@@ -14,7 +14,7 @@ __all__ = ["response_from_record"]
 Array = NDArray[np.float64]
 _PARTS = (" real", " imaginary")
 _RESPONSES = ("frequency response function", "transmissibility")
-_COHERENCE = "coherence "
+_COHERENCE, _VARIANCE, _BLUR = "coherence ", "variance ", "blur "
 
 
 def response_from_record(
@@ -25,8 +25,9 @@ def response_from_record(
     A function is two columns, ``NAME real`` and ``NAME imaginary``, with NAME of the form
     ``OUTPUT/INPUT``; attributes ``output of NAME``, ``input of NAME``, ``output unit of NAME`` and
     ``input unit of NAME`` go before the name. A column ``coherence NAME`` is its coherence, where
-    there is one input. With both coherence and averages known the variance is (1 - c) abs(H)^2 /
-    (c (n - 1)), as of H1.
+    there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the response. With
+    coherence and averages known in place of them, the variance is (1 - c) abs(H)^2 / (c (n - 1)),
+    as of H1.
 
     Parameters
     ----------
@@ -98,6 +99,11 @@ def response_from_record(
             parts = [record.channel(at[out, into] + part).values for part in _PARTS]
             response[:, o, i] = parts[0] + 1j * parts[1]
     coherence = _coherence(record, [at[out, inputs[0]] for out in outputs], len(inputs))
+    variance = _variance(response, coherence, averages)
+    have = {c.name: c.values for c in record.channels}
+    if all(_VARIANCE + name in have for name in names):
+        each = [[have[_VARIANCE + at[out, into]] for into in inputs] for out in outputs]
+        variance = np.moveaxis(np.array(each), 2, 0)
     return MeasuredResponse(
         frequency_hz=record.time,
         response=response,
@@ -105,11 +111,12 @@ def response_from_record(
         outputs=outputs,
         input_units=_units(record, "input", [at[outputs[0], into] for into in inputs]),
         output_units=_units(record, "output", [at[out, inputs[0]] for out in outputs]),
-        variance=_variance(response, coherence, averages),
+        variance=variance,
         coherence=coherence,
         averages=averages,
         source=record.source,
         notes=record.notes,
+        blur=_blur(record, names),
     )
 
 
@@ -129,6 +136,13 @@ def _ends(record: Record, name: str) -> tuple[str, str]:
 
 def _units(record: Record, which: str, names: list[str]) -> tuple[str, ...]:
     return tuple(record.attributes.get(f"{which} unit of {name}", "") for name in names)
+
+
+def _blur(record: Record, names: list[str]) -> float:
+    """Return how far neighbouring lines are mixed, where each response says the same."""
+    have = {c.name: c.values for c in record.channels}
+    said = [have[_BLUR + name] for name in names if _BLUR + name in have]
+    return float(said[0][0]) if said and np.ptp(np.concatenate(said)) == 0.0 else 0.0
 
 
 def _coherence(record: Record, names: list[str], inputs: int) -> Array | None:

@@ -1,0 +1,162 @@
+"""`flexstage records`: what is in measured files, before anything is asked of them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from flexstage.cli.common import JsonOption, console, make_table, print_json
+from flexstage.cli.records import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    file_rates,
+    row_range,
+)
+from flexstage.errors import RecordError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.records import Record
+
+__all__ = ["records"]
+
+
+def records(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Measured files.")],
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Say what is in measured files: columns, units, rate, length, gaps, responses."""
+    from flexstage.records import read_record
+
+    rates = file_rates(sample_rate, "--sample-rate", len(files))
+    found = []
+    for file, rate in zip(files, rates, strict=True):
+        given: dict[str, Any] = {
+            "format": format,
+            "dataset": dataset,
+            "rows": row_range(rows, "--rows"),
+            "skip_lines": skip_lines,
+            "delimiter": delimiter,
+            "decimal": decimal,
+            # no column has to be complete, and gaps are told
+            "columns": [],
+        }
+        said = ""
+        try:
+            record = read_record(
+                file,
+                sample_rate_hz=rate,
+                time=None if time is None else column(time),
+                largest_step=float("inf"),
+                **given,
+            )
+        except RecordError as error:
+            if rate is not None or time is not None:
+                raise
+            said = str(error)
+            record = read_record(file, over="point", **given)
+        found.append(_found(record, said))
+    if json:
+        print_json({"files": found})
+        return
+    for one in found:
+        _print(console(), one)
+
+
+def _found(record: "Record", said: str) -> dict[str, Any]:
+    """Return what is in a record as plain data; `said` is why it has no times."""
+    import numpy as np
+
+    from flexstage.records import LARGEST_STEP, responses_in_columns
+
+    channels = []
+    for number, channel in enumerate(record.channels):
+        finite = channel.values[np.isfinite(channel.values)]
+        channels.append({
+            "number": number,
+            "name": channel.name,
+            "unit": channel.unit,
+            "smallest": float(finite.min()) if finite.size else None,
+            "largest": float(finite.max()) if finite.size else None,
+            "missing": int(channel.values.size - finite.size),
+        })  # fmt: skip
+    result: dict[str, Any] = {
+        "file": record.source,
+        "over": record.over,
+        "samples": record.size,
+        "columns": channels,
+        "notes": list(record.notes),
+    }
+    if record.over != "point":
+        result["from"], result["to"] = float(record.time[0]), float(record.time[-1])
+    if record.over == "time":
+        steps = np.diff(record.time)
+        usual = float(np.median(steps))
+        wide = np.flatnonzero(steps > LARGEST_STEP * usual)
+        result["sample_rate_hz"] = 1.0 / usual if wide.size else record.sample_rate_hz
+        result["uniform"] = record.uniform
+        result["gaps"] = [{"after_sample": int(i), "seconds": float(steps[i])} for i in wide]
+    if record.over == "point":
+        try:
+            table = responses_in_columns(record)
+        except RecordError:
+            # a table without responses has points, unless times were to be found
+            result["notes"] += [said]
+        else:
+            result["responses"] = [
+                c.name.removesuffix(" real") for c in table.channels if c.name.endswith(" real")
+            ]
+            result["from"], result["to"] = float(table.time[0]), float(table.time[-1])
+    return result
+
+
+def _print(screen: "Console", one: dict[str, Any]) -> None:
+    table = make_table(one["file"], "no.", "<column", "<unit", "smallest", "largest", "missing")
+    for channel in one["columns"]:
+        ends = (channel["smallest"], channel["largest"])
+        table.add_row(
+            str(channel["number"]),
+            channel["name"],
+            channel["unit"],
+            *("" if end is None else f"{end:.6g}".replace("-", "−") for end in ends),
+            str(channel["missing"] or ""),
+        )
+    screen.print(table)
+    screen.print(_length(one), markup=False, soft_wrap=True)
+    gaps = one.get("gaps", [])
+    for gap in gaps[:5]:
+        screen.print(f"gap of {gap['seconds']:.4g} s after sample {gap['after_sample']}")
+    if len(gaps) > 5:
+        screen.print(f"and {len(gaps) - 5} more gaps")
+    for note in one["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
+
+
+def _length(one: dict[str, Any]) -> str:
+    if one["over"] == "time":
+        even = "" if one["uniform"] else ", uneven"
+        return (
+            f"{one['samples']} samples over time, {one['sample_rate_hz']:.6g} Hz{even}, from "
+            f"{one['from']:.6g} to {one['to']:.6g} s"
+        )
+    if "from" not in one:
+        return f"{one['samples']} rows"
+    responses = one.get("responses", [])
+    what = f"frequency responses {', '.join(responses)}: " if responses else ""
+    return f"{what}{one['samples']} lines from {one['from']:.6g} to {one['to']:.6g} Hz"

@@ -1,0 +1,69 @@
+"""`flexstage records`: what it says of files, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+
+
+def run(capsys, *words):
+    with pytest.raises(SystemExit) as ended:
+        main(["records", *(str(word) for word in words)])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+def found(capsys, *words):
+    status, out, err = run(capsys, *words, "--json")
+    assert (status, err) == (0, "")
+    return json.loads(out)["files"]
+
+
+@pytest.fixture
+def gapped(tmp_path):
+    file = tmp_path / "gapped.csv"
+    t = np.delete(np.arange(60) / 50.0, [20, 21, 22])
+    rows = [f"{a:.6g},{2.5 * a:.6g},{'' if i == 7 else i},on" for i, a in enumerate(t)]
+    file.write_text("time (s),drive (mV),pos (um),state\n" + "\n".join(rows) + "\n")
+    return file
+
+
+def test_columns_rate_and_gaps(capsys, gapped):
+    (one,) = found(capsys, gapped)
+    assert [(c["name"], c["unit"], c["missing"]) for c in one["columns"]] == [
+        ("time", "s", 0), ("drive", "V", 0), ("pos", "m", 1), ("state", "", 57),
+    ]  # fmt: skip
+    assert one["columns"][2]["largest"] == pytest.approx(56e-6)
+    assert (one["over"], one["samples"], one["uniform"]) == ("time", 57, False)
+    assert one["sample_rate_hz"] == pytest.approx(50.0)
+    assert one["gaps"] == [{"after_sample": 19, "seconds": pytest.approx(0.08)}]
+    status, out, _ = run(capsys, gapped)
+    assert status == 0
+    assert "57 samples over time, 50 Hz, uneven, from 0 to 1.18 s" in out
+    assert "gap of 0.08 s after sample 19" in out
+
+
+def test_responses_and_tables_without_times(capsys, tmp_path):
+    response, table = tmp_path / "h.csv", tmp_path / "t.csv"
+    response.write_text("freq (kHz),H_mag,H_phase_deg\n0.5,1.5,-10\n1,2.5,-90\n")
+    table.write_text("u,y\n1,2\n2,5\n3,4\n")
+    first, second = found(capsys, response, table)
+    assert first["responses"] == ["H"]
+    assert (first["from"], first["to"]) == (500.0, 1000.0)
+    assert not any("sample rate" in note for note in first["notes"])
+    assert second["over"] == "point"
+    assert any("give the sample rate" in note for note in second["notes"])
+    assert "frequency responses H: 2 lines from 500 to 1000 Hz" in run(capsys, response)[1]
+
+
+def test_bad_input(capsys, gapped, tmp_path):
+    for words, said in (
+        ((tmp_path / "none.csv",), "there is no file"),
+        ((gapped, "--time", "state"), "is not a number"),
+        ((gapped, "--rows", "9:3"), "--rows must rise"),
+    ):
+        status, out, err = run(capsys, *words)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert said in err
