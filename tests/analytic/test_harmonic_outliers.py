@@ -109,7 +109,7 @@ def _scale(kind: str, rng: np.random.Generator, place: np.ndarray) -> np.ndarray
 
 
 def _trial(kind: str, turns: int, seed: int) -> tuple[list[bool], int, int, int]:
-    """Return whether intervals hold orders 1 to 6, how many were set aside, rightly, of how many."""
+    """Return whether intervals hold orders 1 to 6; samples set aside, rightly, wrong in all."""
     rng = np.random.default_rng(np.random.SeedSequence(turns, spawn_key=(seed,)))
     size = PER_TURN * turns
     u = rng.uniform() + np.arange(size) / PER_TURN

@@ -210,7 +210,9 @@ def _satterthwaite(variances: Sequence[float], freedoms: Sequence[float]) -> flo
     total = sum(variances)
     if total == 0.0:
         return min(freedoms)
-    return 1.0 / sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
+    inverse = sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
+    # exact readings have no noise to know
+    return 1.0 / inverse if inverse > 0.0 else math.inf
 
 
 def _root(block: Array) -> Array:
