@@ -1,6 +1,7 @@
 """What `flexstage centre` says: its JSON, and its tables."""
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
@@ -168,35 +169,14 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
     dict
         Harmonics of the difference; and of the eccentricity, which is the move in between.
     """
-    from flexstage.centring import direction_estimate, length_estimate
-
     radial = after.heads[0].radial
     unit, factor = _written(written, "m" if radial else "rad")
-    earlier = {h.order: h for h in before.harmonics}
-    rows = []
-    for h in after.harmonics:
-        if h.order not in earlier or radial != before.heads[0].radial:
-            continue
-        old = earlier[h.order]
-        cosine, sine = h.cosine.value - old.cosine.value, h.sine.value - old.sine.value
-        covariance = h.covariance + old.covariance
-        freedom = min(h.cosine.degrees_of_freedom, old.cosine.degrees_of_freedom)
-        length = length_estimate(
-            (cosine, sine), covariance, h.amplitude.unit, degrees_of_freedom=freedom
-        )
-        low, high = length.interval()
-        rows.append(
-            {
-                "order": h.order,
-                "amplitude": factor * length.value,
-                "amplitude_uncertainty": factor * length.uncertainty,
-                "amplitude_interval": [factor * low, factor * high],
-                "cosine": factor * cosine,
-                "sine": factor * sine,
-                "phase_deg": math.degrees(direction_estimate((cosine, sine), covariance).value),
-                "unit": unit,
-            }
-        )
+    earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
+    rows = [
+        _harmonic(_difference(h, earlier[h.order]), unit, factor, radial)
+        for h in after.harmonics
+        if h.order in earlier
+    ]
     out: dict[str, Any] = {"harmonics": rows}
     if before.centre is not None and after.centre is not None:
         pairs = ((after.centre.x, before.centre.x), (after.centre.y, before.centre.y))
@@ -208,6 +188,32 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
             "x": x, "y": mirror * y, "uncertainty_x": ux, "uncertainty_y": uy, "unit": "m",
         }  # fmt: skip
     return out
+
+
+def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
+    from flexstage.centring import Harmonic, direction_estimate, length_estimate
+
+    def part(own: "Estimate", other: "Estimate") -> "Estimate":
+        return replace(
+            own,
+            value=own.value - other.value,
+            components=(
+                *own.components,
+                *(replace(c, name=f"{c.name}, before") for c in other.components),
+            ),
+        )
+
+    cosine, sine = part(new.cosine, old.cosine), part(new.sine, old.sine)
+    vector, covariance = (cosine.value, sine.value), new.covariance + old.covariance
+    freedom = min(new.cosine.degrees_of_freedom, old.cosine.degrees_of_freedom)
+    return Harmonic(
+        order=new.order,
+        cosine=cosine,
+        sine=sine,
+        amplitude=length_estimate(vector, covariance, cosine.unit, degrees_of_freedom=freedom),
+        phase=direction_estimate(vector, covariance, degrees_of_freedom=freedom),
+        covariance=covariance,
+    )
 
 
 def _plain(estimate: "Estimate | None") -> dict[str, Any] | None:
@@ -253,31 +259,9 @@ def print_setting(result: dict[str, Any]) -> None:
         Plain data, as of `report`.
     """
     screen = console()
-    shown = [h["amplitude_um"] for h in result["harmonics"]]
-    radial = bool(shown) and shown[0] is not None
-    unit = "µm" if radial else "arcsec"
-    key = "amplitude_um" if radial else "amplitude_arcsec"
     whole = result.get("harmonics_with_all")
-    table = make_table(
-        f"harmonics: {', '.join(result['records'])}",
-        "order",
-        f"amplitude, {unit}",
-        "95 % interval",
-        "phase, deg",
-        *(["with all samples"] if whole else []),
-    )
-    for i, h in enumerate(result["harmonics"]):
-        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
-        low, high = (per * end for end in h["amplitude_interval"])
-        table.add_row(
-            str(h["order"]),
-            f"{h[key]:.5g}",
-            f"{low:.4g} to {high:.4g}",
-            f"{h['phase_deg']:.2f}",
-            *([f"{whole[i][key]:.5g}"] if whole else []),
-        )
-    screen.print(table)
-    screen.print(f"{result['convention']}", markup=False)
+    _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)
+    screen.print(result["convention"], markup=False)
     screen.print(
         f"{result['samples']} samples over {result['turns']:.2f} turns; left over "
         f"{result['residual_rms']:.4g} {result['unit']} rms"
@@ -298,6 +282,26 @@ def print_setting(result: dict[str, Any]) -> None:
         screen.print(f"note: {note}", style="dim", markup=False)
 
 
+def _print_harmonics(
+    title: str, harmonics: list[dict[str, Any]], whole: list[dict[str, Any]] | None
+) -> None:
+    radial = any(h["amplitude_um"] is not None for h in harmonics)
+    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    columns = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
+    table = make_table(title, *columns, *([] if whole is None else ["with all samples"]))
+    for i, h in enumerate(harmonics):
+        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
+        low, high = (per * end for end in h["amplitude_interval"])
+        table.add_row(
+            str(h["order"]),
+            f"{h[key]:.5g}",
+            f"{low:.4g} to {high:.4g}",
+            f"{h['phase_deg']:.2f}",
+            *([] if whole is None else [f"{whole[i][key]:.5g}"]),
+        )
+    console().print(table)
+
+
 def _outliers(found: list[dict[str, Any]]) -> str:
     """Say how many samples were set aside, where, and which is the largest."""
     places = sorted({round(o["angle_deg"], 2) for o in found})
@@ -313,22 +317,10 @@ def _outliers(found: list[dict[str, Any]]) -> str:
 
 
 def _print_change(found: dict[str, Any]) -> None:
-    screen = console()
-    table = make_table(
-        "change from the record before", "order", "amplitude", "95 % interval", "phase, deg"
-    )
-    for h in found["harmonics"]:
-        low, high = h["amplitude_interval"]
-        table.add_row(
-            str(h["order"]),
-            f"{h['amplitude']:.5g} {h['unit']}",
-            f"{low:.4g} to {high:.4g}",
-            f"{h['phase_deg']:.2f}",
-        )
-    screen.print(table)
+    _print_harmonics("change from the record before", found["harmonics"], None)
     if "eccentricity" in found:
         e = found["eccentricity"]
-        screen.print(
+        console().print(
             f"the centre of the scale went by x {1e6 * e['x']:+.4f} ± "
             f"{1e6 * e['uncertainty_x']:.4f} µm, y {1e6 * e['y']:+.4f} ± "
             f"{1e6 * e['uncertainty_y']:.4f} µm (standard uncertainty)"
