@@ -110,6 +110,94 @@ def test_sign_and_direction(run, bench):
     assert (mirrored["x"], mirrored["y"]) == pytest.approx((plain["x"], -plain["y"]))
 
 
+def test_the_sign_is_that_of_table_and_eccentricity(run, tmp_path):
+    theta = turned()
+    error = exact_error(theta, E, R)
+    plain, opposite = (
+        write(tmp_path / f"{n}.csv", theta, s * error) for n, s in (("p", 1), ("o", -1))
+    )
+    words = ("--angle", "0", "--error", "1", "--unit", "rad", "--radius", "50 mm", "--json")
+    first = json.loads(run(plain, *words)[1])
+    second = json.loads(run(opposite, *words, "--sign", "-1")[1])
+    assert "angle read less true angle" in first["convention"]
+    for key in ("cosine", "sine", "phase_deg"):
+        assert second["harmonics"][0][key] == pytest.approx(first["harmonics"][0][key])
+    assert second["eccentricity"]["x"] == pytest.approx(first["eccentricity"]["x"])
+
+
+@pytest.mark.parametrize("unit", ["deg", "count"])
+def test_a_reading_beside_the_angle(run, tmp_path, unit):
+    """A calibration file: true angle and what the encoder reads, each with its own wrap."""
+    theta = turned(1000, turns=2.0, start=0.3)
+    read = theta + exact_error(theta, E, R) + 2.0
+    shown = np.degrees(read) % 360.0 if unit == "deg" else read / (2.0 * np.pi) * 65536 % 65536
+    path = write(tmp_path / "c.csv", np.degrees(theta) % 360.0, shown, header="reference,encoder")
+    words = ("--angle", "reference", "--reading", "encoder", "--angle-unit", "deg")
+    own = ("--error-unit", unit, "--counts", "65536", "--radius", "50 mm", "--kind", "disc")
+    status, out, err = run(path, *words, *own, "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)["eccentricity"]
+    assert (found["x"], found["y"]) == pytest.approx(tuple(E), abs=1e-11)
+
+
+def test_a_reading_that_runs_backwards_is_refused(run, tmp_path):
+    theta = np.degrees(turned(200))
+    path = write(tmp_path / "b.csv", theta, (5.0 - theta) % 360.0)
+    status, _, err = run(path, "--angle", "0", "--reading", "1", "--unit", "deg")
+    assert status == 2
+    assert "falls where the angle rises" in err
+
+
+def test_no_move_of_a_magnet_on_the_axis(run, tmp_path):
+    theta = turned(400)
+    rng = np.random.default_rng(4)
+    error = 0.3 * np.sin(theta) + 0.9 * np.cos(2.0 * theta - 1.0) + rng.normal(0.0, 0.01, 400)
+    path = write(tmp_path / "m.csv", np.degrees(theta), error)
+    words = (path, "--angle", "0", "--error", "1", "--unit", "deg")
+    for more in (("--kind", "magnet"), ("--radius", "5 mm")):
+        found = json.loads(run(*words, *more, "--json")[1])
+        assert "eccentricity" not in found
+        assert any("no move" in note for note in found["notes"])
+    assert "eccentricity" in json.loads(
+        run(*words, "--radius", "5 mm", "--kind", "disc", "--json")[1]
+    )
+    status, _, err = run(*words, "--kind", "magnet", "--radius", "5 mm")
+    assert status == 2
+    assert "no radius" in err
+
+
+def test_errors_that_are_exactly_zero(run, tmp_path):
+    path = write(tmp_path / "z.csv", np.degrees(turned(360)), np.zeros(360))
+    words = (path, "--angle", "0", "--error", "1", "--unit", "deg", "--radius", "50 mm")
+    image = tmp_path / "z.svg"
+    status, out, err = run(*words, "--figure", image)
+    assert (status, err) == (0, "")
+    assert "eccentricity 0.0000" in out
+    assert image.exists()
+
+
+def test_both_results_where_many_are_set_aside(run, tmp_path):
+    theta = turned(500)
+    error = exact_error(theta, E, R) + np.random.default_rng(7).normal(0.0, 1e-6, 500)
+    error[20:200:9] += 3e-4
+    path = write(tmp_path / "many.csv", theta, error)
+    words = (path, "--angle", "0", "--error", "1", "--unit", "rad", "--radius", "50 mm")
+    found = json.loads(run(*words, "--json")[1])
+    plain = json.loads(run(*words, "--json", "--no-outliers")[1])
+    assert len(found["outliers"]) == 20
+    for own, whole in zip(found["harmonics_with_all"], plain["harmonics"], strict=True):
+        assert own["amplitude"] == pytest.approx(whole["amplitude"])
+    assert found["eccentricity_with_all"]["x"] == pytest.approx(plain["eccentricity"]["x"])
+    for e in (found["eccentricity"]["interval"], plain["eccentricity"]["interval"]):
+        assert found["eccentricity"]["interval"][0] <= e[0]
+        assert e[1] <= found["eccentricity"]["interval"][1]
+    said = run(*words)[1]
+    assert "with all samples" in said
+    # one line tells of all of them
+    assert said.count("outliers: 20 set aside") == 1
+    assert "and 14 places more" in said
+
+
 def test_clockwise_heads_are_mirrored(run, tmp_path):
     """Heads on a table seen from above, that turns counter-clockwise."""
     theta, alphas = turned(), np.radians([10.0, 95.0, 200.0])
@@ -232,6 +320,12 @@ def test_before_and_after_with_a_figure(run, bench, tmp_path):
     values = [s["eccentricity"]["value"] for s in found["settings"]]
     assert values[1] < 0.02 * values[0]
     assert found["eccentricity"]["value"] == values[1]
+    went = found["change"]["eccentricity"]
+    assert (went["x"], went["y"]) == pytest.approx(tuple(-0.99 * E), abs=4 * went["uncertainty_x"])
+    first = found["change"]["harmonics"][0]
+    a, b = (s["harmonics"][0] for s in found["settings"])
+    assert first["cosine"] == pytest.approx(b["cosine"] - a["cosine"])
+    assert "change" not in found["settings"][0]
     drawn = image.read_text()
     assert drawn.startswith("<?xml")
     assert "before" in drawn
@@ -274,6 +368,10 @@ def test_tables_for_people(run, bench):
         (("--error", "1"), "--turns"),
         (("--angle", "0", "--error", "1", "--turns", "1"), "leave --turns out"),
         (("--angle", "0", "--error", "1"), "--unit"),
+        (("--angle", "0", "--unit", "deg"), "--reading"),
+        (("--angle", "0", "--error", "1", "--reading", "1"), "not both"),
+        (("--reading", "1", "--turns", "1", "--unit", "deg"), "--angle"),
+        (("--angle", "0", "--reading", "1", "--unit", "deg", "--sign", "-1"), "leave --sign"),
         (("--angle", "0", "--error", "nothing", "--unit", "deg"), "no column"),
         (("--angle", "0", "--error", "1", "--unit", "deg", "--rows", "0:300"), "cover"),
         (("--angle", "0", "--error", "1", "--unit", "V"), "must be an angle"),

@@ -100,7 +100,8 @@ def combined(
                 f"the heads differ by {math.sqrt(ratio):.1f} times what their noise explains: the "
                 "uncertainty is larger by that; check their angles and that of the axis"
             )
-    if table is not None and together and all(f.noise == "turns" for f in fits):
+    by_turns = all(f.noise == "turns" and f.with_all is None for f in fits)
+    if table is not None and together and by_turns:
         cov, freedom = _by_turns(fits, table, estimator, cov, freedom)
     pairs = {name: x[i : i + 2] for name, i in kept.items()}
     covs = {name: cov[i : i + 2, i : i + 2] for name, i in kept.items()}
@@ -209,7 +210,9 @@ def _satterthwaite(variances: Sequence[float], freedoms: Sequence[float]) -> flo
     total = sum(variances)
     if total == 0.0:
         return min(freedoms)
-    return 1.0 / sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
+    inverse = sum((s / total) ** 2 / n for s, n in zip(variances, freedoms, strict=True))
+    # exact readings have no noise to know
+    return 1.0 / inverse if inverse > 0.0 else math.inf
 
 
 def _root(block: Array) -> Array:

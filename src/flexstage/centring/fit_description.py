@@ -1,6 +1,7 @@
 """From the coefficients of a fit to harmonics with uncertainty, and what a reader should know."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["MANY_TURNS", "described"]
+__all__ = ["MANY_TURNS", "covering_both", "described"]
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,9 @@ def described(
     scaled = kept if w is None else kept * np.sqrt(w)
     square = float(scaled @ scaled) / free
     white = square * np.linalg.inv(equations.gram.sum(axis=0))
-    factors, freedom, noise = _noise(problem, equations, c, white, scaled, turns, free)
+    factors, freedom, noise = _noise(
+        problem, equations, c, white, _whole(residual, weights, keep), square, turns, free
+    )
     grown = np.sqrt(factors)
     covariance = white * np.outer(grown, grown)
     first = problem.first
@@ -109,8 +112,54 @@ def described(
         outliers=_named(problem, residual, keep, turns),
         noise=noise,
         unit=unit,
-        notes=_notes(problem, white, square, turns, kept.size, keep)
+        notes=_notes(problem, white, square, turns, kept.size)
         + (_LASTING if noise == "correlated" and float(factors[first:].max()) > _WIDE else ()),
+    )
+
+
+def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
+    """Return a fit whose intervals cover that of all samples as well.
+
+    Parameters
+    ----------
+    fit : HarmonicFit
+        Without outliers.
+    with_all : HarmonicFit
+        With them.
+
+    Returns
+    -------
+    HarmonicFit
+        The first, less certain.
+    """
+    covariance = fit.covariance.copy()
+    harmonics = []
+    for i, (own, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):
+        shift = math.hypot(own.cosine.value - other.cosine.value, own.sine.value - other.sine.value)
+        worst = max(float(np.linalg.eigvalsh(h.covariance)[-1]) for h in (own, other))
+        # two standard uncertainties reach as far as two of the other from where that is
+        both = (math.sqrt(worst) + 0.5 * shift) ** 2 * np.eye(2)
+        part = slice(2 * i, 2 * i + 2)
+        covariance[part, part] = both
+        wider = _harmonic(
+            own.order, np.array([own.cosine.value, own.sine.value]), both,
+            min(own.cosine.degrees_of_freedom, other.cosine.degrees_of_freedom), fit.unit,
+        )  # fmt: skip
+        # near zero the interval of a length is not symmetric
+        ends = np.array([h.amplitude.interval() for h in (wider, other)])
+        bounds = (float(ends[:, 0].min()), float(ends[:, 1].max()))
+        harmonics.append(replace(wider, amplitude=replace(wider.amplitude, bounds=bounds)))
+    set_aside = len(fit.outliers)
+    note = (
+        f"{set_aside} samples of {fit.samples + set_aside} were set aside: so many may be sharp "
+        "errors of the scale; the intervals cover the fit with all samples as well"
+    )
+    return replace(
+        fit,
+        harmonics=tuple(harmonics),
+        covariance=covariance,
+        notes=(*fit.notes, note),
+        with_all=with_all,
     )
 
 
@@ -119,7 +168,8 @@ def _noise(
     equations: NormalEquations,
     c: Array,
     white: Array,
-    scaled: Array,
+    left: Array,
+    square: float,
     turns: Turns,
     free: int,
 ) -> tuple[Array, Array, str]:
@@ -135,17 +185,33 @@ def _noise(
         degrees = np.full(size, freedom)
         degrees[first:] *= 2.0
         return factors, degrees, "turns"
+    if turns.direction == 0:
+        return np.ones(size), np.full(size, float(free)), "white"
     per_sample = turns.count / problem.u.size
     orders = np.repeat(np.array(problem.orders, dtype=np.float64), 2) * per_sample
     lowest = np.full(first, 0.5 / problem.u.size)
+    whole = math.floor(turns.count + 0.5 * per_sample)
+    if whole > 1:
+        left = left[: round(whole / per_sample)]
     found = from_spectrum(
-        scaled,
+        left,
         np.concatenate((lowest, orders)),
         [*([per_sample] if problem.drift else []), *orders],
+        per_sample if whole > 1 else None,
     )
-    if found is None or turns.direction == 0:
+    if found is None:
         return np.ones(size), np.full(size, float(free)), "white"
-    return found[0] * scaled.size / free, np.minimum(found[1], free), "correlated"
+    factors = found.density / square
+    if whole == 1:
+        # that of residuals is a little less than that of what they are residuals of
+        factors = factors * (left.size / free) ** 2
+    return factors, np.minimum(found.freedom, free), "white" if found.white else "correlated"
+
+
+def _whole(residual: Array, weights: Array | None, keep: NDArray[np.bool_] | None) -> Array:
+    """Return the residuals in the order of the samples, as weighed; none where set aside."""
+    left = residual if weights is None else residual * np.sqrt(weights)
+    return left if keep is None else np.where(keep, left, 0.0)
 
 
 def _harmonic(order: int, ab: Array, covariance: Array, freedom: float, unit: str) -> Harmonic:
@@ -209,7 +275,6 @@ def _notes(
     square: float,
     turns: Turns,
     kept: int,
-    keep: NDArray[np.bool_] | None,
 ) -> tuple[str, ...]:
     notes = []
     if turns.direction == 0:
@@ -220,11 +285,5 @@ def _notes(
         notes.append(
             f"uneven samples make a harmonic up to {worst:.1f} times as uncertain as even ones "
             f"would; {turns.coverage:.2f} of a turn has samples"
-        )
-    set_aside = 0 if keep is None else int(keep.size - keep.sum())
-    if keep is not None and set_aside > 0.01 * keep.size:
-        notes.append(
-            f"{set_aside} samples of {keep.size} were set aside: so many may be sharp errors of "
-            "the scale, which harmonics of these orders do not follow"
         )
     return tuple(notes)

@@ -75,6 +75,9 @@ class HarmonicFit:
         Unit of the values.
     notes : tuple of str
         What a reader should know.
+    with_all : HarmonicFit or None
+        The fit of all samples where more than a hundredth of them were set aside; the covariance
+        and the intervals then cover both.
     """
 
     harmonics: tuple[Harmonic, ...]
@@ -89,6 +92,7 @@ class HarmonicFit:
     noise: str
     unit: str
     notes: tuple[str, ...]
+    with_all: "HarmonicFit | None" = None
 
     @property
     def orders(self) -> tuple[int, ...]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.centring.fit_description import MANY_TURNS, described
+from flexstage.centring.fit_description import MANY_TURNS, covering_both, described
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.harmonic_problem import HarmonicProblem, of_column, solved
 from flexstage.centring.normal_equations import NormalEquations
-from flexstage.centring.outliers import stands_out, without_outliers
+from flexstage.centring.outliers import FEW, stands_out, without_outliers
 from flexstage.centring.turns import Turns, find_turns
 from flexstage.errors import RecordError
 
@@ -42,8 +42,11 @@ def fit_harmonics(
     .. math:: y(\theta) = c + d\,\frac{\theta}{2\pi} + \sum_n a_n \cos n\theta + b_n \sin n\theta
 
     The coefficients are those of weighted least squares. Their covariance allows for noise that
-    lasts from sample to sample: from eight turns on it is taken from how turns differ, of fewer
-    from the spectrum of the residuals, where that is not white.
+    lasts from sample to sample: from eight turns on it is taken from how turns differ, of two and
+    more from the spectrum of the residuals between the orders, and of fewer from all of it, where
+    that is not white. An outlier is a sample that stands out alone: an error that comes in runs, or
+    again in other turns, is the scale's. Where more than a hundredth of the samples are set aside,
+    the intervals cover the fit of all samples too.
 
     Parameters
     ----------
@@ -72,8 +75,10 @@ def fit_harmonics(
 
     Validity
     --------
-    Harmonics beyond the orders fitted are noise to it; unlike noise they do not average out over
-    turns, and of uneven samples they leak into other orders. Noise of fewer than eight turns: white
+    The harmonics are those of the error at the places that were sampled; of uneven samples, what is
+    beyond the orders fitted leaks into them. Within one turn sharp errors of the scale cannot be
+    told from noise: they make intervals too wide, and one that is a single sample long counts as an
+    outlier. Noise of fewer than eight turns: white
     and drifting, as of an autoregressive process, in samples at about equal steps. Errors of the
     angle times the slope of the values are noise too.
 
@@ -81,7 +86,8 @@ def fit_harmonics(
     ------
     RecordError
         The samples are too few, not finite, cover less than 0.9 of a turn, or cannot tell the
-        orders apart; an order is not positive; more than a quarter of the samples are outliers.
+        orders apart; an order is not positive; more than a quarter of the samples stand out, most
+        of them alone.
 
     Examples
     --------
@@ -251,10 +257,19 @@ def _robust_fit(
         last[:] = [(w, equations, coefficients, residual)]
         return residual
 
-    keep = without_outliers(solve, start, float(np.abs(problem.y).max()), weights)
+    keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns, weights)
     own = keep.astype(np.float64) if weights is None else np.where(keep, weights, 0.0)
     # a few that were left out one by one end in the very fit that is wanted
     if not last or not np.array_equal(last[0][0], own):
         solve(own)
     _, equations, coefficients, residual = last[0]
-    return described(problem, equations, coefficients[:, 0], residual, own, keep, turns, unit)
+    fit = described(problem, equations, coefficients[:, 0], residual, own, keep, turns, unit)
+    if len(fit.outliers) <= FEW * keep.size:
+        return fit
+    equations = problem.sums(weights)
+    coefficients = solved(equations, problem.orders)
+    residual = problem.residual(coefficients)[:, 0]
+    return covering_both(
+        fit,
+        described(problem, equations, coefficients[:, 0], residual, weights, None, turns, unit),
+    )

@@ -3,25 +3,31 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
 
-__all__ = ["Outlier", "stands_out", "without_outliers"]
+__all__ = ["FEW", "Outlier", "stands_out", "without_outliers"]
 
 Array = NDArray[np.float64]
 
 # a normal distribution's rms over the median of its absolute values
 _RMS_OVER_MEDIAN = 1.4826022185056018
+# a quarter of a normal distribution is within this many rms of its mean
+_QUARTILE = 0.3186393639643752
 # constants of Huber's and Tukey's weights, at which 95 % of the efficiency for normal noise is kept
 _HUBER, _TUKEY = 1.345, 4.685
 _ROUNDS = 60
 #: Up to this share is left out at once, in so many rounds.
-_FEW, _FEW_ROUNDS = 0.01, 6
-#: More than this share that stands out is no handful of outliers.
+FEW, _FEW_ROUNDS = 0.01, 6
+#: More than this share that stands out, most of it alone, is no handful of outliers.
 _MOST = 0.25
+#: Share of a residual from which a neighbour, or another turn, has it too.
+_SHARED = 0.5
 #: Samples that a median is taken of, at most.
 _SAMPLED = 50_000
 
@@ -71,9 +77,13 @@ def without_outliers(
     solve: Callable[[Array], Array],
     start: Array,
     value_size: float,
+    turns: Turns,
     relative_weight: Array | None = None,
 ) -> NDArray[np.bool_]:
     """Return which samples to keep.
+
+    What stands out and is alone: what the sample before or after has too, or most other turns at
+    the same place, is the scale's, and is kept.
 
     A few that stand out from the first fit are left out, and the fit is repeated until they are
     the same. Where they are many, weighted least squares is repeated with Huber's weights (Huber
@@ -89,6 +99,8 @@ def without_outliers(
         Residuals of the fit with all samples, shape (n,).
     value_size : float
         The largest of the values: residuals within its rounding are none.
+    turns : Turns
+        Where the samples are, and in which turn.
     relative_weight : numpy.ndarray, optional
         Weight of each sample before that, shape (n,).
 
@@ -100,11 +112,11 @@ def without_outliers(
     Raises
     ------
     RecordError
-        More than a quarter of the samples stand out.
+        More than a quarter of the samples stand out, most of them alone.
     """
     base = np.ones(start.size) if relative_weight is None else relative_weight
     floor = 1e-13 * value_size
-    few = _few(solve, base, start, floor, relative_weight)
+    few = _few(solve, base, start, floor, turns, relative_weight)
     if few is not None:
         return few
     residual = start
@@ -117,13 +129,14 @@ def without_outliers(
             if abs(spread - last) <= 1e-4 * spread:
                 break
             last = spread
-    size = _sizes(residual, relative_weight)
-    keep = size <= _threshold(size.size) * max(_spread(size), floor)
-    if keep.mean() < 1.0 - _MOST:
+    near = _near(residual, floor, relative_weight)
+    keep = near | _of_the_scale(residual, ~near, turns, relative_weight)
+    alone = int(keep.size - keep.sum())
+    if near.mean() < 1.0 - _MOST and alone > 0.5 * (near.size - near.sum()):
         raise RecordError(
-            f"{int(size.size - keep.sum())} of {size.size} samples stand out from the others: that "
-            "is no handful of outliers; check the columns and their units, or fit without naming "
-            "outliers"
+            f"{near.size - int(near.sum())} of {near.size} samples stand out from the others, "
+            f"{alone} of them alone: that is no handful of outliers; check the columns and their "
+            "units, or fit without naming outliers"
         )
     return keep
 
@@ -133,19 +146,74 @@ def _few(
     base: Array,
     start: Array,
     floor: float,
+    turns: Turns,
     relative_weight: Array | None,
 ) -> NDArray[np.bool_] | None:
     """Return which to keep where a few stand out so far that leaving them out changes no other."""
     residual, last = start, np.ones(start.size, dtype=bool)
     for _ in range(_FEW_ROUNDS):
-        size = _sizes(residual, relative_weight)
-        keep = size <= _threshold(size.size) * max(_spread(size), floor)
+        near = _near(residual, floor, relative_weight)
+        keep = near | _of_the_scale(residual, ~near, turns, relative_weight)
         if np.array_equal(keep, last):
             return keep
-        if keep.mean() < 1.0 - _FEW:
+        if keep.mean() < 1.0 - FEW:
             return None
         residual, last = solve(base * keep), keep
     return None
+
+
+def _near(residual: Array, floor: float, relative_weight: Array | None) -> NDArray[np.bool_]:
+    """Say of each sample whether it does not stand out from the fit."""
+    size = _sizes(residual, relative_weight)
+    return size <= _threshold(size.size) * max(_spread(size), floor)
+
+
+def _of_the_scale(
+    residual: Array, suspect: NDArray[np.bool_], turns: Turns, relative_weight: Array | None
+) -> NDArray[np.bool_]:
+    """Say of each suspect sample whether others have its error too: it is the scale's then."""
+    at = np.flatnonzero(suspect)
+    out = np.zeros(residual.size, dtype=bool)
+    if at.size:
+        left = residual if relative_weight is None else residual * np.sqrt(relative_weight)
+        out[at] = _in_a_run(left, at, turns) | _repeated(left, at, turns)
+    return out
+
+
+def _in_a_run(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.bool_]:
+    """Say whether the sample before or after has the error too, or is as near as samples are."""
+    order = np.arange(left.size)
+    if turns.direction == 0:
+        order = np.argsort(turns.angle % (2.0 * math.pi), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(left.size)
+    sign, size = np.sign(left[at]), np.abs(left[at])
+    beside = [sign * left[order[(rank[at] + k) % left.size]] for k in (-1, 1)]
+    nearest = np.maximum(*beside)
+    # white noise of rms s has steps of rms s sqrt(2); each outlier makes two, so not their median
+    step = float(np.quantile(np.abs(np.diff(left[order])), 0.25)) / (_QUARTILE * math.sqrt(2.0))
+    return (nearest > _SHARED * size) | (size - nearest <= _threshold(left.size) * step)
+
+
+def _repeated(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.bool_]:
+    """Say whether the error is there in most of the other turns that have samples at the place."""
+    if turns.direction == 0 or len(turns.bounds) < 3:
+        return np.zeros(at.size, dtype=bool)
+    place = turns.angle / (2.0 * math.pi) % 1.0
+    sign, size = np.sign(left[at]), np.abs(left[at])
+    reach = 1.5 * float(np.median(np.abs(np.diff(turns.angle)))) / (2.0 * math.pi)
+    there = np.full((len(turns.bounds) - 1, at.size), np.nan)
+    for t, (first, end) in enumerate(pairwise(turns.bounds)):
+        order = first + np.argsort(place[first:end], kind="stable")
+        after = np.searchsorted(place[order], place[at])
+        for j in (order[after % order.size], order[after - 1]):
+            apart = np.abs(place[j] - place[at])
+            near = np.minimum(apart, 1.0 - apart) <= reach
+            there[t] = np.where(near, np.fmax(there[t], sign * left[j]), there[t])
+        there[t, (at >= first) & (at < end)] = np.nan
+    others = np.count_nonzero(np.isfinite(there), axis=0)
+    shared = np.count_nonzero(there > _SHARED * size, axis=0)
+    return (others > 0) & (2 * shared > others)
 
 
 def _sizes(residual: Array, relative_weight: Array | None) -> Array:

@@ -2,18 +2,23 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.centring.normal_equations import NormalEquations
 
-__all__ = ["from_spectrum", "from_turns"]
+__all__ = ["NoiseSpectrum", "from_spectrum", "from_turns"]
 
 Array = NDArray[np.float64]
 
 #: Fewer free frequencies than this say nothing of a spectrum.
 _LEAST_FREE = 24
+#: Frequencies of the record that are nearer to a multiple of one per turn belong to it.
+_BESIDE = 0.75
+#: Standard deviations that the power at them must be more by than that between them.
+_REPEATED = 3.0
 #: Groups of frequencies that a spectrum is fitted to.
 _GROUPS = 240
 #: Gain of log likelihood from which noise counts as correlated.
@@ -60,15 +65,39 @@ def from_turns(
     return variance / np.maximum(np.diag(white), np.finfo(float).tiny), groups - 1.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseSpectrum:
+    """Noise at the frequencies of functions.
+
+    Parameters
+    ----------
+    density : numpy.ndarray
+        Variance of white noise that would disturb each as much, in the square of the residuals'
+        unit, shape (p,).
+    freedom : numpy.ndarray
+        Its degrees of freedom, shape (p,).
+    white : bool
+        Whether white noise explains the residuals as well as any.
+    """
+
+    density: Array
+    freedom: Array
+    white: bool
+
+
 def from_spectrum(
-    residual: Array, frequencies: Sequence[float] | Array, fitted: Sequence[float]
-) -> tuple[Array, Array] | None:
-    r"""Return the factors on the variance of each function, from the spectrum of the residuals.
+    residual: Array,
+    frequencies: Sequence[float] | Array,
+    fitted: Sequence[float],
+    turn: float | None,
+) -> NoiseSpectrum | None:
+    r"""Return the noise at the frequency of each function, from the spectrum of the residuals.
 
     The spectrum of an autoregressive and moving average process of orders 1 and 1, which white
     noise and drift together have, is fitted to the periodogram by Whittle's likelihood (Whittle
     1953, Arkiv för Matematik 2). Frequencies that were fitted, and so are missing in the residuals,
-    are left out. The variance of a harmonic is in proportion to the spectrum at its frequency
+    are left out; and of several turns, where more repeats than noise does, all multiples of one
+    per turn. The variance of a harmonic is in proportion to the spectrum at its frequency
     (Grenander 1954, Annals of Mathematical Statistics 25).
 
     Parameters
@@ -79,13 +108,15 @@ def from_spectrum(
         Those of the functions, in cycles per sample.
     fitted : sequence of float
         All frequencies that are missing, in cycles per sample.
+    turn : float or None
+        Frequency of the turn, in cycles per sample, where the residuals are those of two whole
+        turns or more.
 
     Returns
     -------
-    tuple of numpy.ndarray or None
-        Spectrum at the frequencies over the mean square of the residuals, 1 at least, and its
-        degrees of freedom; None where white noise explains the residuals as well, or they are too
-        few.
+    NoiseSpectrum or None
+        The noise, not less than white noise of the same power; None where residuals are too few,
+        or, where nothing repeats, where white noise explains them as well.
 
     Validity
     --------
@@ -99,10 +130,40 @@ def from_spectrum(
         free &= np.abs(bins - f * n) >= 0.99
     if n % 2 == 0:
         free[-1] = False  # its power has but one degree of freedom
-    mean = float(np.mean(residual**2))
-    if free.sum() < _LEAST_FREE or mean == 0.0:
+    if turn is not None:
+        beside = np.abs(bins - np.rint(bins / (turn * n)) * turn * n) >= _BESIDE
+        if _repeats(power[free & ~beside], power[free & beside]):
+            free &= beside
+        else:
+            turn = None
+    square = float(np.mean(residual**2))
+    if free.sum() < _LEAST_FREE or square == 0.0:
         return None
-    at, own, count = _grouped(bins[free] / n, power[free] / mean)
+    mean = square if turn is None else float(power[free].mean())
+    f = np.asarray(frequencies, dtype=np.float64)
+    # what is as small as rounding has no colour
+    found = None if mean <= 1e-20 * square else _coloured(bins[free] / n, power[free] / mean, n, f)
+    if found is not None:
+        # less than white noise would give is not believed: it may be chance, and would not be safe
+        density, freedom = found
+        return NoiseSpectrum(density=mean * np.maximum(density, 1.0), freedom=freedom, white=False)
+    if turn is None:
+        return None
+    known = 2.0 * float(free.sum())
+    return NoiseSpectrum(density=np.full(f.size, mean), freedom=np.full(f.size, known), white=True)
+
+
+def _repeats(own: Array, beside: Array) -> bool:
+    """Say whether there is more at the multiples of one per turn than chance puts there."""
+    if own.size == 0 or beside.size < _LEAST_FREE:
+        return False
+    chance = math.sqrt(1.0 / own.size + 1.0 / beside.size)
+    return bool(own.mean() > (1.0 + _REPEATED * chance) * beside.mean())
+
+
+def _coloured(at: Array, power: Array, n: int, f: Array) -> tuple[Array, Array] | None:
+    """Return the spectrum at frequencies and its degrees of freedom; None where it is white."""
+    at, own, count = _grouped(at, power)
     if not _looks_correlated(at, own, count):
         return None
     # what lasts for longer than the record has, at the frequencies in it, the spectrum of a walk
@@ -110,15 +171,13 @@ def from_spectrum(
     if found is None:
         return None
     level, rho, theta = found
-    f = np.asarray(frequencies, dtype=np.float64)
     gradient = _gradient(at, rho, theta)
     information = (gradient * count[:, None]).T @ gradient
     own_gradient = _gradient(f, rho, theta)
     spread = np.einsum("ij,jk,ik->i", own_gradient, np.linalg.pinv(information), own_gradient)
     # of chi squared with nu degrees the logarithm has the variance 2 / nu + 2 / nu^2, nearly
     freedom = (1.0 + np.sqrt(1.0 + 2.0 * spread)) / np.maximum(spread, 1e-12)
-    # less than white noise would give is not believed: it may be chance, and would not be safe
-    return np.maximum(level * _shape(f, rho, theta), 1.0), np.maximum(freedom, _LEAST_FREEDOM)
+    return level * _shape(f, rho, theta), np.maximum(freedom, _LEAST_FREEDOM)
 
 
 def _grouped(at: Array, power: Array) -> tuple[Array, Array, Array]:

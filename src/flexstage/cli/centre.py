@@ -15,8 +15,8 @@ from flexstage.cli.centre_heads import (
     radius_of,
     spelled,
 )
-from flexstage.cli.centre_report import joined, print_setting, report
-from flexstage.cli.centre_setting import setting
+from flexstage.cli.centre_report import change, joined, print_setting, report
+from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.common import (
     JsonOption,
     console,
@@ -52,13 +52,21 @@ def centre(
         ),
     ],
     error: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="COLUMN,...",
             help="Numbers or names of the columns of errors, one for each head: angle read less "
             "true angle; or, in a unit of length, what indicators read on the rim.",
         ),
-    ],
+    ] = None,
+    reading: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN,...",
+            help="In place of --error, the columns of what the heads read, wrapped at a turn or "
+            "not: the angle is taken off.",
+        ),
+    ] = None,
     angle: Annotated[
         str | None,
         typer.Option(
@@ -79,7 +87,7 @@ def centre(
         str | None, typer.Option(metavar="UNIT", help="Unit of the angle.")
     ] = None,
     error_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the errors.")
+        str | None, typer.Option(metavar="UNIT", help="Unit of the errors, or of the readings.")
     ] = None,
     counts: Annotated[
         float | None,
@@ -104,11 +112,14 @@ def centre(
         str | None, typer.Option(metavar="LENGTH", help="Diameter, in place of the radius.")
     ] = None,
     kind: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="disc|drum", help="Radial lines on a face, or lines along the axis on a rim."
+            metavar="disc|drum|magnet",
+            help="Radial lines or poles on a face, read at the radius (disc, where not given); "
+            "lines or poles along the axis on a rim (drum); a magnet of one pair of poles on the "
+            "axis, whose harmonic of order 1 is no eccentricity (magnet).",
         ),
-    ] = "disc",
+    ] = None,
     orders: Annotated[
         str | None,
         typer.Option(
@@ -124,7 +135,9 @@ def centre(
     sign: Annotated[
         int,
         typer.Option(
-            metavar="1|-1", help="-1 where the errors are true angle less angle that was read."
+            metavar="1|-1",
+            help="-1 where the errors are true angle less angle that was read: all that is printed "
+            "and drawn is the other way round.",
         ),
     ] = 1,
     head_direction: Annotated[
@@ -164,9 +177,14 @@ def centre(
 ) -> None:
     """Find the harmonics of a scale's error over the turn, its eccentricity, and the move."""
     _require(figure, sign, head_direction, kind, angle, turns)
-    names = [column(word) for word in error.split(",") if word.strip()]
-    if not names:
-        raise RecordError("--error must name a column, got nothing")
+    names = _columns(error, reading, angle, sign)
+    size_of_scale = radius_of(radius, diameter)
+    if kind == MAGNET and size_of_scale is not None:
+        raise ModelError(
+            "a magnet on the axis has no radius that its error could be turned into micrometres "
+            "by: the harmonic of order 1 is that of offsets of its signals, and eccentricity shows "
+            "in order 2; leave --radius and --diameter out, and find the gain by trial moves"
+        )
     wanted = names if angle is None else [column(angle), *names]
     own = [] if angle is None else [spelled(angle_unit)]
     read = read_records(
@@ -187,7 +205,14 @@ def centre(
     mirror = -1.0 if head_direction == "cw" else 1.0
     found = [
         head_of(
-            record, name, None if angle is None else column(angle), turns, units, alpha * mirror
+            record,
+            name,
+            None if angle is None else column(angle),
+            turns,
+            units,
+            alpha * mirror,
+            reading=reading is not None,
+            sign=sign,
         )
         for units in [(angle_unit, error_unit, unit, counts)]
         for (record, name), alpha in zip(
@@ -200,11 +225,13 @@ def centre(
         else len(names)
     )
     settings = [
-        setting(found[i : i + size], radius_of(radius, diameter), kind, orders_of(orders), outliers)
+        setting(found[i : i + size], size_of_scale, kind, orders_of(orders), outliers)
         for i in range(0, len(found), size)
     ]
     written = error_unit or unit
-    reports = [report(s, sign, mirror, math.radians(mount_angle), written) for s in settings]
+    reports = [report(s, mirror, math.radians(mount_angle), written) for s in settings]
+    for i in range(1, len(reports)):
+        reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
     notes = (*(note for r in read for note in r.notes), *doubts(found))
     result = joined(reports, notes)
     if figure is not None:
@@ -225,11 +252,30 @@ def centre(
         console().print(f"wrote {figure}", markup=False, soft_wrap=True)
 
 
+def _columns(
+    error: str | None, reading: str | None, angle: str | None, sign: int
+) -> list[str | int]:
+    """Return the columns that --error or --reading names."""
+    if (error is None) == (reading is None):
+        raise RecordError(
+            "give the columns of errors by --error, or those of what was read by --reading"
+            + ("" if error is None else ", not both")
+        )
+    if reading is not None and angle is None:
+        raise RecordError("--reading needs the true angle beside it: name its column by --angle")
+    if reading is not None and sign != 1:
+        raise RecordError("--reading gives errors of angle read less true angle: leave --sign out")
+    names = [column(word) for word in (error or reading or "").split(",") if word.strip()]
+    if not names:
+        raise RecordError(f"--{'error' if reading is None else 'reading'} must name a column")
+    return names
+
+
 def _require(
     figure: Path | None,
     sign: int,
     direction: str,
-    kind: str,
+    kind: str | None,
     angle: str | None,
     turns: float | None,
 ) -> None:
@@ -240,8 +286,9 @@ def _require(
         raise ModelError(f"--sign must be 1 or -1, got {sign}")
     if direction not in _DIRECTIONS:
         raise ModelError(f"--head-direction must be ccw or cw, got '{direction}'")
-    if kind not in SCALE_KINDS:
-        raise ModelError(f"--kind must be one of {', '.join(SCALE_KINDS)}, got '{kind}'")
+    kinds = (*SCALE_KINDS, MAGNET)
+    if kind is not None and kind not in kinds:
+        raise ModelError(f"--kind must be one of {', '.join(kinds)}, got '{kind}'")
     if angle is None and turns is None:
         raise RecordError(
             "give the column of the angle by --angle, or, for samples that are evenly spaced, the "

@@ -159,6 +159,9 @@ def head_of(
     turns: float | None,
     units: tuple[str | None, str | None, str | None, float | None],
     alpha: float,
+    *,
+    reading: bool = False,
+    sign: int = 1,
 ) -> Head:
     """Return a column of errors with its angles, in SI.
 
@@ -176,6 +179,10 @@ def head_of(
         Unit of the angle, of the errors, of both, and counts in a turn, as options say them.
     alpha : float
         Where the head stands [rad].
+    reading : bool
+        Whether the column is what the encoder reads, and the errors are that less the angle.
+    sign : int
+        -1 where errors are true angle less angle that was read.
 
     Returns
     -------
@@ -185,7 +192,8 @@ def head_of(
     Raises
     ------
     RecordError
-        A unit is not known, or is none of an angle or a length.
+        A unit is not known, or is none of an angle or a length; or what is read falls where the
+        angle rises.
     """
     import numpy as np
 
@@ -193,7 +201,9 @@ def head_of(
 
     angle_unit, error_unit, unit, counts = units
     errors = record.channel(name)
-    y, what = _values(errors, error_unit, unit, counts, "--error-unit", ("rad", "m"))
+    y, what = _values(
+        errors, error_unit, unit, counts, "--error-unit", ("rad",) if reading else ("rad", "m")
+    )
     if angle is None:
         assert turns is not None
         theta = 2.0 * math.pi * turns * np.arange(record.size) / record.size
@@ -201,14 +211,30 @@ def head_of(
         theta, _ = _values(
             record.channel(angle), angle_unit, unit, counts, "--angle-unit", ("rad",)
         )
+    if reading:
+        _require_alike(y, theta, errors.name)
+        y = y - theta
     return Head(
         name=errors.name,
         file=record.source,
         angle=theta,
-        error=unwrap_error(y) if what == "rad" else y,
+        error=sign * (unwrap_error(y) if what == "rad" else y),
         head_angle=alpha,
         radial=what == "m",
     )
+
+
+def _require_alike(read: "Array", theta: "Array", name: str) -> None:
+    import numpy as np
+
+    turn = 2.0 * math.pi
+    steps = [np.diff(x) - turn * np.rint(np.diff(x) / turn) for x in (read, theta)]
+    if float(steps[0] @ steps[1]) <= 0.0:
+        raise RecordError(
+            f"what column '{name}' reads falls where the angle rises, or does not go with it: "
+            "check the columns, and count one of them the other way, such as by a minus for "
+            "--counts"
+        )
 
 
 def doubts(heads: Sequence[Head]) -> list[str]:

@@ -1,6 +1,7 @@
 """What `flexstage centre` says: its JSON, and its tables."""
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
@@ -11,22 +12,23 @@ if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
     from flexstage.estimate import Estimate
 
-__all__ = ["joined", "print_setting", "report"]
+__all__ = ["change", "joined", "print_setting", "report"]
 
 _ARCSEC = math.pi / 648_000.0
+#: Places of outliers that are printed.
+_PLACES = 6
+_WAVES = "A cos(n angle - phase), summed over the orders n"
+_OF_HEADS = f"angle read less true angle is {_WAVES}"
+_OF_INDICATORS = f"what is read, outwards more, is {_WAVES}"
 
 
-def report(
-    setting: Setting, sign: int, mirror: float, mount: float, written: str | None
-) -> dict[str, Any]:
+def report(setting: Setting, mirror: float, mount: float, written: str | None) -> dict[str, Any]:
     """Return what is said of one setting, as plain data.
 
     Parameters
     ----------
     setting : Setting
         What was found.
-    sign : int
-        -1 where errors are true angle less angle that was read.
     mirror : float
         -1 where the heads travel clockwise.
     mount : float
@@ -76,10 +78,16 @@ def report(
             }
             for h, f in zip(setting.heads, setting.fits, strict=True)
         ],
+        "convention": _OF_INDICATORS if radial else _OF_HEADS,
         "notes": list(setting.notes),
     }
+    if setting.with_all is not None:
+        out["harmonics_with_all"] = [_harmonic(h, unit, factor, radial) for h in setting.with_all]
+    if setting.centre_with_all is not None:
+        whole = _centred(setting.centre_with_all, mirror, mount)
+        out["eccentricity_with_all"] = whole["eccentricity"]
     if setting.centre is not None:
-        out |= _centred(setting.centre, sign, mirror, mount)
+        out |= _centred(setting.centre, mirror, mount)
     return out
 
 
@@ -111,9 +119,9 @@ def _harmonic(h: "Harmonic", unit: str, factor: float, radial: bool) -> dict[str
     }
 
 
-def _centred(found: "Eccentricity", sign: int, mirror: float, mount: float) -> dict[str, Any]:
-    # the other sign is the opposite place, and the other sense has y the other way
-    x, y = sign * found.x.value, sign * mirror * found.y.value
+def _centred(found: "Eccentricity", mirror: float, mount: float) -> dict[str, Any]:
+    # the other sense has y the other way
+    x, y = found.x.value, mirror * found.y.value
     c, s = math.cos(mount), math.sin(mount)
     xx, yy = found.covariance[0, 0], found.covariance[1, 1]
     xy = mirror * found.covariance[0, 1]
@@ -142,6 +150,70 @@ def _centred(found: "Eccentricity", sign: int, mirror: float, mount: float) -> d
         "reference_error": _plain(found.common),
         "counter_motion": _plain(found.counter_motion),
     }
+
+
+def change(before: Setting, after: Setting, mirror: float, written: str | None) -> dict[str, Any]:
+    """Return how one setting differs from that before it, as plain data.
+
+    Parameters
+    ----------
+    before, after : Setting
+        What was found.
+    mirror : float
+        -1 where the heads travel clockwise.
+    written : str or None
+        Unit that harmonics are printed in.
+
+    Returns
+    -------
+    dict
+        Harmonics of the difference; and of the eccentricity, which is the move in between.
+    """
+    radial = after.heads[0].radial
+    unit, factor = _written(written, "m" if radial else "rad")
+    earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
+    rows = [
+        _harmonic(_difference(h, earlier[h.order]), unit, factor, radial)
+        for h in after.harmonics
+        if h.order in earlier
+    ]
+    out: dict[str, Any] = {"harmonics": rows}
+    if before.centre is not None and after.centre is not None:
+        pairs = ((after.centre.x, before.centre.x), (after.centre.y, before.centre.y))
+        (x, ux), (y, uy) = (
+            (new.value - old.value, math.hypot(new.uncertainty, old.uncertainty))
+            for new, old in pairs
+        )
+        out["eccentricity"] = {
+            "x": x, "y": mirror * y, "uncertainty_x": ux, "uncertainty_y": uy, "unit": "m",
+        }  # fmt: skip
+    return out
+
+
+def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
+    from flexstage.centring import Harmonic, direction_estimate, length_estimate
+
+    def part(own: "Estimate", other: "Estimate") -> "Estimate":
+        return replace(
+            own,
+            value=own.value - other.value,
+            components=(
+                *own.components,
+                *(replace(c, name=f"{c.name}, before") for c in other.components),
+            ),
+        )
+
+    cosine, sine = part(new.cosine, old.cosine), part(new.sine, old.sine)
+    vector, covariance = (cosine.value, sine.value), new.covariance + old.covariance
+    freedom = min(new.cosine.degrees_of_freedom, old.cosine.degrees_of_freedom)
+    return Harmonic(
+        order=new.order,
+        cosine=cosine,
+        sine=sine,
+        amplitude=length_estimate(vector, covariance, cosine.unit, degrees_of_freedom=freedom),
+        phase=direction_estimate(vector, covariance, degrees_of_freedom=freedom),
+        covariance=covariance,
+    )
 
 
 def _plain(estimate: "Estimate | None") -> dict[str, Any] | None:
@@ -187,41 +259,72 @@ def print_setting(result: dict[str, Any]) -> None:
         Plain data, as of `report`.
     """
     screen = console()
-    shown = [h["amplitude_um"] for h in result["harmonics"]]
-    radial = bool(shown) and shown[0] is not None
-    unit = "µm" if radial else "arcsec"
-    key = "amplitude_um" if radial else "amplitude_arcsec"
-    table = make_table(
-        f"harmonics: {', '.join(result['records'])}",
-        "order",
-        f"amplitude, {unit}",
-        "95 % interval",
-        "phase, deg",
-    )
-    for h in result["harmonics"]:
-        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
-        low, high = (per * end for end in h["amplitude_interval"])
-        table.add_row(
-            str(h["order"]), f"{h[key]:.5g}", f"{low:.4g} to {high:.4g}", f"{h['phase_deg']:.2f}"
-        )
-    screen.print(table)
+    whole = result.get("harmonics_with_all")
+    _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)
+    screen.print(result["convention"], markup=False)
     screen.print(
         f"{result['samples']} samples over {result['turns']:.2f} turns; left over "
         f"{result['residual_rms']:.4g} {result['unit']} rms"
     )
     if "eccentricity" in result:
         _print_centre(result["eccentricity"], result["move"])
-    for o in result["outliers"][:20]:
+    if "eccentricity_with_all" in result:
+        e = result["eccentricity_with_all"]
         screen.print(
-            f"outlier: sample {o['index']} of '{o['head']}' at {o['angle_deg']:.2f} deg is "
-            f"{o['residual']:.4g} {o['unit']} off",
-            style="yellow",
-            markup=False,
+            f"with all samples: eccentricity {1e6 * e['value']:.4f} µm, in the direction "
+            f"{e['phase_deg']:.2f} deg"
         )
-    if len(result["outliers"]) > 20:
-        screen.print(f"and {len(result['outliers']) - 20} more", style="yellow", markup=False)
+    if "change" in result:
+        _print_change(result["change"])
+    if result["outliers"]:
+        screen.print(_outliers(result["outliers"]), style="yellow", markup=False)
     for note in result["notes"]:
         screen.print(f"note: {note}", style="dim", markup=False)
+
+
+def _print_harmonics(
+    title: str, harmonics: list[dict[str, Any]], whole: list[dict[str, Any]] | None
+) -> None:
+    radial = any(h["amplitude_um"] is not None for h in harmonics)
+    unit, key = ("µm", "amplitude_um") if radial else ("arcsec", "amplitude_arcsec")
+    columns = ["order", f"amplitude, {unit}", "95 % interval", "phase, deg"]
+    table = make_table(title, *columns, *([] if whole is None else ["with all samples"]))
+    for i, h in enumerate(harmonics):
+        per = h[key] / h["amplitude"] if h["amplitude"] else 0.0
+        low, high = (per * end for end in h["amplitude_interval"])
+        table.add_row(
+            str(h["order"]),
+            f"{h[key]:.5g}",
+            f"{low:.4g} to {high:.4g}",
+            f"{h['phase_deg']:.2f}",
+            *([] if whole is None else [f"{whole[i][key]:.5g}"]),
+        )
+    console().print(table)
+
+
+def _outliers(found: list[dict[str, Any]]) -> str:
+    """Say how many samples were set aside, where, and which is the largest."""
+    places = sorted({round(o["angle_deg"], 2) for o in found})
+    most = max(found, key=lambda o: abs(o["residual"]))
+    more = len(places) - _PLACES
+    return (
+        f"outliers: {len(found)} set aside, at "
+        + ", ".join(f"{p:.2f}" for p in places[:_PLACES])
+        + (f" deg and {more} places more" if more > 0 else " deg")
+        + f"; the largest, sample {most['index']} of '{most['head']}' at {most['angle_deg']:.2f} "
+        f"deg, is {most['residual']:.4g} {most['unit']} off"
+    )
+
+
+def _print_change(found: dict[str, Any]) -> None:
+    _print_harmonics("change from the record before", found["harmonics"], None)
+    if "eccentricity" in found:
+        e = found["eccentricity"]
+        console().print(
+            f"the centre of the scale went by x {1e6 * e['x']:+.4f} ± "
+            f"{1e6 * e['uncertainty_x']:.4f} µm, y {1e6 * e['y']:+.4f} ± "
+            f"{1e6 * e['uncertainty_y']:.4f} µm (standard uncertainty)"
+        )
 
 
 def _print_centre(found: dict[str, Any], move: dict[str, Any]) -> None:

@@ -10,7 +10,10 @@ from flexstage.errors import RecordError
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic, HarmonicFit
 
-__all__ = ["Setting", "setting"]
+__all__ = ["MAGNET", "Setting", "setting"]
+
+#: A magnet of one pair of poles on the axis, as `--kind` has it: its order 1 is no eccentricity.
+MAGNET = "magnet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +30,10 @@ class Setting:
         Those of the scale, over the angle in it.
     centre : Eccentricity or None
         The eccentricity; None where it was not asked for.
+    with_all : sequence of Harmonic or None
+        Those with no sample set aside, where so many were that both are needed.
+    centre_with_all : Eccentricity or None
+        The eccentricity with no sample set aside, then.
     notes : tuple of str
         What a reader should know.
     """
@@ -35,13 +42,15 @@ class Setting:
     fits: "Sequence[HarmonicFit]"
     harmonics: "Sequence[Harmonic]"
     centre: "Eccentricity | None"
+    with_all: "Sequence[Harmonic] | None"
+    centre_with_all: "Eccentricity | None"
     notes: tuple[str, ...]
 
 
 def setting(
     heads: list[Head],
     radius: float | None,
-    kind: Any,
+    kind: str | None,
     orders: list[int] | None,
     robust: bool,
 ) -> Setting:
@@ -53,8 +62,8 @@ def setting(
         The heads or indicators.
     radius : float or None
         Radius of the scale [m].
-    kind : str
-        disc or drum.
+    kind : str or None
+        disc, drum or magnet; a disc where None.
     orders : list of int or None
         Orders to fit.
     robust : bool
@@ -88,26 +97,70 @@ def setting(
     fits = [fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads]
     alphas = np.array([h.head_angle for h in heads])
     shared = sorted(set.intersection(*(set(f.orders) for f in fits)))
-    centre = None
-    # where order 1 is left out on purpose, there is nothing to say of the eccentricity
-    if radial and 1 in shared:
-        ran = [
-            IndicatorReadings(angle=h.angle, displacement=h.error, indicator_angle=h.head_angle)
-            for h in heads
-        ]
-        centre = run_out(ran, radius=radius, orders=shared, robust=robust).eccentricity
-    elif radius is not None and 1 in shared:
+
+    def centred(look: bool) -> "Eccentricity | None":
+        # where order 1 is left out on purpose, there is nothing to say of the eccentricity
+        if 1 not in shared or (radius is None and not radial):
+            return None
+        if radial:
+            ran = [
+                IndicatorReadings(angle=h.angle, displacement=h.error, indicator_angle=h.head_angle)
+                for h in heads
+            ]
+            return run_out(ran, radius=radius, orders=shared, robust=look).eccentricity
         readings = [
             HeadReadings(angle=h.angle, error=h.error, head_angle=h.head_angle) for h in heads
         ]
-        centre = eccentricity(readings, radius=radius, kind=kind, orders=shared, robust=robust)
+        own: Any = kind or "disc"
+        return eccentricity(readings, radius=radius or 0.0, kind=own, orders=shared, robust=look)
+
+    harmonics = [scale_harmonic(fits, alphas, n) for n in shared]
+    like_magnet = kind is None and not radial and _second_leads(harmonics)
+    centre = None if like_magnet else centred(robust)
+    whole = [f if f.with_all is None else f.with_all for f in fits]
+    both = any(f.with_all is not None for f in fits)
     notes = [note for f in fits for note in f.notes] + list(centre.notes if centre else ())
-    if radius is None and not radial:
-        notes.append("give --radius or --diameter for the eccentricity and the move")
+    if not radial:
+        notes += _of_the_kind(kind, radius is not None, like_magnet)
     return Setting(
         heads=heads,
         fits=fits,
-        harmonics=[scale_harmonic(fits, alphas, n) for n in shared],
+        harmonics=harmonics,
         centre=centre,
+        with_all=[scale_harmonic(whole, alphas, n) for n in shared] if both else None,
+        centre_with_all=centred(False) if both and centre is not None else None,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _second_leads(harmonics: "Sequence[Harmonic]") -> bool:
+    """Say whether order 2 is larger than order 1, as of a magnet on the axis."""
+    found = {h.order: h.amplitude.interval() for h in harmonics}
+    return 1 in found and 2 in found and found[2][0] > found[1][1]
+
+
+def _of_the_kind(kind: str | None, sized: bool, like_magnet: bool) -> list[str]:
+    """Say what the harmonic of order 1 is, of a scale of that kind."""
+    if kind == MAGNET:
+        return [
+            "of a magnet on the axis that a few probes read, order 1 is that of offsets of their "
+            "signals, and eccentricity shows in order 2: no move follows from this record; find "
+            "the gain by trial moves"
+        ]
+    if not sized:
+        return [
+            "give --radius or --diameter for the eccentricity and the move, if lines or many poles "
+            "are read there; order 1 of a magnet on the axis is no eccentricity"
+        ]
+    if like_magnet:
+        return [
+            "order 2 is larger than order 1, as of a magnet on the axis, whose order 1 is no "
+            "eccentricity: no move is given; say --kind disc or drum if lines or many poles are "
+            "read at the radius"
+        ]
+    if kind is None:
+        return [
+            "taken for a disc, of lines or many poles that are read at the radius: of a magnet on "
+            "the axis order 1 is no eccentricity; --kind says which"
+        ]
+    return []
