@@ -290,7 +290,9 @@ def test_the_chain_is_not_looked_for_in_what_is_held_out():
     assert other.heldout_rms_percent is not None
     assert other.heldout_rms_percent > 3.0
     alone = find_chain(measurement([record(u, spoilt)], "u", "y"))
-    assert abs(alone.values.delay / plain.model.lag.delay - 1.0) > 0.2
+    # looked at, it would have moved the delay by ten thousand times what is allowed above; at one
+    # rate not by all of the 38 ms, as creep and hysteresis take their part
+    assert abs(alone.values.delay / plain.model.lag.delay - 1.0) > 0.01
 
 
 def test_the_number_of_rates():
