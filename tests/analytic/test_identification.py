@@ -27,6 +27,7 @@ from flexstage.hysteresis.identification.families.family import (
     residual,
 )
 from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
@@ -562,15 +563,16 @@ def test_a_preisach_fit_is_an_optimum():
     stack = virtual_stack((0.0, 112.0), 38e-6, 0.12)
     data = whole(measurement([record(u, noisy(stack, u, 3))], "u", "y"))
     family = FAMILIES["preisach"]
+    assert isinstance(family, LinearFamily)
     model = family.fit(data).model
     assert isinstance(model, Preisach)
     x = model.slopes.ravel()
     (section,) = data.measurement.sections
-    columns = np.concatenate(list(family.columns(section, data)), axis=1)  # type: ignore[attr-defined]
+    columns = np.concatenate(list(family.columns(section, data)), axis=1)
     behind = behind_chain([columns], data)
     normal = equations(behind, data)
     moving = np.ptp(behind[0], axis=0) > 0.0
-    penalty = family.smoothing(data, moving)  # type: ignore[attr-defined]
+    penalty = family.smoothing(data, moving)
     gram = normal.gram.copy()
     gram[:256, :256] += penalty * normal.count * data.input_scale**2
     own = np.linalg.lstsq(normal.gram[256:, 256:], normal.right[256:] - gram[256:, :256] @ x)[0]

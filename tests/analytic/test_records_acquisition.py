@@ -1,6 +1,7 @@
 """Files of acquisitions: the unit g, LabVIEW's columns of times, remarks and empty channels."""
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -32,10 +33,10 @@ def lvm(folder: Path, x: str, cells: str, names: str, rows: list[str]) -> Path:
     return file
 
 
-def table(folder: Path, content: str, name: str = "loop.csv", **options: object) -> Record:
+def table(folder: Path, content: str, name: str = "loop.csv", **options: Any) -> Record:
     file = folder / name
     file.write_text(content)
-    return read_record(file, sample_rate_hz=100.0, **options)  # type: ignore[arg-type]
+    return read_record(file, sample_rate_hz=100.0, **options)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,15 @@ def test_what_stands_beside_tells_g_from_gram_and_is_said(tmp_path: Path) -> Non
     for record in (beside, named):
         assert record.channels[1].unit == "m/s^2"
         assert any("of a mass, say its unit as gram" in note for note in record.notes)
+
+
+@pytest.mark.parametrize(("unit", "si"), [("g_n", "m/s^2"), ("gn", "m/s^2"), ("G", "")])
+def test_a_unit_that_leaves_no_doubt_is_not_said_to_be_a_mass(
+    tmp_path: Path, unit: str, si: str
+) -> None:
+    record = table(tmp_path, f"drive (V),b [{unit}]\n0.5,1.25\n0.75,-2.5\n")
+    assert record.channels[1].unit == si
+    assert not any("taken as" in note for note in record.notes)
 
 
 def test_an_option_says_what_a_column_in_g_is(tmp_path: Path) -> None:

@@ -284,12 +284,10 @@ def _in_si(
     channels, notes, found = [], [], []
     for number, column in enumerate(raw.columns):
         text = said.get(number, column.unit)
+        meant = column
         if column.si is None and text.strip() in GRAVITY and number not in said:
-            own = "as its name says" if is_acceleration(column.name) else accelerations
-            meant, note = _weighed(column, own)
-            notes.append(note)
-        else:
-            meant = column
+            meant, note = _weighed(column, accelerations)
+            notes += note
         try:
             factor, unit = _si(meant, text, number in said)
         except UnitError as error:
@@ -312,18 +310,25 @@ def _in_si(
     return channels, notes
 
 
-def _weighed(column: Column, acceleration: str) -> tuple[Column, str]:
-    """Return a column in g with what that is, and a note."""
-    if acceleration:
+def _weighed(column: Column, accelerations: str) -> tuple[Column, list[str]]:
+    """Return a column in g with what that is, and a note where its unit does not say it."""
+    unit = column.unit.strip()
+    if gravity_unit(unit, "") is not None:
+        return column, []
+    because = "as its name says" if is_acceleration(column.name) else accelerations
+    if because:
         note = (
-            f"'{column.unit}' of column '{column.name}' is taken as the acceleration of gravity, "
-            f"{acceleration}: of a mass, say its unit as gram"
+            f"'{unit}' of column '{column.name}' is taken as the acceleration of gravity, "
+            f"{because}: of a mass, say its unit as gram"
         )
-        return replace(column, si=(GRAVITY[column.unit], "m/s^2")), note
-    return column, (
-        f"'{column.unit}' of column '{column.name}' is taken as a mass: of an acceleration, say "
-        "its unit as g_n"
+        return replace(column, si=(GRAVITY[unit], "m/s^2")), [note]
+    if _known(unit) is None:
+        return column, []
+    note = (
+        f"'{unit}' of column '{column.name}' is taken as a mass: of an acceleration, say its unit "
+        "as g_n"
     )
+    return column, [note]
 
 
 def _scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:

@@ -492,10 +492,17 @@ class _Search:
         """The same, where all records must have one constant: what the best density predicts."""
         normal = self._normal(chain)
         solution = self._solve(normal)
-        per = solution.nuisance.size // len(self._data.use)
-        zeros = solution.nuisance[::per]
-        rows = [int(u.sum()) for u in self._data.use]
-        apart = float(np.cov(zeros, fweights=rows, ddof=0)) if zeros.size > 1 else 0.0
+        zeros, rows, first = [], [], 0
+        for s, r, use in zip(
+            self._data.measurement.sections, self._data.rows, self._data.use, strict=True
+        ):
+            columns = s.nuisance[r.at[use]]
+            own = solution.nuisance[first : first + columns.shape[1]]
+            first += columns.shape[1]
+            # beside a drift the zero is that of its middle
+            zeros.append(float(np.mean(columns @ own)))
+            rows.append(columns.shape[0])
+        apart = float(np.cov(zeros, fweights=rows, ddof=0)) if len(zeros) > 1 else 0.0
         left = max(square_left(normal, solution), 0.0) / normal.count
         return math.sqrt(left + apart) / self._data.measurement.stroke
 
