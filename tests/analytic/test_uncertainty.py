@@ -385,7 +385,7 @@ def test_an_equation_that_grows_beyond_numbers_ends_as_an_error():
 FILE = """
 quantity: stroke
 unit: um
-equation: l * (1 + c) - d * p + 0 * t
+equation: l * (1 + c) - d * p + 0 * d * t / t
 influences:
   - {name: l, value: 63.12 um, uncertainty: 12 nm, dof: 9}
   - {name: c, value: 0, half_width: 0.03 %}
@@ -442,12 +442,54 @@ def test_a_budget_file_is_read_in_si():
         ("d * p", "d", "line 4.*does not use the influence 'p'"),
         ("d * p", "d.p", "line 4.*made of"),
         ("equation:", "formula:", "."),
+        ("- d * p", "- p", "line 4.*subtracts .* in m and p in plain numbers, .* two kinds"),
+        ("l * (1 + c)", "l * (1 + c + t)", r"line 4.*adds 1 \+ c in plain numbers and t in K"),
+        ("l * (1 + c)", "1e-3 + l * (1 + c)", "line 4.*adds 0.001 .*an influence of its own"),
+        ("l * (1 + c)", "sin(l) * (1 + c)", "line 4.*takes sin of l in m"),
+        ("l * (1 + c)", "l * d * (1 + c)", "line 4.*two kinds"),
+        ("l * (1 + c)", "l ** c", "line 4.*where only a number can stand"),
+        ("l * (1 + c)", "c * 2 ** l", "line 4.*to the power of l in m"),
+        ("unit: um", "unit: N", "line 4.*gives m, and the result is in kg\\*m\\*s"),
+        ("uncertainty: 12 nm, ", "", "line 6.*has 'dof' and no uncertainty"),
         ("quantity: stroke", "quantity: &a stroke", "anchors.*budget"),
     ],
 )
 def test_bad_budgets_name_line_and_fault(old, new, message):
     with pytest.raises((RecordError, ModelError), match=f"(?s){message}"):
         budget_from_text(FILE.replace(old, new, 1)).propagate()
+
+
+@pytest.mark.parametrize(
+    ("equation", "unit", "influences"),
+    [
+        ("sqrt(k / m) / (2 * pi)", "Hz", {"k": "1.2 N/um", "m": "0.3 kg"}),
+        ("l * a * (t - 20)", "um", {"l": "80 mm", "a": "23.1 um/m/K", "t": "21.3 degC"}),
+        ("hypot(x, y) + 0 * atan2(x, y) * x", "nm", {"x": "3 nm", "y": "4 nm"}),
+        ("g * v**2 / v0", "um", {"g": "0.3 um/V", "v": "100 V", "v0": "1 kV"}),
+        ("s * v / (3 / 2)", "urad", {"s": "12 urad/V", "v": "30 V"}),
+        ("(a ** 3) ** (1 / 3) * abs(-b)", "mm^2", {"a": "3 mm", "b": "2 mm"}),
+        ("q / c", "V", {"q": "3 uC", "c": "2 uF"}),
+    ],
+)
+def test_equations_of_one_dimension_pass(equation, unit, influences):
+    rows = "\n".join(f"  - {{name: {n}, value: {v}}}" for n, v in influences.items())
+    budget = budget_from_text(f"unit: {unit}\nequation: {equation}\ninfluences:\n{rows}\n")
+    found = budget.propagate()
+    assert found.uncertainty == 0.0
+    assert {line.distribution for line in found.lines} == {"exact"}
+    # computed in SI, shown in the unit: against plain arithmetic
+    assert found.value / budget.factor == pytest.approx(BY_HAND[equation], rel=1e-12)
+
+
+BY_HAND = {
+    "sqrt(k / m) / (2 * pi)": math.sqrt(1.2e6 / 0.3) / (2 * math.pi),
+    "l * a * (t - 20)": 80e3 * 23.1e-6 * 1.3,
+    "hypot(x, y) + 0 * atan2(x, y) * x": 5.0,
+    "g * v**2 / v0": 3.0,
+    "s * v / (3 / 2)": 240.0,
+    "(a ** 3) ** (1 / 3) * abs(-b)": 6.0,
+    "q / c": 1.5,
+}
 
 
 # -------------------------------------------------------------------------------------- sensors

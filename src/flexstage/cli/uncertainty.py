@@ -160,9 +160,17 @@ def _result(
             "low": scale * verdict.low,
             "high": scale * verdict.high,
         },
-        "notes": [*propagated.notes, *([budget.notes] if budget.notes else [])],
+        "notes": [*_constants(budget), *propagated.notes, *filter(None, [budget.notes])],
         "files": files,
     }
+
+
+def _constants(budget: "Budget") -> list[str]:
+    exact = [i.name for i in budget.influences if i.standard_uncertainty == 0.0]
+    if not exact:
+        return []
+    are = "is taken as a constant" if len(exact) == 1 else "are taken as constants"
+    return [f"{', '.join(exact)} {are}, known exactly"]
 
 
 def _finite(value: float) -> float | None:

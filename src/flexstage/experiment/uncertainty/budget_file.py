@@ -124,8 +124,9 @@ def read_budget(path: Path) -> Budget:
     ----------
     path : pathlib.Path
         A YAML file with ``quantity``, ``unit``, ``equation``, ``influences`` (each with ``name``,
-        ``value``, ``uncertainty`` or ``half_width``, and if wanted ``distribution``, ``dof``,
-        ``kind``, ``source``) and ``correlations`` (each ``[name, name, coefficient]``).
+        ``value``, ``uncertainty`` or ``half_width`` unless it is a constant, and if wanted
+        ``distribution``, ``dof``, ``kind``, ``source``) and ``correlations`` (each
+        ``[name, name, coefficient]``).
 
     Returns
     -------
@@ -213,6 +214,10 @@ class _Reader:
         except UnitError as error:
             self.refuse(root.items["unit"].line, str(error))
         equation = self.equation(root, influences)
+        try:
+            equation.require_unit({i.name: i.unit for i in influences}, si)
+        except ModelError as error:
+            self.refuse(root.items["equation"].line, str(error))
         return Budget(
             quantity=self.text(root, "quantity", "result"),
             unit=unit,
@@ -257,6 +262,9 @@ class _Reader:
             for key in ("uncertainty", "half_width")
             if key in node.items
         }
+        if not sizes:
+            self.constant(node, name)
+            sizes["uncertainty"] = 0.0
         freedom = self.number(node, "dof", math.inf)
         repeated = math.isfinite(freedom) and "half_width" not in sizes
         try:
@@ -273,6 +281,16 @@ class _Reader:
             )
         except ModelError as error:
             self.refuse(node.line, str(error))
+
+    def constant(self, node: Mapping, name: str) -> None:
+        """Refuse what is said of an uncertainty that is not there."""
+        for key in ("distribution", "dof", "flat_share"):
+            if key in node.items:
+                self.refuse(
+                    node.key_lines[key],
+                    f"the influence '{name}' has '{key}' and no uncertainty: give its uncertainty "
+                    f"or its half_width, or leave '{key}' out of a constant",
+                )
 
     def correlations(self, root: Mapping, names: set[str]) -> dict[tuple[str, str], float]:
         found: dict[tuple[str, str], float] = {}

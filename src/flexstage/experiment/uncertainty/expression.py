@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flexstage.errors import ModelError
+from flexstage.experiment.uncertainty.dimension import require_dimension
 from flexstage.experiment.uncertainty.functions import FUNCTIONS
 
 __all__ = ["Expression"]
@@ -101,6 +102,23 @@ class Expression:
             return _value(self._tree, values)
         except (ArithmeticError, ValueError) as error:
             raise ModelError(f"the equation '{_short(self.text)}' has no value: {error}") from error
+
+    def require_unit(self, units: Mapping[str, str], unit: str) -> None:
+        """Refuse the equation where what it adds is of two kinds, or its result not of a unit.
+
+        Parameters
+        ----------
+        units : Mapping
+            SI unit of every name.
+        unit : str
+            SI unit that the result is to have.
+
+        Raises
+        ------
+        ModelError
+            The dimensions do not fit; the parts that do not are named.
+        """
+        require_dimension(self._tree, units, unit)
 
     def ordered(self, names: tuple[str, ...]) -> Callable[..., Any]:
         """Return the equation as a function of values in a given order.

@@ -39,7 +39,7 @@ class BudgetLine:
     degrees_of_freedom : float
         Those of its uncertainty.
     distribution : str
-        Its distribution.
+        Its distribution; "exact" of a constant.
     kind : {"A", "B"}
         Whether it was found from repeated observations (A) or otherwise (B).
     sensitivity : float
@@ -237,7 +237,7 @@ def _line(influence: Influence, sensitivity: float, part: float, share: float) -
         uncertainty=influence.standard_uncertainty,
         unit=influence.unit,
         degrees_of_freedom=influence.degrees_of_freedom,
-        distribution=influence.law,
+        distribution=influence.law if influence.standard_uncertainty > 0.0 else "exact",
         kind=influence.kind,
         sensitivity=sensitivity,
         contribution=abs(part),
