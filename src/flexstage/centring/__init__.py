@@ -34,6 +34,7 @@ from flexstage.centring.positioner import Positioner, VirtualPositioner
 from flexstage.centring.procedure import Centring, CentringStep, centre
 from flexstage.centring.scale_centre import Eccentricity
 from flexstage.centring.self_calibration import order_visibility, self_calibration
+from flexstage.centring.trial_moves import OrderResponse, response_to_moves
 from flexstage.centring.turns import MeanTurn, Turns, find_turns, mean_turn, unwrap_error
 from flexstage.centring.virtual_table import ScaleErrors, VirtualTable, scale_errors
 
@@ -53,6 +54,7 @@ __all__ = [
     "IndicatorReadings",
     "MeanTurn",
     "MoveModel",
+    "OrderResponse",
     "Outlier",
     "PlannedMove",
     "Positioner",
@@ -86,6 +88,7 @@ __all__ = [
     "mean_turn",
     "order_visibility",
     "planned_move",
+    "response_to_moves",
     "run_out",
     "scale_errors",
     "scale_harmonic",

@@ -17,6 +17,7 @@ from flexstage.cli.centre_heads import (
 )
 from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_setting import MAGNET, setting
+from flexstage.cli.centre_trial import positions_of, print_trial, trial
 from flexstage.cli.common import (
     JsonOption,
     console,
@@ -117,7 +118,7 @@ def centre(
             metavar="disc|drum|magnet",
             help="Radial lines or poles on a face, read at the radius (disc, where not given); "
             "lines or poles along the axis on a rim (drum); a magnet of one pair of poles on the "
-            "axis, whose harmonic of order 1 is no eccentricity (magnet).",
+            "axis, whose harmonic of order 1 is no eccentricity alone (magnet).",
         ),
     ] = None,
     orders: Annotated[
@@ -149,6 +150,15 @@ def centre(
             "counter-clockwise they travel cw.",
         ),
     ] = "ccw",
+    stage_at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y;...",
+            help="Where the stage stood at each setting, in um where no unit is given, such as "
+            '"0,0; 20,0; 0,20; 20,20": tells which orders follow the moves, their gain, and where '
+            "the centre is, of any scale and with no radius.",
+        ),
+    ] = None,
     mount_angle: Annotated[
         float,
         typer.Option(
@@ -182,8 +192,8 @@ def centre(
     if kind == MAGNET and size_of_scale is not None:
         raise ModelError(
             "a magnet on the axis has no radius that its error could be turned into micrometres "
-            "by: the harmonic of order 1 is that of offsets of its signals, and eccentricity shows "
-            "in order 2; leave --radius and --diameter out, and find the gain by trial moves"
+            "by, and its harmonic of order 1 is that of offsets of its signals as well: leave "
+            "--radius and --diameter out, and find the gain by trial moves (--stage-at)"
         )
     wanted = names if angle is None else [column(angle), *names]
     own = [] if angle is None else [spelled(angle_unit)]
@@ -225,7 +235,14 @@ def centre(
         else len(names)
     )
     settings = [
-        setting(found[i : i + size], size_of_scale, kind, orders_of(orders), outliers)
+        setting(
+            found[i : i + size],
+            size_of_scale,
+            kind,
+            orders_of(orders),
+            outliers,
+            on_trial=stage_at is not None,
+        )
         for i in range(0, len(found), size)
     ]
     written = error_unit or unit
@@ -234,6 +251,8 @@ def centre(
         reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
     notes = (*(note for r in read for note in r.notes), *doubts(found))
     result = joined(reports, notes)
+    if stage_at is not None:
+        result["trial"] = trial(settings, positions_of(stage_at, len(settings)), kind)
     if figure is not None:
         from flexstage.report.figures import encode
         from flexstage.report.figures.centring import draw_polar
@@ -246,6 +265,8 @@ def centre(
         return
     for one in reports:
         print_setting(one)
+    if stage_at is not None:
+        print_trial(result["trial"])
     for note in notes:
         console().print(f"note: {note}", style="dim", markup=False)
     if figure is not None:

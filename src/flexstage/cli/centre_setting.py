@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MAGNET", "Setting", "setting"]
 
-#: A magnet of one pair of poles on the axis, as `--kind` has it: its order 1 is no eccentricity.
+#: A magnet of one pair of poles on the axis, as `--kind` has it.
 MAGNET = "magnet"
 
 
@@ -53,6 +53,8 @@ def setting(
     kind: str | None,
     orders: list[int] | None,
     robust: bool,
+    *,
+    on_trial: bool = False,
 ) -> Setting:
     """Fit the heads of one setting.
 
@@ -68,6 +70,8 @@ def setting(
         Orders to fit.
     robust : bool
         Whether to look for outliers.
+    on_trial : bool
+        Whether it is one of several at known positions of the stage.
 
     Returns
     -------
@@ -120,7 +124,7 @@ def setting(
     whole = [f if f.with_all is None else f.with_all for f in fits]
     both = any(f.with_all is not None for f in fits)
     notes = [note for f in fits for note in f.notes] + list(centre.notes if centre else ())
-    if not radial:
+    if not radial and not on_trial:
         notes += _of_the_kind(kind, radius is not None, like_magnet)
     return Setting(
         heads=heads,
@@ -144,23 +148,24 @@ def _of_the_kind(kind: str | None, sized: bool, like_magnet: bool) -> list[str]:
     if kind == MAGNET:
         return [
             "of a magnet on the axis that a few probes read, order 1 is that of offsets of their "
-            "signals, and eccentricity shows in order 2: no move follows from this record; find "
-            "the gain by trial moves"
+            "signals as well, and in which orders eccentricity shows hangs on how the probes are "
+            "joined: no move follows from one record; measure at four positions of the stage or "
+            "more, and give them by --stage-at"
         ]
     if not sized:
         return [
             "give --radius or --diameter for the eccentricity and the move, if lines or many poles "
-            "are read there; order 1 of a magnet on the axis is no eccentricity"
+            "are read there; order 1 of a magnet on the axis is no eccentricity alone"
         ]
     if like_magnet:
         return [
             "order 2 is larger than order 1, as of a magnet on the axis, whose order 1 is no "
-            "eccentricity: no move is given; say --kind disc or drum if lines or many poles are "
-            "read at the radius"
+            "eccentricity alone: no move is given; say --kind disc or drum if lines or many poles "
+            "are read at the radius"
         ]
     if kind is None:
         return [
             "taken for a disc, of lines or many poles that are read at the radius: of a magnet on "
-            "the axis order 1 is no eccentricity; --kind says which"
+            "the axis order 1 is no eccentricity alone; --kind says which"
         ]
     return []
