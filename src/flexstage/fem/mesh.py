@@ -61,6 +61,10 @@ class MeshSettings:
                 raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
 
 
+#: Sizes that are tried, over the one that is asked for, until the plate is filled with prisms.
+_SIZES = (1.0, 0.85, 1.15)
+
+
 def _refine(stage: Stage, faces: StageFaces, settings: MeshSettings) -> None:
     necks = {surface_edge(h.name): h.profile.neck_thickness for h in stage.hinges}
     for edge in faces.shape.edges:
@@ -76,7 +80,7 @@ def _generate(shape: TopoDS_Shape, dimension: int, largest: float, grading: floa
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(
             f"the mesher could not mesh the part ({str(error).strip() or 'no reason given'}): "
-            "look for slivers and overlaps with 'flexstage check', or change the mesh size"
+            "look for slivers and overlaps with 'flexstage check'"
         ) from error
     mesh = ng.Mesh(made)
     if mesh.ne == 0:
@@ -95,6 +99,12 @@ def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: 
     require_memory(
         int(elements * each), dimension, p, layered=dimension == 3 and settings.layers == 1
     )
+
+
+def _outline(face: TopoDS_Shape) -> tuple[float, ...]:
+    """What tells a face from another one at its level: concentric ones share their centre."""
+    low, high = face.bounding_box
+    return face.center.x, face.center.y, math.sqrt(face.mass), low.x, low.y, high.x, high.y
 
 
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
@@ -160,26 +170,28 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         for k in range(settings.layers)
     ]
     whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
-    levels: dict[int, dict[tuple[float, float], TopoDS_Shape]] = {}
+    levels: dict[int, list[TopoDS_Shape]] = {}
     for f in whole.faces:
         box = f.bounding_box
         if box[1].z - box[0].z < 1e-3 * height:
-            level = round(f.center.z / height)
-            levels.setdefault(level, {})[round(f.center.x, 6), round(f.center.y, 6)] = f
-    for f in levels[0].values():
+            levels.setdefault(round(f.center.z / height), []).append(f)
+    for f in levels[0]:
         f.name = MIDDLE
     # Faces that lie over one another are meshed alike, with prisms between them. Layers are slabs
     # of their own: splitting prisms afterwards would lose the curvature of their sides.
     for level in range(settings.layers):
-        for key, below in levels[level].items():
-            above = levels[level + 1].get(key)
-            if above is None:
-                raise ModelError("the mesher lost a face of the plate: the part cannot be meshed")
+        for below in levels[level]:
+            above = min(levels[level + 1], key=lambda f: math.dist(_outline(f), _outline(below)))
             below.Identify(above, f"layer {level}", IdentificationType.CLOSESURFACES)
-    mesh = _generate(whole, 3, settings.size * stage.thickness, settings.grading)
-    if any(e.type != ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
+    for share in _SIZES:
+        mesh = _generate(whole, 3, share * settings.size * stage.thickness, settings.grading)
+        if all(e.type == ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
+            break
+    else:
         raise ModelError(
-            "the mesher did not fill the plate with prisms: change the mesh size a little"
+            "the mesher did not fill the plate with prisms, at three sizes of the elements: take "
+            "the model in the plane or the superelements, or look for slivers with 'flexstage "
+            "check'"
         )
     mesh.Curve(settings.order)
     return mesh
