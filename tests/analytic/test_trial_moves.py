@@ -8,37 +8,7 @@ import pytest
 import flexstage.cli
 from flexstage.centring import ARCSEC, exact_error, fit_harmonics, response_to_moves
 from flexstage.errors import RecordError
-
-THETA = np.arange(360) * 2.0 * np.pi / 360.0
-CENTRE = np.array([60e-6, -40e-6])
-#: Where the stage stood [m].
-STOOD = np.array([[0, 0], [100, 0], [0, 100], [100, 100], [-100, -50]]) * 1e-6
-GAP, RADIUS = 2e-3, 1.5e-3
-
-
-def dipole_error(magnet, probes, joined):
-    """Angle error of a dipole across the axis [rad]: what probes under it read.
-
-    The magnet turns with the table, ``magnet`` off the axis; the probes are ``probes`` off it.
-    """
-    c, s = np.cos(THETA), np.sin(THETA)
-    at = np.stack([c * magnet[0] - s * magnet[1], s * magnet[0] + c * magnet[1], 0 * c], axis=1)
-    moment = np.stack([c, s, 0 * c], axis=1)
-
-    def field(x, y):
-        r = np.array([probes[0] + x, probes[1] + y, GAP]) - at
-        d = np.linalg.norm(r, axis=1, keepdims=True)
-        return 3.0 * r * np.sum(r * moment, axis=1, keepdims=True) / d**5 - moment / d**3
-
-    if joined == "at a point":
-        b = field(0.0, 0.0)
-        read = np.arctan2(-b[:, 1], -b[:, 0])
-    else:
-        x, y = field(RADIUS, 0.0)[:, 2], field(0.0, RADIUS)[:, 2]
-        if joined == "four":
-            x, y = x - field(-RADIUS, 0.0)[:, 2], y - field(0.0, -RADIUS)[:, 2]
-        read = np.arctan2(y, x)
-    return np.angle(np.exp(1j * (read - THETA)))
+from tests.dipole import CENTRE, STOOD, THETA, dipole_at
 
 
 def responses(error_at, noise, seed=1):
@@ -63,13 +33,7 @@ def responses(error_at, noise, seed=1):
 def test_a_dipole_says_by_its_own_orders_where_the_axis_is(joined, moved, follows):
     """The field is that of a point dipole, and no model of the scale is in what is found of it."""
 
-    def error_at(p):
-        off = p - CENTRE
-        if moved == "magnet":
-            return dipole_error(off, (50e-6, 30e-6), joined)
-        return dipole_error((30e-6, 20e-6), off, joined)
-
-    found = responses(error_at, np.radians(0.005))
+    found = responses(lambda p: dipole_at(p, joined, moved), np.radians(0.005))
     for order, relation in follows.items():
         r = found[order]
         assert r.follows == relation, order
@@ -120,8 +84,7 @@ def bench(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(4)
     for i, p in enumerate(STOOD):
-        error = dipole_error(p - CENTRE, (50e-6, 30e-6), "four")
-        error = error + rng.normal(0.0, np.radians(0.01), THETA.size)
+        error = dipole_at(p, "four", "magnet") + rng.normal(0.0, np.radians(0.01), THETA.size)
         table = np.degrees([THETA, error]).T
         np.savetxt(f"r{i}.csv", table, delimiter=",", header="angle,error", comments="")
 

@@ -105,13 +105,13 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def output_path(text: str) -> Path:
+def output_path(text: str | Path) -> Path:
     """Return the path that an option names.
 
     Parameters
     ----------
-    text : str
-        What the option was given.
+    text : str or pathlib.Path
+        What the option was given, or its default, which is handed on in the same way.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def output_path(text: str) -> Path:
         It was given nothing, as by a variable of the shell that is not set; the working directory
         would be taken instead.
     """
-    if not text.strip():
+    if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
     return Path(text)
 

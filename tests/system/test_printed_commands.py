@@ -1,0 +1,342 @@
+"""Every command of README and manual, as it is printed, with its defaults, each as one process."""
+
+import fcntl
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.meta.test_docs_snippets import PAGES, ROOT, Block, blocks, session
+from tests.printed_commands import Command, Shell, commands, differences
+
+_SHELLS = ("console", "bash", "sh")
+#: Commands that need more than a minute of computing, by what they hold: `make evidence` runs them.
+_LONG = ("--stroke", "--model solid", "flexstage study", "--quantity max_stress")
+#: Commands of the project itself, which other tests and targets are.
+_OURS = ("make ", "pytest ", "python -m benchmarks", "pip install", "export ")
+#: What is not on this machine, and the sentence that says so.
+_ELSEWHERE = {
+    "192.168.0.10": "cannot connect to 192.168.0.10",
+    "runs show 71d7": "no run of the catalogue",
+    "runs add runs/2031": "there is no folder",
+}
+_SERVES = "flexstage twin "
+_LIMIT = 300.0
+
+
+def measured(file: Path, rates: tuple[float, ...] = (0.5, 5.0)) -> None:
+    """A drive record of a virtual stack, as a bench has it."""
+    from flexstage.hysteresis import LogCreep, Sensor, excitation, virtual_stack
+    from flexstage.records import Channel, Record, write_record
+
+    drive = excitation(
+        (0.0, 120.0), sample_rate_hz=1000.0, duration=25.0, rates_hz=rates,
+        natural_frequency_hz=640.0, resonance=False,
+    )  # fmt: skip
+    free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(drive.voltage).values
+    moved = LogCreep(rate_per_decade=0.015).simulate(free, 1e-3).values
+    read = Sensor(bandwidth_hz=300.0, noise_rms=8e-9, offset=3.1e-6, seed=4).simulate(moved, 1e-3)
+    position = Channel(name="position", values=read.values, unit="m")
+    voltage = Channel(name="voltage", values=drive.voltage, unit="V")
+    write_record(Record(channels=(voltage, position), time=drive.time), file)
+
+
+def by(*words: object) -> None:
+    """Run a command to make a file."""
+    subprocess.run(
+        [sys.executable, "-m", "flexstage", *map(str, words)], check=True, capture_output=True
+    )
+
+
+def model(file: Path) -> None:
+    """The model file of such a record."""
+    record = file.with_name("record-of-the-model.csv")
+    measured(record)
+    by("identify", record, "--input", "voltage", "--output", "position", "--model", "preisach",
+       "--out", file)  # fmt: skip
+
+
+def wanted(file: Path) -> None:
+    """Six cycles of 30 um that a drive is to follow."""
+    t = np.arange(6000) * 1e-3
+    rows = np.column_stack([t, 25.0 - 15.0 * np.cos(2.0 * math.pi * t)])
+    np.savetxt(file, rows, delimiter=",", header="time [s],wanted [um]", comments="")
+
+
+def logged(file: Path) -> None:
+    """A loop that a computer logged about ten times in a second."""
+    rng = np.random.default_rng(1)
+    t = np.cumsum(0.1 * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, 2400)))
+    u = 60.0 - 60.0 * np.cos(2.0 * math.pi * 0.05 * t)
+    from flexstage.hysteresis import virtual_stack
+
+    y = 1e6 * virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
+    y += rng.normal(0.0, 0.02, y.size)
+    np.savetxt(file, np.column_stack([t, u, y]), delimiter=",", comments="",
+               header="time [s],u [V],y [um]")  # fmt: skip
+
+
+def branches(file: Path) -> None:
+    """A quasi-static loop as a table of its two branches."""
+    v = np.linspace(0.0, 100.0, 101)
+    bow = 2.5 * (1.0 - ((v - 50.0) / 50.0) ** 2)
+    rows = np.column_stack([v, 0.3 * v - bow, 0.3 * v + bow])
+    np.savetxt(file, rows, delimiter=",", comments="", header="voltage [V],up,down")
+
+
+def scale(file: Path) -> None:
+    """The error of an encoder with four heads over a turn."""
+    theta = np.radians(np.arange(720) / 2.0)
+    heads = [0.05 * np.cos(theta + np.radians(a) - 0.9) for a in (0, 92, 178, 275)]
+    rows = np.column_stack([np.degrees(theta), *heads])
+    np.savetxt(file, rows, delimiter=",", comments="", header="angle,h1,h2,h3,h4")
+
+
+def magnet(file: Path) -> None:
+    """The error of a magnet over four probes, at a position of the stage."""
+    from tests.dipole import STOOD, THETA, dipole_at
+
+    rng = np.random.default_rng(int(file.stem[1:]))
+    error = dipole_at(STOOD[int(file.stem[1:])], "four", "magnet")
+    error = error + rng.normal(0.0, np.radians(0.01), THETA.size)
+    np.savetxt(file, np.degrees([THETA, error]).T, delimiter=",", comments="",
+               header="angle,error")  # fmt: skip
+
+
+def stage(name: str) -> Callable[[Path], None]:
+    """A stage file, of a design."""
+
+    def write(file: Path) -> None:
+        from flexstage.designs import design
+        from flexstage.stage import write_stage
+
+        write_stage(design(name), file)
+
+    return write
+
+
+def torn(file: Path) -> None:
+    """The stream of a record whose writer was ended in the middle."""
+    from flexstage.instruments.recording import RunMetadata, RunWriter
+
+    file.parent.mkdir(parents=True)
+    about = RunMetadata(
+        stage="rk9", instrument={"vendor": "bench", "model": "1"}, kind="loops", axis="x"
+    )
+    channels = [("u", "V"), ("x", "m"), ("y", "m")]
+    with tempfile.TemporaryDirectory() as folder:
+        writer = RunWriter(Path(folder) / file.name, channels, 1000.0, about)
+        for first, count in ((0, 1965), (1965, 1000)):
+            writer.append(first, {name: np.arange(count) * 1e-9 for name, _ in channels})
+        file.write_bytes((Path(folder) / file.name).read_bytes()[:-100])
+        writer.close()
+
+
+def solid(file: Path) -> None:
+    """A part as a STEP file."""
+    by("export", "parallelogram", "--to", "step", "--out", file.with_name("as-step"))
+    shutil.copy(next(file.with_name("as-step").rglob("*.step")), file)
+
+
+def cycles_plan(file: Path) -> None:
+    """A plan of cycles, for a card."""
+    file.write_text(
+        "plan: 1\nstage: vgtu-piezo\ntitle: cycles\n"
+        "sensors:\n  x: {channel: 1}\n  y: {channel: 2}\n"
+        "steps:\n  - {name: cycles, excite: {kind: cycles, axis: x, rate: 1 Hz, cycles: 3}}\n"
+        "  - {name: motion, measure: {of: cycles, along: x}}\n",
+        "utf-8",
+    )
+
+
+def bad_plan(file: Path) -> None:
+    """The plan of the page with a step misspelt."""
+    text = file.with_name("first.yaml").read_text("utf-8")
+    file.write_text(text.replace("of: cycles", "of: cycle"), "utf-8")
+
+
+def public(file: Path) -> None:
+    """A record of the folder of shared data."""
+    data = ROOT.parent / "shared" / "data" / "picma-p885" / file.name
+    if not data.exists():
+        pytest.skip(f"the public record {file.name} is not here")
+    shutil.copy(data, file)
+
+
+#: Files that the reader of a page has. They are not those of the page: its figures are others.
+GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
+    "README.md": {
+        "measured.csv": measured,
+        "another.csv": lambda file: measured(file, (0.7, 3.0)),
+        "wanted.csv": wanted,
+    },
+    "compensate.md": {"stack.yaml": model, "reference.csv": wanted},
+    "identify.md": {"logged.csv": logged, "loop.csv": branches},
+    "identification.md": {"Test_Vi_Do_Di.dat": public, "Model_Vi_Do.dat": public},
+    "export.md": {"x.yaml": model, "y.yaml": model, "mine.yaml": stage("parallelogram")},
+    "use-the-twin.md": {"mine.yaml": stage("vgtu-piezo")},
+    "centre.md": {f"r{k}.csv": magnet for k in range(5)},
+    "keep-records.md": {"rk9/records/loops-x.stream": torn},
+    "finite-elements.md": {"joint.step": solid},
+    "write-a-plan.md": {"bad.yaml": bad_plan},
+    "ni-acquisition.md": {"mine.yaml": cycles_plan},
+}
+#: Pages whose given files are the page's own: figures are compared as well.
+_OWN = ("identification.md",)
+#: Time passes there as commands come: figures differ by noise from run to run.
+_NOISY = "gcs://"
+
+
+@pytest.fixture
+def one_port() -> Iterator[None]:
+    """The port of a twin is one: pages that start one wait for each other."""
+    with (Path(tempfile.gettempdir()) / "flexstage-printed-port.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def pages() -> list[Path]:
+    return [p for p in PAGES if any(b.language in _SHELLS for b in blocks(p.read_text("utf-8")))]
+
+
+class Page:
+    """One page in its folder."""
+
+    def __init__(self, path: Path, folder: Path, *, long: bool) -> None:
+        self.name, self.folder, self.long = path.name, folder, long
+        self.blocks = blocks(path.read_text("utf-8"))
+        scripts = str(Path(sys.executable).parent)
+        self.shell = Shell(
+            folder,
+            {
+                "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
+                "MPLBACKEND": "agg",
+                "FLEXSTAGE_CATALOGUE": f"{folder}/.catalogue.sqlite",
+                "FLEXSTAGE_STATE": f"{folder}/.state",
+            },
+        )
+        self.given = GIVEN.get(path.name, {})
+        self.names: dict[str, Any] = {"__name__": "__snippet__"}
+        self.faults: list[str] = []
+        self.later: list[Command] = []
+        self.ran = 0
+
+    def run(self) -> None:
+        """Run the page from top to bottom; then what had to wait for a file of it."""
+        try:
+            for at, block in enumerate(self.blocks):
+                self.write(block)
+                if block.language in ("python", "pycon"):
+                    if ">>> " in block.code:
+                        session(block, self.names, self.name)
+                    else:
+                        exec(compile(block.code, self.name, "exec"), self.names)
+                elif block.language in _SHELLS:
+                    found = commands(block.code)
+                    below = self.blocks[at + 1] if at + 1 < len(self.blocks) else None
+                    if found and below is not None and not any(c.printed for c in found):
+                        found[-1].printed.extend(self.below(block, below))
+                    for command in found:
+                        self.do(command, wait=True)
+                    self.shell.folder = self.folder
+            for command in self.later:
+                self.do(command, wait=False)
+        finally:
+            self.shell.end()
+
+    def write(self, block: Block) -> None:
+        header = re.match(r"(?:#|//|<!--) file: (\S+)", block.code)
+        if header:
+            (self.folder / header[1]).write_text(block.code, encoding="utf-8")
+        elif self.name == "first-stage.md" and block.code.startswith("flexstage: 1"):
+            # the reader writes it by hand, and appends to it
+            (self.folder / "guide.yaml").write_text(block.code, encoding="utf-8")
+
+    def below(self, block: Block, below: Block) -> list[str]:
+        """What a block of text right below prints."""
+        text = below.language == "text" and not block.code.startswith("make")
+        return below.code.splitlines() if text else []
+
+    def do(self, command: Command, *, wait: bool) -> None:
+        line = command.line.partition("  #")[0].strip()
+        if not line or line.startswith(("#", *_OURS)):
+            return
+        if any(word in line for word in _LONG) != self.long and line.startswith("flexstage"):
+            return
+        made = [name for name in self.given if name in line]
+        for name in made:
+            if not (self.folder / name).exists():
+                self.given[name](self.folder / name)
+        if wait and self.missing(line):
+            self.later.append(command)
+            return
+        self.ran += 1
+        if line.startswith(_SERVES):
+            said = self.shell.serve(line)
+            if not re.search(r"at gcs://\S+ \(simulated\)", said):
+                self.faults.append(f"{line}: no line that it is ready, but {said!r}")
+            return
+        done = self.shell.run(line, _LIMIT)
+        self.judge(command, line, done.returncode, done.stdout + done.stderr, own=not made)
+
+    def missing(self, line: str) -> bool:
+        """Whether it reads a file that the page has not made yet."""
+        read = re.sub(r"(?:--(?:out|figure)|>) \S+", "", line)
+        files = re.findall(r"(?<=[\s=])[\w.-]+\.(?:csv|yaml|step|dat)\b", read)
+        return any(not (self.folder / name).exists() for name in files)
+
+    def judge(self, command: Command, line: str, status: int, said: str, *, own: bool) -> None:
+        if "Traceback" in said:
+            self.faults.append(f"{line}: {said[-2000:]}")
+            return
+        for word, sentence in _ELSEWHERE.items():
+            if word in line:
+                if status == 0 or sentence not in said:
+                    self.faults.append(f"{line}: status {status}, not '{sentence}': {said[-500:]}")
+                return
+        refused = any(text.startswith(("flexstage: ", "error: ")) for text in command.printed)
+        if (status != 0) != refused:
+            self.faults.append(f"{line}: status {status}: {said[-800:]}")
+            return
+        missed = differences(
+            command.printed, said, digits=(own and _NOISY not in line) or self.name in _OWN
+        )
+        if missed:
+            self.faults.append(f"{line}: printed, and did not come: {missed}\n{said[-3000:]}")
+
+
+def checked(path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, *, long: bool) -> Page:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    page = Page(path, folder, long=long)
+    page.run()
+    assert not page.faults, "\n\n".join(page.faults)
+    return page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", pages(), ids=lambda page: page.name)
+def test_commands_run_as_printed(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+) -> None:
+    checked(path, tmp_path, monkeypatch, long=False)
+
+
+LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG)]
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("path", LONG, ids=lambda page: page.name)
+def test_long_commands_run_as_printed(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_port: None
+) -> None:
+    checked(path, tmp_path, monkeypatch, long=True)
