@@ -78,6 +78,13 @@ class Positioning:
         return self.mean_upward - self.mean_downward
 
     @property
+    def repeatability_at_targets(self) -> Array:
+        """Bidirectional repeatability R_i of each target [m], shape (m,)."""
+        up, down = self.spread_upward, self.spread_downward
+        both = 2.0 * (up + down) + np.abs(self.reversal_at_targets)
+        return np.maximum(both, 4.0 * np.maximum(up, down))
+
+    @property
     def mean_bidirectional(self) -> Array:
         """Mean bidirectional positional deviations [m], shape (m,)."""
         return 0.5 * (self.mean_upward + self.mean_downward)
