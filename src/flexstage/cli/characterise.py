@@ -210,6 +210,7 @@ def characterise(
             {
                 **named, "output": output, "spheres": spheres, "commands": commands, "unit": unit,
                 "upward": upward, "downward": downward, "deviations": deviations,
+                "cycle": cycle != "auto",
                 "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
                 "time": time, "format": format, "dataset": dataset, "delimiter": delimiter,
                 "decimal": decimal,

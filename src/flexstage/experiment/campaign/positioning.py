@@ -151,11 +151,13 @@ def _sequence(test: Test, record: Record, command: Array) -> _Reached:
                if side is None else "")
         )  # fmt: skip
     runs = found.upward.shape[1]
-    more = [i for i in found.targets if found.counts[:, i].max() > runs]
-    if more:
+    counts = found.counts[:, found.targets]
+    if counts.max() > runs:
+        way, i = np.unravel_index(int(counts.argmin()), counts.shape)
         notes.append(
-            f"approaches beyond the first {runs} upward and downward, which every target has, are "
-            f"left out: {_listed(seen.levels[more])}"
+            f"target {_listed(seen.levels[found.targets[i : i + 1]])} was reached from "
+            f"{('below', 'above')[way]} {runs} times, and others up to {counts.max()} times: "
+            f"approaches beyond the first {runs} are left out"
         )
     return _Reached(
         target=seen.levels[found.targets],
@@ -186,6 +188,8 @@ def _sides(test: Test, record: Record) -> Array | None:
         side = {text: _side(text) for text in channel.texts}
         unknown = [text for text, way in side.items() if way == 0.0]
         values = np.array([side[text] for text in channel.texts])[values.astype(np.intp)]
+    elif not values.min() < 0.0 < values.max():
+        unknown = [f"{values.max():g}"]
     else:
         unknown = [f"{v:g}" for v in np.unique(values[values == 0.0])]
     if unknown:

@@ -32,7 +32,8 @@ class Dwells(Visits):
     target : numpy.ndarray
         Number of the level of each, counted from the lowest, shape (d,).
     direction : numpy.ndarray
-        1 where it was reached from below, -1 from above, 0 for the first, shape (d,).
+        1 where it was reached from below, -1 from above, 0 for the first where nothing before it
+        says so, shape (d,).
     levels : numpy.ndarray
         The command at the levels, rising, shape (m,).
     start, stop : numpy.ndarray
@@ -188,11 +189,12 @@ def _directions(
     """From which side rests were reached."""
     steps = np.sign(np.diff(target)).astype(np.intp)
     direction = np.concatenate(([0], steps))
-    for i in np.flatnonzero(steps == 0) + 1:
+    starts, before = bounds[:, 0], np.concatenate(([0], bounds[:-1, 1]))
+    for i in np.flatnonzero(direction == 0):
         # a rest that goes on at the same level was reached from where the one before was, unless
         # the command went beyond in between, and turns back; a single sample may be a spike
-        direction[i] = direction[i - 1]
-        between = np.sign(x[bounds[i - 1, 1] : bounds[i, 0]] - means[i])
+        direction[i] = direction[i - 1] if i else 0
+        between = np.sign(x[before[i] : starts[i]] - means[i])
         following = steps[i:][steps[i:] != 0]
         beyond = int(between[0]) if between.size > 1 and np.ptp(between) == 0.0 else 0
         if beyond and direction[i] != -beyond and following[:1].tolist() in ([], [-beyond]):

@@ -172,7 +172,7 @@ def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tu
     if x.size < 2 or min(runs) < 2:
         raise RecordError(
             f"positioning needs two targets and two runs at least, got {x.size} targets and "
-            f"{min(runs)} runs: record more of the staircase"
+            f"{min(runs)} runs: record more of them"
         )
     if not all(np.isfinite(v).all() for v in (x, *both)):
         raise RecordError("targets and positions must be finite: leave out the targets that failed")

@@ -74,7 +74,7 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
         _beside(axes, at, ends, f"{symbol} = {number(factor * estimate)} {unit}")
     _at_targets(axes, found, x, factor, unit, (tops, feet), (up, down))
     axes.margins(y=0.13)
-    axes.set_xlim(x[0] - 0.06 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
+    axes.set_xlim(x[0] - 0.09 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
     axes.set_xlabel(f"target [{of_target}m]", fontsize=8.5, parse_math=False)
     axes.set_ylabel(f"deviation [{unit}]", fontsize=8.5, parse_math=False)
     axes.legend(
