@@ -24,11 +24,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 
 from flexstage.errors import RecordError
 from flexstage.experiment.campaign import Campaign, Columns, Test, evaluate
 from flexstage.experiment.motion import Positioning, visits
 from flexstage.records import Channel, Record
+from flexstage.report.figures import draw_positioning
 
 UM, MM = 1e-6, 1e-3
 
@@ -293,6 +295,22 @@ def test_published_figures_of_the_third_machine() -> None:
     shown = tables(found)
     compared = np.column_stack((shown[:, :4], shown[:, 6:8].max(axis=1)))
     assert compared == pytest.approx(np.array(OWIS_AT_TARGETS), abs=1.5e-2)
+
+
+@pytest.mark.parametrize("machine", [WHEEL, SLIT], ids=["wheel", "slit"])
+def test_dimensions_of_the_diagram(machine: Machine) -> None:
+    """Every arrow is as long as the figure that stands beside it."""
+    found = evaluated(*formed("standard", machine))
+    axes = draw_positioning(found).axes[0]
+    marks = [text for text in axes.texts if isinstance(text, Annotation)]
+    lengths = sorted(abs(m.xy[1] - m.xyann[1]) for m in marks if not m.get_text())
+    figures = (
+        found.accuracy, found.systematic, found.mean_deviation, found.repeatability, found.reversal,
+    )  # fmt: skip
+    assert lengths == pytest.approx(sorted(1e6 * figure.value for figure in figures), rel=1e-9)
+    said = sorted(m.get_text() for m in marks if m.get_text())
+    assert [text.split(" = ")[0] for text in said] == ["A", "B", "E", "M", "R"]
+    assert axes.get_ylabel() == "deviation [µm]"
 
 
 def test_rows_that_leave_the_side_open() -> None:

@@ -62,7 +62,7 @@ def _print_positioning(screen: "Console", result: "TestResult") -> None:
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads
-    title = f"{result.test.name}: ISO 230-2, values in {tables.unit}"
+    title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
     for heads, rows in (
         ((first, f"<{second}", *others), tables.axis),
         (tables.target_heads, tables.targets),

@@ -60,7 +60,8 @@ def positioning_tables(found: Positioning) -> PositioningTables:
     accuracy = abs(found.accuracy.value)
     factor, prefix = prefixed(accuracy)
     shown = factor * accuracy
-    decimals = max(0, _DIGITS - 1 - math.floor(math.log10(shown))) if shown > 0.0 else 0
+    digits = _DIGITS - 1 - math.floor(math.log10(shown)) if shown > 0.0 else 0
+    decimals = min(max(digits, 0), _DIGITS - 1)  # of exact positions what is left is rounding
 
     def text(value: float) -> str:
         return f"{factor * value:.{decimals}f}".replace("-", "−")

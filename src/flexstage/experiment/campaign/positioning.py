@@ -114,11 +114,9 @@ def _table(test: Test, record: Record, target: Array) -> _Reached:
             f"test '{test.name}': upward and downward name the runs of a table with a row for each "
             "target, where along, direction and cycle have no meaning: leave them out"
         )
-    return _Reached(
-        target=target,
-        upward=runs_of(test, record, "upward"),
-        downward=runs_of(test, record, "downward"),
-    )
+    upward, downward = (runs_of(test, record, role) for role in ("upward", "downward"))
+    note = f"{upward.shape[1]} runs to {target.size} targets: a row for each target"
+    return _Reached(target=target, upward=upward, downward=downward, notes=(note,))
 
 
 def _sequence(test: Test, record: Record, command: Array) -> _Reached:
