@@ -361,6 +361,31 @@ def test_uneven_runs_are_said() -> None:
     assert whole.size == size + 1
 
 
+def test_a_beginning_costs_no_runs() -> None:
+    """A ramp to the first target is one approach more from below, and no reason for one run."""
+    listed = rows(SLIT)
+    ramp = [(MM * s, MM * s, "up") for s in (13.0, 13.7, 14.4)]
+    once = [row for k, row in enumerate(listed) if not k or row[0] != listed[k - 1][0]]
+    columns = table(ramp + [row for row in once for _ in range(12)])
+    test, _ = formed("standard", SLIT)
+    size = columns["wanted"].values.size
+    record = Record(channels=tuple(columns.values()), time=np.arange(float(size)), over="point")
+    result = evaluate(Campaign(tests=(test,)), lambda _: [record]).results[0]
+    assert result.notes[0].startswith("5 runs to 3 targets")
+    assert result.notes[1].startswith(
+        "positions that were gone to from one side only or seldom are left out: 15000, 55000 um"
+    )
+
+
+def test_samples_of_one_run() -> None:
+    test, _ = formed("said", SLIT)
+    columns = table([row for row in rows(SLIT)[:10] for _ in range(12)])
+    record = Record(channels=tuple(columns.values()), time=np.arange(120.0), over="point")
+    with pytest.raises(RecordError, match="two runs at least; where each row is an approach"):
+        evaluated(test, record)
+    assert evaluated(replace(test, cycle="standard"), record).runs == 12
+
+
 def test_directions_that_nobody_knows() -> None:
     test, record = formed("said", SLIT)
     *rest, way = record.channels

@@ -1,5 +1,6 @@
 """Tests of targets along an axis, gone to from both sides."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,7 +12,14 @@ from flexstage.experiment.campaign.loading import column, runs_of
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion import Positioning, Visits, positioning, staircase_dwells, visits
+from flexstage.experiment.motion import (
+    Approaches,
+    Positioning,
+    Visits,
+    positioning,
+    staircase_dwells,
+    visits,
+)
 from flexstage.experiment.uncertainty import SensorSetup, measured
 from flexstage.experiment.uncertainty.sensor import Role
 from flexstage.records import Record
@@ -128,7 +136,7 @@ def _sequence(test: Test, record: Record, command: Array) -> _Reached:
     if test.cycle == "auto" and command.size >= 8:
         dwells = staircase_dwells(command, side=side)
         # in a table that is sorted by target and side each of them stands once
-        if dwells is not None and (side is None or not _each_once(dwells)):
+        if dwells is not None and (side is None or not _sorted(test, dwells)):
             length = int(np.median(dwells.stop - dwells.start))
             how = f"{dwells.target.size} rests of some {length} samples"
             seen, along = dwells, dwells.means(along)
@@ -137,38 +145,49 @@ def _sequence(test: Test, record: Record, command: Array) -> _Reached:
         seen = visits(command, cycle=cycle, side=side)
     found = seen.sort(along)
     told = "the order of the rows" if side is None else f"column '{test.columns.direction}'"
-    notes = [
-        f"{found.upward.shape[1]} runs to {found.targets.size} targets: {how}, directions by {told}"
-    ]
-    alone = [i for i in range(seen.levels.size) if i not in found.targets]
-    if alone:
-        notes.append(
-            "positions that were gone to from one side only are left out: "
-            f"{_listed(seen.levels[alone])}"
-            + ("; where they were reached from both, name the column of the direction"
-               if side is None else "")
-        )  # fmt: skip
-    runs = found.upward.shape[1]
-    counts = found.counts[:, found.targets]
-    if counts.max() > runs:
-        way, i = np.unravel_index(int(counts.argmin()), counts.shape)
-        notes.append(
-            f"target {_listed(seen.levels[found.targets[i : i + 1]])} was reached from "
-            f"{('below', 'above')[way]} {runs} times, and others up to {counts.max()} times: "
-            f"approaches beyond the first {runs} are left out"
-        )
+    runs, targets = found.upward.shape[1], found.targets.size
+    note = f"{runs} runs to {targets} targets: {how}, directions by {told}"
     return _Reached(
         target=seen.levels[found.targets],
         upward=found.upward,
         downward=found.downward,
-        notes=tuple(notes),
+        notes=(note, *_left_out(seen.levels, found, said=side is not None)),
     )
 
 
-def _each_once(seen: Visits) -> bool:
-    return len(set(zip(seen.target.tolist(), seen.direction.tolist(), strict=True))) == (
-        seen.target.size
-    )
+def _left_out(levels: Array, found: Approaches, *, said: bool) -> Iterator[str]:
+    """Say which targets do not count, and which approaches to the others."""
+    alone = np.setdiff1d(np.arange(levels.size), found.targets)
+    if alone.size:
+        seldom = " or seldom" if found.counts[:, alone].min(axis=0).any() else ""
+        mend = "" if said else (
+            "; where they were reached from both, name the column of the direction"
+        )  # fmt: skip
+        yield (
+            f"positions that were gone to from one side only{seldom} are left out: "
+            f"{_listed(levels[alone])}{mend}"
+        )
+    counts, runs = found.counts[:, found.targets], found.upward.shape[1]
+    if counts.max() > runs:
+        way, i = np.unravel_index(int(counts.argmin()), counts.shape)
+        yield (
+            f"target {_listed(levels[found.targets[i : i + 1]])} was reached from "
+            f"{('below', 'above')[way]} {runs} times, and others up to {counts.max()} times: "
+            f"approaches beyond the first {runs} are left out"
+        )
+
+
+def _sorted(test: Test, seen: Visits) -> bool:
+    """Say whether rows are sorted by target and side, so that several in succession are runs."""
+    pairs = list(zip(seen.target.tolist(), seen.direction.tolist(), strict=True))
+    if len(set(pairs)) < len(pairs):
+        return False
+    if np.array_equal(seen.target, seen.target[::-1]):
+        raise RecordError(
+            f"test '{test.name}': the rows go up and down over the targets once, several at each: a "
+            "test has two runs at least; where each row is an approach, say cycle=standard"
+        )
+    return True
 
 
 def _listed(positions: Array) -> str:

@@ -21,12 +21,14 @@ CYCLES: Mapping[str, str] = {
 }
 #: Targets closer than this share of their range are one.
 _SAME_TARGET = 1e-6
+#: Targets that were reached from one side less often than this share of the usual do not count.
+_SELDOM = 0.5
 _COLUMN = "name the column of the direction of each approach"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Approaches:
-    """Readings of the targets that were reached from both sides.
+    """Readings of the targets that were reached from both sides, as often as is usual.
 
     Parameters
     ----------
@@ -87,7 +89,10 @@ class Visits:
             for way in (1, -1)
         ]
         counts = np.array([[v.size for v in side] for side in sides], dtype=np.intp)
-        both = np.flatnonzero(counts.min(axis=0) > 0)
+        fewer = counts.min(axis=0)
+        # one that was come to once, where the record begins, must not cost the others their runs
+        usual = float(np.median(fewer[fewer > 0])) if fewer.any() else 0.0
+        both = np.flatnonzero(fewer > _SELDOM * usual)
         if both.size < 2:
             raise RecordError(
                 f"{both.size} of {self.levels.size} positions were reached from both sides, and "
