@@ -121,10 +121,10 @@ def test_targets_are_gone_to_from_both_sides_again_and_again():
 
     found = made(Positioning(axis="x", targets=6, rounds=3, dwell=0.2, low=0.1, high=0.9), SCREW)
     v = found.waveform.values["x"]
-    up, down, which = staircase_dwells(v).approaches(v)
-    assert up.shape == down.shape == (6, 3)
-    assert up[:, 0] == pytest.approx(np.linspace(0.1, 0.9, 6) * 330e-6)
-    assert which.size == 6
+    gone = staircase_dwells(v).approaches(v)
+    assert gone.upward.shape == gone.downward.shape == (6, 3)
+    assert gone.upward[:, 0] == pytest.approx(np.linspace(0.1, 0.9, 6) * 330e-6)
+    assert gone.targets.size == 6
     with pytest.raises(PlanError, match="commanded by voltage"):
         made(Positioning(axis="x"))
 

@@ -125,7 +125,8 @@ def test_staircase_to_positioning() -> None:
     assert dwells is not None
     side = np.repeat(dwells.direction, 30)
     reading = command + 7e-9 * (side > 0) - 4e-9 * (side < 0) + 0.02 * (command - 20e-6) ** 2
-    up, down, targets = dwells.approaches(reading)
+    gone = dwells.approaches(reading)
+    up, down, targets = gone.upward, gone.downward, gone.targets
     assert targets.tolist() == [1, 2]
     assert up.shape == down.shape == (2, 3)
     found = positioning(dwells.levels[targets], up, down, trials=20)

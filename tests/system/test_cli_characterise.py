@@ -387,6 +387,59 @@ def test_a_stage_without_axes(capsys, tmp_path):
     assert len(result["characteristics"]) == 7
 
 
+def approaches(path, mark, heading, rows=lambda listed: listed):
+    """Write a standard cycle: 3 targets [mm], 2 runs, with deviations [um] by hand."""
+    up, down = ((2.0, 4.0), (7.0, 11.0), (-5.0, 1.0)), ((6.0, 10.0), (12.0, 14.0), (2.0, 10.0))
+    listed = [
+        (target, target + 1e-3 * off[i][run], mark[way])
+        for run in range(2)
+        for way, off, order in ((0, up, (0, 1, 2)), (1, down, (2, 1, 0)))
+        for i, target in zip(order, np.array([10.0, 25.0, 55.0])[list(order)], strict=True)
+    ]
+    lines = [heading, *(",".join(str(v) for v in row) for row in rows(listed))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_positioning_as_the_standard_has_it(capsys, tmp_path):
+    heading = "target (mm),reached (mm),side"
+    words = ("--test", "positioning", "--command", "target", "--along", "reached")
+    arrows = approaches(tmp_path / "a.csv", "↑↓", heading)
+    result = found(capsys, arrows, *words, "--direction", "side")
+    figures = result["tests"][0]["positioning"]["figures"]
+    r = 2.0**0.5
+    # as worked by hand in tests/literature/test_positioning_standard.py
+    for name, value in (
+        ("accuracy", 8.0 + 28.0 / r), ("accuracy_upward", 11.0 + 20.0 / r), ("systematic", 15.0),
+        ("mean_deviation", 9.0), ("repeatability", 28.0 / r + 8.0), ("reversal", 8.0),
+        ("mean_reversal", -17.0 / 3.0),
+    ):  # fmt: skip
+        assert figures[name]["value"] == pytest.approx(1e-6 * value, rel=1e-6), name
+        low, high = figures[name]["interval"]
+        assert low <= figures[name]["value"] <= high
+    quantities = {c["quantity"]: c["value"] for c in result["characteristics"]}
+    assert quantities["positioning_repeatability"] == figures["repeatability"]["value"]
+    targets = result["tests"][0]["positioning"]["targets"]
+    assert targets["target"] == pytest.approx([0.010, 0.025, 0.055])
+    assert targets["mean_upward"] == pytest.approx([3e-6, 9e-6, -2e-6], rel=1e-6)
+    assert targets["reversal"] == pytest.approx([-5e-6, -4e-6, -8e-6], rel=1e-6)
+    # sorted rows need the column, and in those of the cycle their order says the same
+    shuffled = approaches(tmp_path / "s.csv", ("fwd", "bwd"), heading, sorted)
+    again = found(capsys, shuffled, *words, "--direction", "side")
+    assert again["tests"][0]["positioning"]["figures"]["accuracy"]["value"] == pytest.approx(
+        figures["accuracy"]["value"]
+    )
+    said = "0 of 3 positions were reached from both sides.*name the column"
+    refused(capsys, said, tmp_path, shuffled, *words)
+    _, out, err = run(capsys, arrows, *words, "--out", tmp_path / "made")
+    assert err == ""
+    assert re.search(r"R +repeatability +16\.971 .* 27\.799", out)
+    assert re.search(r"\n 25 +9\.0+ +13\.0+ +11\.0+ +−4\.0+ ", out)
+    page = (tmp_path / "made" / "report.html").read_text()
+    assert "mean upward" in page
+    assert "27.799" in page
+
+
 PLAN = """campaign: 1
 stage: {stage}
 instruments:

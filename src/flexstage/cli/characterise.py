@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.common import (
     JsonOption,
     console,
     load_stage,
-    make_table,
     output_path,
     print_json,
     progress_bar,
@@ -27,10 +27,7 @@ from flexstage.cli.records import (
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from flexstage.experiment.campaign import Campaign, Characterisation
-    from flexstage.report import Measurement
+    from flexstage.experiment.campaign import Campaign, Characterisation, Columns
 
 __all__ = ["characterise"]
 
@@ -94,6 +91,36 @@ def characterise(
         str | None,
         typer.Option(metavar="NAMES", help="Names of the spheres, with commas between."),
     ] = None,
+    direction: Annotated[
+        str | None, _column("the side that each target was reached from: up or down, 1 or -1")
+    ] = None,
+    upward: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMNS",
+            help="Of a table with a row for each target: columns of the runs upward, with commas "
+            "between.",
+        ),
+    ] = None,
+    downward: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMNS", help="Of such a table: columns of the runs downward."),
+    ] = None,
+    cycle: Annotated[
+        str,
+        typer.Option(
+            metavar="FORM",
+            help="Of positioning, a row for each approach: standard (series up and down) or step "
+            "(each target from both sides in turn); auto also finds rests of several samples.",
+        ),
+    ] = "auto",
+    deviations: Annotated[
+        bool,
+        typer.Option(
+            "--deviations",
+            help="Of positioning: the readings are deviations from the targets, and not positions.",
+        ),
+    ] = False,
     commands: Annotated[
         str | None,
         typer.Option(
@@ -153,8 +180,8 @@ def characterise(
     Every figure comes with its uncertainty, and with the difference to what the models of the stage
     and publications say.
     """
+    from flexstage.experiment.campaign import Columns, read_campaign
     from flexstage.experiment.campaign import characterise as run
-    from flexstage.experiment.campaign import read_campaign
     from flexstage.report import (
         measurement,
         measurement_results,
@@ -169,7 +196,7 @@ def characterise(
     written: dict[str, bytes] = {}
     named = _named(
         command=command, along=along, across=across, vertical=vertical, roll=roll, pitch=pitch,
-        yaw=yaw, input=input, corner=corner, x=x, y=y,
+        yaw=yaw, input=input, corner=corner, x=x, y=y, direction=direction,
     )  # fmt: skip
     plans = [file for file in files if file.suffix.lower() in _PLANS]
     if plans and len(files) > 1:
@@ -182,6 +209,8 @@ def characterise(
             "--virtual" if virtual is not None else f"'{plans[0]}'",
             {
                 **named, "output": output, "spheres": spheres, "commands": commands, "unit": unit,
+                "upward": upward, "downward": downward, "deviations": deviations,
+                "cycle": cycle != "auto",
                 "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
                 "time": time, "format": format, "dataset": dataset, "delimiter": delimiter,
                 "decimal": decimal,
@@ -198,9 +227,12 @@ def characterise(
             found = run(read_campaign(plans[0]), folder)
         else:
             campaign = _single(
-                files, test, axis, named,
-                output=_words(output), spheres=_words(spheres), commands=_words(commands),
-                units=unit or [],
+                files, test, axis,
+                Columns(
+                    **named, output=_words(output), spheres=_words(spheres), upward=_words(upward),
+                    downward=_words(downward),
+                ),
+                commands=_words(commands), cycle=cycle, deviations=deviations, units=unit or [],
                 calibration=calibration, alignment=alignment, confidence=confidence,
                 reading=_named(
                     time=time, format=format, dataset=dataset, delimiter=delimiter,
@@ -227,7 +259,7 @@ def characterise(
     if json:
         print_json({**results, "files": saved})
         return
-    _print(console(), result, saved)
+    print_measurement(console(), result, saved)
 
 
 def _words(text: str | None) -> tuple[str, ...]:
@@ -281,11 +313,11 @@ def _single(
     files: list[Path],
     kind: str,
     axis: str,
-    columns: dict[str, str],
+    columns: "Columns",
     *,
-    output: tuple[str, ...],
-    spheres: tuple[str, ...],
     commands: tuple[str, ...],
+    cycle: str,
+    deviations: bool,
     units: list[str],
     calibration: str | None,
     alignment: str | None,
@@ -293,7 +325,7 @@ def _single(
     reading: dict[str, str],
     sample_rate: str | None,
 ) -> "Campaign":
-    from flexstage.experiment.campaign import Campaign, Columns, Instrument, Reading, Test
+    from flexstage.experiment.campaign import Campaign, Instrument, Reading, Test
     from flexstage.units import parse
 
     if not files:
@@ -312,7 +344,7 @@ def _single(
         kind=kind,
         axis=axis,
         records=tuple(str(file) for file in files),
-        columns=Columns(output=output, spheres=spheres, **columns),
+        columns=columns,
         units=_units(units),
         reading=Reading(sample_rate=rate, **reading),
         along="sensor",
@@ -320,6 +352,8 @@ def _single(
         angle="sensor",
         confidence=confidence,
         commands=tuple(parse(text, "length") for text in commands),
+        cycle=cycle,
+        deviations=deviations,
     )
     return Campaign(instruments=(sensor,), tests=(test,))
 
@@ -338,43 +372,5 @@ def _units(given: list[str]) -> Any:
                 f'--unit must be a role and a unit such as "along=um", got "{text}" (roles: '
                 f"{', '.join(roles)})"
             )
-        found[role] = (unit,) if role in ("output", "spheres") else unit
+        found[role] = (unit,) if isinstance(getattr(Columns(), role), tuple) else unit
     return Columns(**found)
-
-
-def _print(screen: "Console", result: "Measurement", saved: list[str]) -> None:
-    from flexstage.report import display
-    from flexstage.report.tables import column_title
-
-    columns = list(result.references)
-    titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
-    table = make_table(result.title, "quantity", "<axis", "value", "± (95 %)", "<unit", *titles)
-    for row in result.rows:
-        shown = display(row.figure.quantity)
-        estimate = row.figure.estimate
-        cells = [
-            shown.text(estimate.value),
-            f"{estimate.expanded * shown.factor:.2g}",
-            shown.unit,
-        ]
-        for name in columns:
-            found = row.differences.get(name)
-            cells.append("" if found is None else _difference(found))
-        table.add_row(shown.label, row.figure.axis, *cells)
-    screen.print(table)
-    if columns:
-        screen.print(
-            "Differences of what was measured to each model and publication; * significant at 95 %."
-        )
-    for note in result.notes:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in saved:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
-
-
-def _difference(found: Any) -> str:
-    mark = "*" if found.significant else ""
-    # against something near nothing a percentage says nothing
-    if found.percent is None or abs(found.percent) > 1e4:
-        return f"–{mark}"
-    return f"{found.percent:+.2f} %{mark}".replace("-", "−")

@@ -55,6 +55,8 @@ class Column:
         open: ``g`` of an acceleration is no gram.
     words : numpy.ndarray, optional
         What stands where a number should, shape (n,); empty where there is one.
+    texts : tuple of str
+        The texts that its values number, of a column that labels rows.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Column:
     unit: str = ""
     si: tuple[float, str] | None = None
     words: NDArray[np.str_] | None = None
+    texts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,7 +186,7 @@ class Columns:
         texts = [w or f"{v:.17g}" for w, v in zip(column.words, column.values, strict=True)]
         order = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
         values = np.array([order[text] for text in texts])
-        made = replace(column, values=values, unit="", words=None)
+        made = replace(column, values=values, unit="", words=None, texts=tuple(order))
         note = f"texts of '{column.name}' are numbered as they appear"
         columns = (*self.columns[:number], made, *self.columns[number + 1 :])
         return replace(self, columns=columns, notes=(*self.notes, note))

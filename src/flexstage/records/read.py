@@ -304,7 +304,7 @@ def _in_si(
                 f"column '{column.name}' says {column.unit!r} in the file, and is read as {text!r}"
             )
         values = column.values if factor == 1.0 else _scaled(column.values, factor)
-        channels.append(Channel(name=column.name, values=values, unit=unit))
+        channels.append(Channel(name=column.name, values=values, unit=unit, texts=column.texts))
     if found:
         notes.append(f"units of the file: {', '.join(found)}")
     return channels, notes

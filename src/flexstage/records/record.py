@@ -26,11 +26,14 @@ class Channel:
         Its samples, shape (n,): SI where `unit` is an SI unit, else as in the file.
     unit : str
         Unit of `values`: ``V``, ``m``, ``N``...; empty where nobody has said.
+    texts : tuple of str
+        The texts that `values` number, from 0, of a column that labels rows.
     """
 
     name: str
     values: Array
     unit: str = ""
+    texts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

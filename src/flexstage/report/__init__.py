@@ -12,6 +12,7 @@ from flexstage.report.measurement import (
 )
 from flexstage.report.measurement_html import measurement_section, measurement_text
 from flexstage.report.models import MODELS, ModelRun, Wanted, analyse_model, run_model
+from flexstage.report.positioning_tables import PositioningTables, positioning_tables
 from flexstage.report.quantities import Display, display, number
 from flexstage.report.results import (
     analysis_results,
@@ -31,6 +32,7 @@ __all__ = [
     "MeasuredRow",
     "Measurement",
     "ModelRun",
+    "PositioningTables",
     "Study",
     "Wanted",
     "analyse_model",
@@ -44,6 +46,7 @@ __all__ = [
     "measurement_section",
     "measurement_text",
     "number",
+    "positioning_tables",
     "report_html",
     "require_writable",
     "results_json",

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.experiment.significance import Difference, difference
+from flexstage.report.positioning_tables import positioning_data
 from flexstage.report.quantities import display
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign import Characterisation, Figure
+    from flexstage.experiment.campaign import Characterisation, Figure, TestResult
     from flexstage.stage import Stage
 
 __all__ = [
@@ -200,7 +201,7 @@ def measurement_results(result: Measurement) -> dict[str, Any]:
     -------
     dict
         stage, origin, characteristics (with interval, degrees of freedom, budget and differences),
-        tests, sources, notes. SI units.
+        tests (of positioning with every figure and target), sources, notes. SI units.
     """
     return {
         "stage": result.stage.name if result.stage is not None else "",
@@ -214,12 +215,18 @@ def measurement_results(result: Measurement) -> dict[str, Any]:
                 "records": list(r.test.records),
                 "figures": [f.quantity for f in r.figures],
                 "notes": list(r.notes),
+                **_details(r),
             }
             for r in result.found.results
         ],
         "sources": dict(result.found.sources),
         "notes": list(result.notes),
     }
+
+
+def _details(result: "TestResult") -> dict[str, Any]:
+    found = result.details.get("positioning")
+    return {} if found is None else {"positioning": positioning_data(found)}
 
 
 def _row(row: MeasuredRow) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from flexstage.report.figures import (
     draw_hold,
     draw_modal_fit,
     draw_motion_error,
+    draw_positioning,
     draw_stabilisation,
     draw_staircase,
     draw_workspace,
@@ -19,6 +20,7 @@ from flexstage.report.figures import (
 )
 from flexstage.report.figures.style import css_variables
 from flexstage.report.measurement import MeasuredRow, Measurement
+from flexstage.report.positioning_tables import positioning_tables
 from flexstage.report.quantities import display, number
 from flexstage.report.tables import column_title
 
@@ -97,6 +99,7 @@ def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[s
     yield "figures", ("Figures", _table(result))
     named = (
         ("motion", "Motion over the stroke", _motion),
+        ("positioning", "Positioning", _positioning),
         ("workspace", "Workspace", _workspace),
         ("response", "Frequency responses and modes", _response),
         ("standing", "Steps and noise", _standing),
@@ -236,6 +239,35 @@ def _motion(result: TestResult, key: str) -> str:
         )
         plots.append(inline_svg(figure, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}"))
     return f'<div class="plots two">{"".join(plots)}</div>'
+
+
+def _positioning(result: TestResult, key: str) -> str:
+    found = result.details.get("positioning")
+    if found is None:
+        return ""
+    tables = positioning_tables(found)
+    name = escape(result.test.name)
+    svg = inline_svg(draw_positioning(found, title=f"{result.test.axis}: ISO 230-2"), key, name)
+    return (
+        f"<p>Test {name}: {found.runs} runs upward and downward; values in {tables.unit}.</p>"
+        f'<div class="plots">{svg}</div>{_cells_of(tables.axis_heads, tables.axis, 2)}'
+        f"{_cells_of(tables.target_heads, tables.targets, 0)}"
+    )
+
+
+def _cells_of(heads: tuple[str, ...], rows: tuple[tuple[str, ...], ...], words: int) -> str:
+    """Write a table whose first columns are words."""
+    kind = ['<{} class="text">' if i < words else "<{}>" for i in range(len(heads))]
+    top = "".join(k.format("th") + f"{escape(h)}</th>" for k, h in zip(kind, heads, strict=True))
+    body = "".join(
+        f"<tr>{''.join(k.format('td') + escape(c) + '</td>' for k, c in zip(kind, r, strict=True))}"
+        "</tr>"
+        for r in rows
+    )
+    return (
+        f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+        "</div>"
+    )
 
 
 def _workspace(result: TestResult, key: str) -> str:

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import QUANTITIES
 
-__all__ = ["Display", "beside", "display", "number"]
+__all__ = ["Display", "beside", "display", "number", "prefixed"]
+
+_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,9 +81,17 @@ _SHOWN: dict[str, Display] = {
     "linearity": Display(label="Linearity along the stroke", unit="µm", factor=1e6),
     "pitch": Display(label="Pitch", unit="µrad", factor=1e6),
     "roll": Display(label="Roll", unit="µrad", factor=1e6),
-    "positioning_accuracy": Display(label="Accuracy of positioning", unit="µm", factor=1e6),
+    "positioning_accuracy": Display(label="Accuracy of positioning A", unit="µm", factor=1e6),
+    "positioning_repeatability": Display(
+        label="Repeatability of positioning R", unit="µm", factor=1e6
+    ),
+    "positioning_systematic_deviation": Display(
+        label="Systematic deviation E", unit="µm", factor=1e6
+    ),
+    "positioning_mean_deviation": Display(label="Mean deviation M", unit="µm", factor=1e6),
     "repeatability": Display(label="Repeatability (standard deviation)", unit="nm", factor=1e9),
-    "reversal": Display(label="Reversal", unit="nm", factor=1e9),
+    "reversal": Display(label="Reversal B", unit="µm", factor=1e6),
+    "mean_reversal": Display(label="Mean reversal", unit="µm", factor=1e6),
     "squareness": Display(label="Squareness", unit="µrad", factor=1e6),
     "workspace_area": Display(label="Area of the workspace", unit="µm²", factor=1e12),
     "damping_ratio": Display(label="Damping ratio", unit="%", factor=100.0),
@@ -140,6 +150,32 @@ def number(value: float, digits: int = 4) -> str:
     if not -3 <= exponent < 6:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def prefixed(largest: float) -> tuple[float, str]:
+    """Return the prefix of a unit in which values are neither long nor tiny.
+
+    Parameters
+    ----------
+    largest : float
+        The largest magnitude, in the unit without prefix.
+
+    Returns
+    -------
+    factor : float
+        What values are multiplied by.
+    prefix : str
+        The prefix, from none to pico.
+
+    Examples
+    --------
+    >>> prefixed(63e-6)
+    (1000000.0, 'µ')
+    """
+    for factor, prefix in _PREFIXES:
+        if factor * largest >= 0.5:
+            return factor, prefix
+    return _PREFIXES[-1] if largest > 0.0 else (1.0, "")
 
 
 def beside(value: float, uncertainty: float) -> tuple[str, str]:

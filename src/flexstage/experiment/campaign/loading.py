@@ -18,7 +18,7 @@ from flexstage.records import (
     saturation,
 )
 
-__all__ = ["column", "columns_of", "load_records", "optional_column", "sphere_columns"]
+__all__ = ["column", "columns_of", "load_records", "optional_column", "runs_of", "sphere_columns"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _TIMES = ("time",)
 _OVER: dict[str, tuple[str, ...]] = {"response": ("time", "frequency")}
 #: Units that a role may have; a role that is not named here may have any.
 _UNITS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("along", "across", "vertical", "x", "y"), ("m",)),
+    **dict.fromkeys(("along", "across", "vertical", "x", "y", "upward", "downward"), ("m",)),
     **dict.fromkeys(("roll", "pitch", "yaw"), ("rad",)),
     "command": ("V", "m", "1", "rad", "count"),
 }
@@ -81,6 +81,7 @@ def load_records(test: Test, folder: Path) -> list[Record]:
             delimiter=delimiter,
             decimal=how.decimal,
             over="point" if test.kind in _POINTS else "time",
+            labels=test.columns.direction,
         )
         for name in test.records
     ]
@@ -114,7 +115,8 @@ def columns_of(test: Test) -> list[str]:
     list of str
         The columns.
     """
-    listed = [*test.columns.named().values(), *test.columns.output]
+    roles = test.columns
+    listed = [*roles.named().values(), *roles.output, *roles.upward, *roles.downward]
     if test.kind == "spheres":
         listed += [name for sphere in test.columns.spheres for name in sphere_columns(sphere)]
     return list(dict.fromkeys(listed))
@@ -181,6 +183,47 @@ def column(test: Test, record: Record, role: str) -> Array:
         raise RecordError(
             f"test '{test.name}' of kind {test.kind} needs the column of '{role}': name it"
         )
+    channel = _in_unit(test, record, role, named)
+    require_live(record, [channel.name])
+    if role in _SENSORS and test.kind not in _POINTS:
+        _require_whole(test, record, channel)
+    return channel.values
+
+
+def runs_of(test: Test, record: Record, role: str) -> Array:
+    """Return the values of the columns that have a role together, in SI units.
+
+    Parameters
+    ----------
+    test : Test
+        The test.
+    record : Record
+        Its record.
+    role : str
+        A field of `Columns` that names several.
+
+    Returns
+    -------
+    numpy.ndarray
+        The values, shape (n, columns).
+
+    Raises
+    ------
+    RecordError
+        No column is named for the role, the record has none of that name, or its unit is not said
+        or not one that the role can have.
+    """
+    named = getattr(test.columns, role)
+    if not named:
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind} needs the columns of '{role}', one for each "
+            "run: name them"
+        )
+    return np.stack([_in_unit(test, record, role, name).values for name in named], axis=1)
+
+
+def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
+    """Return a column whose unit is one that its role can have."""
     channel = record.channel(named)
     allowed = _UNITS.get(role)
     if allowed is not None and channel.unit not in allowed:
@@ -192,10 +235,7 @@ def column(test: Test, record: Record, role: str) -> Array:
             f"give it, such as {role}={'mrad' if allowed == ('rad',) else 'um'}, or choose another "
             "column"
         )
-    require_live(record, [channel.name])
-    if role in _SENSORS and test.kind not in _POINTS:
-        _require_whole(test, record, channel)
-    return channel.values
+    return channel
 
 
 def _require_whole(test: Test, record: Record, channel: Channel) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from flexstage.errors import ModelError
+from flexstage.experiment.motion import CYCLES
 from flexstage.experiment.uncertainty import SensorSetup
 from flexstage.units import DIMENSIONS
 
@@ -48,6 +49,10 @@ class Columns:
         Readings at the corners.
     spheres : tuple of str
         Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``.
+    direction : str, optional
+        The side that a target was reached from: a word, an arrow, or a number by its sign.
+    upward, downward : tuple of str
+        Of a table with a row for each target: readings of each run, from below and from above.
     """
 
     command: str | None = None
@@ -63,6 +68,9 @@ class Columns:
     x: str | None = None
     y: str | None = None
     spheres: tuple[str, ...] = ()
+    direction: str | None = None
+    upward: tuple[str, ...] = ()
+    downward: tuple[str, ...] = ()
 
     def named(self) -> dict[str, str]:
         """Return the single columns that are given, by what they are."""
@@ -196,11 +204,16 @@ class Test:
     commands : tuple of float
         Of spheres: what the drive was told at each station, where no column says it, as in the
         report of a measuring machine [m].
+    cycle : str
+        Of positioning: one of `flexstage.experiment.motion.CYCLES`.
+    deviations : bool
+        Of positioning: whether the readings are deviations from the targets, and not positions.
 
     Raises
     ------
     ModelError
-        The kind or the excitation is not known, there is no record, or a number is impossible.
+        The kind, the excitation or the cycle is not known, there is no record, or a number is
+        impossible.
     """
 
     __test__ = False  # a name that the collector of tests would take for its own
@@ -222,6 +235,8 @@ class Test:
     smallest_steps: bool = False
     smallest_step: Annotated[float, DIMENSIONS["length"]] | None = None
     commands: tuple[Annotated[float, DIMENSIONS["length"]], ...] = ()
+    cycle: str = "auto"
+    deviations: bool = False
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -237,6 +252,11 @@ class Test:
             raise ModelError(
                 f"test '{self.name}' has the unknown excitation '{self.excitation}': choose from "
                 f"{', '.join(EXCITATIONS)}"
+            )
+        if self.cycle not in CYCLES:
+            raise ModelError(
+                f"test '{self.name}' has the unknown cycle '{self.cycle}': choose from "
+                f"{', '.join(CYCLES)}"
             )
         self._check_numbers()
 

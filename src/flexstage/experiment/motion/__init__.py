@@ -3,10 +3,12 @@
 `motion_cycles` cuts a record into cycles; `fit_motion_curve` makes of them a `MotionCurve`, a
 reading over the stroke, forward and backward, drift and offsets apart. From curves come `stroke`,
 `linearity`, `cross_coupling`, `squareness`, and the ranges of errors and rotations; from points
-straightness and the motion of a rigid body; from repeated targets `positioning`, and from corners,
-a grid or a path around it the `workspace`.
+straightness and the motion of a rigid body; from repeated targets, as `visits` or
+`staircase_dwells` sort them, `positioning`, and from corners, a grid or a path around it the
+`workspace`.
 """
 
+from flexstage.experiment.motion.approaches import CYCLES, Approaches, Visits, visits
 from flexstage.experiment.motion.coupling import Coupling, cross_coupling, squareness
 from flexstage.experiment.motion.curve_basis import CurveBasis
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
@@ -44,7 +46,9 @@ from flexstage.experiment.motion.workspace import (
 )
 
 __all__ = [
+    "CYCLES",
     "PARAMETERS",
+    "Approaches",
     "Coupling",
     "CurveBasis",
     "Dwells",
@@ -58,6 +62,7 @@ __all__ = [
     "Straightness",
     "StraightnessCylinder",
     "Stroke",
+    "Visits",
     "Workspace",
     "cross_coupling",
     "end_point_straightness",
@@ -77,6 +82,7 @@ __all__ = [
     "staircase_dwells",
     "stroke",
     "travel_frame",
+    "visits",
     "workspace",
     "workspace_from_grid",
     "workspace_from_path",

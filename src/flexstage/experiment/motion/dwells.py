@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import RecordError
+from flexstage.experiment.motion.approaches import Approaches, Visits, group_levels
 from flexstage.records import difference_noise
 
 __all__ = ["Dwells", "staircase_dwells"]
@@ -23,26 +24,24 @@ _SAME_LEVEL = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Dwells:
+class Dwells(Visits):
     """Rests of a staircase, in the order of time.
 
     Parameters
     ----------
-    start, stop : numpy.ndarray
-        First sample of each rest and the sample after its last, shape (d,).
     target : numpy.ndarray
         Number of the level of each, counted from the lowest, shape (d,).
     direction : numpy.ndarray
-        1 where it was reached from below, -1 from above, 0 for the first, shape (d,).
+        1 where it was reached from below, -1 from above, 0 for the first where nothing before it
+        says so, shape (d,).
     levels : numpy.ndarray
         The command at the levels, rising, shape (m,).
+    start, stop : numpy.ndarray
+        First sample of each rest and the sample after its last, shape (d,).
     """
 
     start: NDArray[np.intp]
     stop: NDArray[np.intp]
-    target: NDArray[np.intp]
-    direction: NDArray[np.intp]
-    levels: Array
 
     def settled(self, size: int, settling: float = 0.3) -> NDArray[np.bool_]:
         """Say which samples are in a rest, past its beginning.
@@ -83,9 +82,7 @@ class Dwells:
         pairs = zip(self._begin(settling), self.stop, strict=True)
         return np.array([y[a:b].mean() for a, b in pairs])
 
-    def approaches(
-        self, values: ArrayLike, settling: float = 0.3
-    ) -> tuple[Array, Array, NDArray[np.intp]]:
+    def approaches(self, values: ArrayLike, settling: float = 0.3) -> Approaches:
         """Sort the means over the rests by target and by the side that it was reached from.
 
         Parameters
@@ -97,32 +94,15 @@ class Dwells:
 
         Returns
         -------
-        upward, downward : numpy.ndarray
-            Means of the targets that were reached from both sides, shape (m, r): r runs, the number
-            that every such target has.
-        targets : numpy.ndarray
-            Numbers of these targets among the levels, shape (m,).
+        Approaches
+            Means of the targets that were reached from both sides.
 
         Raises
         ------
         RecordError
-            No target was reached from both sides.
+            Fewer than two targets were reached from both sides.
         """
-        y = self.means(values, settling)
-        ups = [y[(self.target == i) & (self.direction > 0)] for i in range(self.levels.size)]
-        downs = [y[(self.target == i) & (self.direction < 0)] for i in range(self.levels.size)]
-        both = [i for i in range(self.levels.size) if ups[i].size and downs[i].size]
-        if not both:
-            raise RecordError(
-                "no level of the staircase was reached both from below and from above: record "
-                "steps up and steps down over the same levels"
-            )
-        runs = min(min(ups[i].size, downs[i].size) for i in both)
-        return (
-            np.array([ups[i][:runs] for i in both]),
-            np.array([downs[i][:runs] for i in both]),
-            np.array(both, dtype=np.intp),
-        )
+        return self.sort(self.means(values, settling))
 
     def _begin(self, settling: float) -> NDArray[np.intp]:
         if not 0.0 <= settling < 1.0:
@@ -132,7 +112,9 @@ class Dwells:
         return self.start + np.floor(settling * (self.stop - self.start)).astype(np.intp)
 
 
-def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells | None:
+def staircase_dwells(
+    command: ArrayLike, *, fewest_samples: int = 3, side: ArrayLike | None = None
+) -> Dwells | None:
     """Find the rests of a staircase.
 
     Parameters
@@ -141,6 +123,9 @@ def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells |
         The command, shape (n,); a measured one may be noisy.
     fewest_samples : int
         How many samples a rest must have.
+    side : array_like, optional
+        Positive where a sample belongs to an approach from below, negative from above, shape (n,);
+        found from the command where not given.
 
     Returns
     -------
@@ -150,7 +135,9 @@ def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells |
 
     Validity
     --------
-    Steps of 8 times the noise of the command and more; smaller ones are not seen.
+    Steps of 8 times the noise of the command and more; smaller ones are not seen. That a stage
+    turned round beyond a level and came back is seen where the command is beyond it for two samples
+    or more, or where `side` says it.
 
     Raises
     ------
@@ -171,7 +158,10 @@ def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells |
         )
     extent = float(np.ptp(x))
     step = max(_STEP_OVER_NOISE * difference_noise(x, 2), _STEP_SHARE * extent)
-    edges = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(x)) > step) + 1, [x.size]))
+    parted = np.abs(np.diff(x)) > step
+    if side is not None:
+        parted |= np.diff(np.sign(np.asarray(side, dtype=np.float64))) != 0.0
+    edges = np.concatenate(([0], np.flatnonzero(parted) + 1, [x.size]))
     rests = [
         (a, b)
         for a, b in itertools.pairwise(edges)
@@ -180,23 +170,33 @@ def staircase_dwells(command: ArrayLike, *, fewest_samples: int = 3) -> Dwells |
     if len(rests) < 2 or sum(b - a for a, b in rests) < 0.5 * x.size:
         return None
     means = np.array([x[a:b].mean() for a, b in rests])
-    levels, target = _levels(means, max(step, _SAME_LEVEL * extent))
+    levels, target = group_levels(means, max(step, _SAME_LEVEL * extent))
     if levels.size < 2:
         return None
-    direction = np.concatenate(([0], np.sign(np.diff(target)))).astype(np.intp)
-    # a rest that goes on at the same level was reached from where the one before was
-    for i in range(1, direction.size):
-        direction[i] = direction[i] or direction[i - 1]
     bounds = np.array(rests, dtype=np.intp)
+    if side is None:
+        direction = _directions(x, bounds, target, means)
+    else:
+        direction = np.sign(np.asarray(side, dtype=np.float64)[bounds[:, 0]]).astype(np.intp)
     return Dwells(
         start=bounds[:, 0], stop=bounds[:, 1], target=target, direction=direction, levels=levels
     )
 
 
-def _levels(means: Array, tolerance: float) -> tuple[Array, NDArray[np.intp]]:
-    order = np.argsort(means, kind="stable")
-    group = np.concatenate(([0], np.cumsum(np.diff(means[order]) > tolerance)))
-    target = np.empty(means.size, dtype=np.intp)
-    target[order] = group
-    levels = np.array([means[target == i].mean() for i in range(int(group[-1]) + 1)])
-    return levels, target
+def _directions(
+    x: Array, bounds: NDArray[np.intp], target: NDArray[np.intp], means: Array
+) -> NDArray[np.intp]:
+    """From which side rests were reached."""
+    steps = np.sign(np.diff(target)).astype(np.intp)
+    direction = np.concatenate(([0], steps))
+    starts, before = bounds[:, 0], np.concatenate(([0], bounds[:-1, 1]))
+    for i in np.flatnonzero(direction == 0):
+        # a rest that goes on at the same level was reached from where the one before was, unless
+        # the command went beyond in between, and turns back; a single sample may be a spike
+        direction[i] = direction[i - 1] if i else 0
+        between = np.sign(x[before[i] : starts[i]] - means[i])
+        following = steps[i:][steps[i:] != 0]
+        beyond = int(between[0]) if between.size > 1 and np.ptp(between) == 0.0 else 0
+        if beyond and direction[i] != -beyond and following[:1].tolist() in ([], [-beyond]):
+            direction[i] = -beyond
+    return direction

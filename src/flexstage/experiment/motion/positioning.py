@@ -78,6 +78,13 @@ class Positioning:
         return self.mean_upward - self.mean_downward
 
     @property
+    def repeatability_at_targets(self) -> Array:
+        """Bidirectional repeatability R_i of each target [m], shape (m,)."""
+        up, down = self.spread_upward, self.spread_downward
+        both = 2.0 * (up + down) + np.abs(self.reversal_at_targets)
+        return np.maximum(both, 4.0 * np.maximum(up, down))
+
+    @property
     def mean_bidirectional(self) -> Array:
         """Mean bidirectional positional deviations [m], shape (m,)."""
         return 0.5 * (self.mean_upward + self.mean_downward)
@@ -165,7 +172,7 @@ def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tu
     if x.size < 2 or min(runs) < 2:
         raise RecordError(
             f"positioning needs two targets and two runs at least, got {x.size} targets and "
-            f"{min(runs)} runs: record more of the staircase"
+            f"{min(runs)} runs: record more of them"
         )
     if not all(np.isfinite(v).all() for v in (x, *both)):
         raise RecordError("targets and positions must be finite: leave out the targets that failed")

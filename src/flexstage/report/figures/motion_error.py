@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flexstage.experiment.motion import MotionCurve, Workspace
 from flexstage.experiment.motion.curve_extremes import Line, line_weights
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
-from flexstage.report.quantities import number
+from flexstage.report.quantities import number, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 __all__ = ["draw_motion_error", "draw_workspace"]
 
 Array = NDArray[np.float64]
-
-_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
 def draw_motion_error(
@@ -64,8 +62,8 @@ def draw_motion_error(
         values = np.array([e.value for e in found])
         drawn.append((name, values, np.array([e.expanded for e in found])))
     reach = max(float(np.abs(v).max() + u.max()) for _, v, u in drawn)
-    factor, prefix = _prefix(reach)
-    across, unit = _prefix(float(np.abs(x).max())) if curve.position_unit == "m" else (1.0, "")
+    factor, prefix = prefixed(reach)
+    across, unit = prefixed(float(np.abs(x).max())) if curve.position_unit == "m" else (1.0, "")
     for colour, style, (name, values, band) in zip(CYCLE, ("-", (0, (5, 2))), drawn, strict=False):
         axes.fill_between(
             across * x, factor * (values - band), factor * (values + band), color=colour,
@@ -164,10 +162,3 @@ def _label(
 def _short(value: float) -> str:
     """Write an uncertainty with two digits."""
     return f"{float(f'{value:.2g}'):g}"
-
-
-def _prefix(largest: float) -> tuple[float, str]:
-    for factor, prefix in _PREFIXES:
-        if factor * largest >= 0.5:
-            return factor, prefix
-    return _PREFIXES[-1] if largest > 0.0 else (1.0, "")

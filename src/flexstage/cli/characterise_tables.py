@@ -1,0 +1,82 @@
+"""What `flexstage characterise` prints for people."""
+
+from typing import TYPE_CHECKING, Any
+
+from flexstage.cli.common import make_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from flexstage.experiment.campaign import TestResult
+    from flexstage.report import Measurement
+
+__all__ = ["print_measurement"]
+
+
+def print_measurement(screen: "Console", result: "Measurement", saved: list[str]) -> None:
+    """Print figures, tests of positioning, notes, and the files that were written.
+
+    Parameters
+    ----------
+    screen : rich.console.Console
+        Where to.
+    result : Measurement
+        What was found.
+    saved : list of str
+        The files.
+    """
+    from flexstage.report import display
+    from flexstage.report.tables import column_title
+
+    columns = list(result.references)
+    titles = [f"published\n{column_title(c)}" if c.startswith("published") else c for c in columns]
+    table = make_table(result.title, "quantity", "<axis", "value", "± (95 %)", "<unit", *titles)
+    for row in result.rows:
+        shown = display(row.figure.quantity)
+        estimate = row.figure.estimate
+        cells = [
+            shown.text(estimate.value),
+            f"{estimate.expanded * shown.factor:.2g}",
+            shown.unit,
+        ]
+        for name in columns:
+            found = row.differences.get(name)
+            cells.append("" if found is None else _difference(found))
+        table.add_row(shown.label, row.figure.axis, *cells)
+    screen.print(table)
+    if columns:
+        screen.print(
+            "Differences of what was measured to each model and publication; * significant at 95 %."
+        )
+    for measured in result.found.results:
+        if "positioning" in measured.details:
+            _print_positioning(screen, measured)
+    for note in result.notes:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in saved:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _print_positioning(screen: "Console", result: "TestResult") -> None:
+    from flexstage.report import positioning_tables
+
+    tables = positioning_tables(result.details["positioning"])
+    first, second, *others = tables.axis_heads
+    title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
+    for heads, rows in (
+        ((first, f"<{second}", *others), tables.axis),
+        (tables.target_heads, tables.targets),
+    ):
+        table = make_table(title, *heads)
+        for row in rows:
+            table.add_row(*row)
+        screen.print(table)
+        title = ""
+
+
+def _difference(found: Any) -> str:
+    mark = "*" if found.significant else ""
+    # against something near nothing a percentage says nothing
+    if found.percent is None or abs(found.percent) > 1e4:
+        return f"–{mark}"
+    return f"{found.percent:+.2f} %{mark}".replace("-", "−")
