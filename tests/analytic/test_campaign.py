@@ -401,6 +401,30 @@ def test_positioning() -> None:
         run(test, record(over="point", wanted=(command[:6], "m"), along=(along[:6], "m")))
 
 
+def test_the_gain_of_a_sensor_counts_over_the_travel_of_a_positioning_test() -> None:
+    command, along = approached(seed=10)
+    test = Test(
+        name="p", kind="positioning", axis="x", records=("a",), along="gauge",
+        columns=Columns(command="wanted", along="along"),
+    )  # fmt: skip
+    found = run(
+        test, record(over="point", wanted=(command, "m"), along=(along, "m")), instruments=SENSORS
+    )
+
+    def gain(quantity: str) -> tuple[float, float]:
+        estimate = found.figure(quantity, "x").estimate
+        return estimate.value, {c.name: c.uncertainty for c in estimate.components}["calibration"]
+
+    travel = float(np.ptp(command))
+    for quantity in ("positioning_accuracy", "positioning_systematic_deviation"):
+        value, part = gain(quantity)
+        assert part == pytest.approx(7e-4 * travel, rel=1e-3)
+        assert value < 0.1 * travel
+    # what is compared at one target has the gain over itself alone
+    value, part = gain("reversal")
+    assert part == pytest.approx(7e-4 * value, rel=1e-3)
+
+
 def test_positioning_by_dwells() -> None:
     command, along = approached()
     # no sample says that the stage left the ends in between: they are reached from one side

@@ -21,7 +21,6 @@ from flexstage.experiment.motion import (
     visits,
 )
 from flexstage.experiment.uncertainty import SensorSetup, measured
-from flexstage.experiment.uncertainty.sensor import Role
 from flexstage.records import Record
 
 __all__ = ["evaluate_positioning"]
@@ -244,12 +243,21 @@ def _set_alike(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tu
 
 
 def _measured(found: Positioning, sensor: SensorSetup) -> Positioning:
-    """Return the figures with what the sensor adds to their uncertainty."""
+    """Return the figures with what the sensor adds to their uncertainty.
+
+    A figure of deviations along the travel has the error of the length over all of it: a gain that
+    is off by c turns the line of deviations by c, however small they are.
+    """
+    travel = Estimate(value=float(np.ptp(found.target)), unit="m")
+    over_travel = measured(travel, sensor, role="length").components
     whole = {}
     for field in fields(found):
         estimate = getattr(found, field.name)
         if isinstance(estimate, Estimate):
             near = field.name.startswith(("repeat", "reversal", "mean_reversal"))
-            role: Role = "transverse range" if near else "length"
-            whole[field.name] = measured(estimate, sensor, role=role)
+            whole[field.name] = (
+                measured(estimate, sensor, role="transverse range")
+                if near
+                else estimate.plus(*over_travel)
+            )
     return replace(found, **whole)
