@@ -4,6 +4,9 @@ import csv
 import io
 import math
 import re
+import shutil
+import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -163,9 +166,20 @@ def test_excel_shows_figures_as_people_read_them(files: dict[str, bytes]) -> Non
     assert texts[-2:] == ["a", "b_1"]
 
 
+def test_titles_of_the_workbook_are_read_whole(files: dict[str, bytes]) -> None:
+    """The row is as high as the longest title needs: no program but Excel does that by itself."""
+    sheet = openpyxl.load_workbook(io.BytesIO(files["my-stage-tables.xlsx"]))["Figures"]
+    titles = [str(c.value) for c in sheet[3][4:] if c.value]
+    width = sheet.column_dimensions["E"].width
+    lines = max(-(-len(t) // width) for t in titles)
+    assert lines > 1
+    assert sheet.row_dimensions[3].height >= 15.0 * lines
+
+
 def cells_of(tex: str) -> list[list[str]]:
     """Cells of each row of the table."""
-    body = tex.split(r"\begin{tabular}", 1)[1].split(r"\end{tabular}", maxsplit=1)[0]
+    # the head that later pages repeat stands first in the file
+    body = tex.split(r"\endfirsthead", 1)[1].split(r"\end{longtable}", maxsplit=1)[0]
     rows = [line.strip() for line in body.split("\n") if line.strip().endswith(r"\\")]
     return [re.split(r"(?<!\\) ?& ?", line.removesuffix(r"\\")) for line in rows]
 
@@ -179,24 +193,43 @@ def test_latex_is_a_table_of_equal_rows_and_known_words(files: dict[str, bytes])
     assert len(re.findall(r"(?<!\\)\$", plain)) % 2 == 0
     words = set(re.findall(r"\\([A-Za-z]+)", plain))
     assert words <= {
-        "addlinespace", "approx", "begin", "bottomrule", "caption", "centering", "cmidrule", "end",
-        "infty", "label", "midrule", "mu", "multicolumn", "pm", "times", "toprule",
+        "addlinespace", "approx", "arraybackslash", "begin", "bottomrule", "caption", "cmidrule",
+        "dimexpr", "end", "endfirsthead", "endhead", "endlastfoot", "footnotesize", "infty",
+        "label", "linewidth", "midrule", "mu", "multicolumn", "pm", "raggedleft", "raggedright",
+        "relax", "setlength", "tabcolsep", "times", "toprule",
         "textasciicircum", "textasciitilde", "textbackslash", "textquotedbl", "textsuperscript",
     }  # fmt: skip
-    assert re.findall(r"\\begin\{(\w+)\}", plain) == ["table", "tabular"]
-    assert re.findall(r"\\end\{(\w+)\}", plain) == ["tabular", "table"]
-    (columns,) = re.findall(r"\\begin\{tabular\}\{([lr]+)\}", plain)
+    assert re.findall(r"\\(?:begin|end)\{(\w+)\}", plain) == ["longtable", "longtable"]
+    columns = 2 + int(re.findall(r"l\*\{(\d)\}", plain)[0])
     above, head, *rows = cells_of(plain)
     assert above[2].strip() == r"\multicolumn{1}{c}{published}"
-    assert len(columns) == len(head) == 2 + 4
-    assert all(len(cells) == len(columns) for cells in rows)
-    assert len(above) == len(columns)  # one published column is spanned
+    assert columns == len(head) == 2 + 4
+    assert all(len(cells) == columns for cells in rows)
+    assert len(above) == columns  # one published column is spanned
     table = {(c[0].strip() or "", c[1].strip()): [w.strip() for w in c[2:]] for c in rows}
     moved = table[r"Output displacement [$\mu$m]", "x"]
     assert moved == ["64.6", "66.67", "--", r"63.123 $\pm$ 0.067"]
     assert table["Safety factor", "x"][1] == r"$\infty$"
     assert table["Cross coupling", "x"][1] == r"$-2.800 \times 10^{-15}$"
     assert r"Characteristics of A stage \& more." in plain
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed here")
+@pytest.mark.parametrize("paper", ["{article}", "[twoside,a4paper]{report}"])
+def test_latex_fits_its_page(files: dict[str, bytes], tmp_path: Path, paper: str) -> None:
+    """LaTeX finds no line that is too long, and no table too high, between other text."""
+    (tmp_path / "table.tex").write_bytes(files["my-stage-table.tex"])
+    (tmp_path / "paper.tex").write_text(
+        rf"\documentclass{paper}\usepackage{{array,booktabs,longtable}}"
+        r"\begin{document}Before.\input{table}After.\end{document}"
+    )
+    for _ in range(2):  # widths are known in the second run
+        done = subprocess.run(
+            ["pdflatex", "-interaction=nonstopmode", "paper.tex"], cwd=tmp_path,
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert not re.search(r"Overfull|too large|^!", done.stdout, re.MULTILINE), done.stdout
 
 
 def test_text_for_latex_is_printed_as_it_is() -> None:

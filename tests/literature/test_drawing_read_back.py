@@ -180,6 +180,20 @@ def test_the_header_says_millimetres() -> None:
     assert pairs[pairs.index((9, "$ACADVER")) + 1] == (1, "AC1024")
 
 
+def test_the_file_opens_at_the_whole_of_the_part() -> None:
+    """Extents of the header against those of every entity, as another program reads them."""
+    import ezdxf
+    from ezdxf import bbox
+
+    document = ezdxf.read(io.StringIO(dxf("parallelogram", kerf=KERF).decode()))
+    box = bbox.extents(document.modelspace())
+    for name, corner in (("$EXTMIN", box.extmin), ("$EXTMAX", box.extmax)):
+        assert document.header[name][:2] == pytest.approx((corner.x, corner.y), abs=0.5)
+    (view,) = document.viewports.get("*Active")
+    assert tuple(view.dxf.center)[:2] == pytest.approx((box.center.x, box.center.y), abs=0.5)
+    assert box.size.y <= view.dxf.height <= 3.0 * max(box.size.x, box.size.y)
+
+
 def test_the_title_block_names_stage_material_thickness_and_cut() -> None:
     text = [v for c, v in tags(dxf("leaf-one-sided", kerf=KERF)) if c == 1]
     for words in (

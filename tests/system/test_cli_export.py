@@ -31,7 +31,7 @@ _HOLDS = {
     "uff": (".uff", b"    -1"),
     "csv": (".csv", b"quantity"),
     "excel": (".xlsx", b"PK"),
-    "latex": (".tex", b"\\begin{tab"),
+    "latex": (".tex", b"\\begin{longtab"),
 }
 
 

@@ -89,6 +89,7 @@ def dxf_files(
         for cut in made:
             _cut(space, cut, start_hole, 0.012 * size)
         _words(space, stage, plate, kerf, start_hole)
+        _view(document, space)
         content = _written(document)
     return {f"{file_name(stage.name)}.dxf": content}
 
@@ -106,6 +107,17 @@ def _document() -> Any:
         layer = document.layers.add(name, color=colour, lineweight=width)
         layer.description = description
     return document
+
+
+def _view(document: Any, space: Any) -> None:
+    """Say how far the drawing reaches, and open it as a whole."""
+    from ezdxf import bbox
+
+    box = bbox.extents(space, fast=True)
+    space.reset_extents(box.extmin, box.extmax)
+    # of a window as wide as most screens are
+    height = max(box.size.y, box.size.x * 9.0 / 16.0)
+    document.set_modelspace_vport(1.1 * height, center=(box.center.x, box.center.y))
 
 
 def _mm(p: Pair) -> Pair:

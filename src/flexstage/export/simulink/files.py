@@ -20,6 +20,7 @@ __all__ = ["model_name", "simulink_files"]
 
 # Longest name of a model: names of functions and variables are made of it.
 _LONGEST = 30
+_ENDING = "_model"
 _STEP = 1e-4
 # Samples of the hysteresis in such a step: it is held between them, which is a delay.
 _SAMPLES = 10
@@ -38,14 +39,15 @@ def model_name(text: str) -> str:
     Returns
     -------
     str
-        Letters, digits and underscores, beginning with a letter, 30 at most.
+        Letters, digits and underscores, beginning with a letter, 30 at most. It is no other name
+        than that of the script for MATLAB, which would hide the model or be hidden by it.
 
     Examples
     --------
     >>> model_name("vgtu-piezo")
-    'vgtu_piezo'
+    'vgtu_piezo_model'
     """
-    return identifier(text, longest=_LONGEST)
+    return identifier(text, longest=_LONGEST - len(_ENDING)) + _ENDING
 
 
 def simulink_files(

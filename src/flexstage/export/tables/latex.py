@@ -10,6 +10,9 @@ from flexstage.export.tables.side_by_side import SideBySide, SideBySideRow
 
 __all__ = ["escaped", "latex"]
 
+#: Shares of the width of the text: the names of the quantities beside a few columns of figures, and
+#: both together; the rest is for the axis.
+_NAMES, _FEW, _TOGETHER = 0.34, 4, 0.92
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -80,11 +83,12 @@ def latex(
     Returns
     -------
     bytes
-        UTF-8. It needs the package booktabs.
+        UTF-8. It needs the packages array, booktabs and longtable.
     """
     lines = [
         f"% {title}; written by flexstage {flexstage.__version__}",
-        r"% needs \usepackage{booktabs}; LaTeX of 2020 or later (else also textcomp)",
+        r"% needs \usepackage{array,booktabs,longtable}",
+        "% and LaTeX of 2020 or later (else also textcomp)",
         *(f"% {key}: {value}" for key, value in about.items()),
         *(f"% validity: {note}" for note in notes),
     ]
@@ -95,24 +99,40 @@ def latex(
     if known:
         caption += r" Figures after $\pm$ are standard uncertainties."
     label = re.sub(r"[^A-Za-z0-9-]", "-", name)
+    head = _head(table)
     lines += [
-        r"\begin{table}",
-        r"  \centering",
-        f"  \\caption{{{caption}}}",
-        f"  \\label{{tab:{label}}}",
-        f"  \\begin{{tabular}}{{ll{'r' * len(table.origins)}}}",
-        r"    \toprule",
-        *(f"    {line}" for line in _head(table)),
-        r"    \midrule",
+        # a table of its own length and width: it goes on over pages, and long titles are broken
+        r"{\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"\begin{{longtable}}{{{_columns(len(table.origins))}}}",
+        rf"  \caption{{{caption}}}\label{{tab:{label}}}\\",
+        r"  \toprule",
+        *(f"  {line}" for line in head),
+        r"  \midrule",
+        r"  \endfirsthead",
+        r"  \toprule",
+        *(f"  {line}" for line in head),
+        r"  \midrule",
+        r"  \endhead",
+        r"  \bottomrule",
+        r"  \endlastfoot",
     ]
     before = ""
     for row in table.rows:
         if before and row.quantity != before:
-            lines.append(r"    \addlinespace")
-        lines.append("    " + _row(row, row.quantity != before, table, display(row.quantity)))
+            lines.append(r"  \addlinespace")
+        lines.append("  " + _row(row, row.quantity != before, table, display(row.quantity)))
         before = row.quantity
-    lines += [r"    \bottomrule", r"  \end{tabular}", r"\end{table}", ""]
+    lines += [r"\end{longtable}}", ""]
     return "\n".join(lines).encode()
+
+
+def _columns(count: int) -> str:
+    """Columns that share the width of the text, whatever that is."""
+    first = _NAMES if count <= _FEW else _NAMES - 0.06
+    wide = (_TOGETHER - first) / max(count, 1)
+    names = rf">{{\raggedright\arraybackslash}}p{{{first:.3f}\linewidth}}"
+    figures = rf">{{\raggedleft\arraybackslash}}p{{\dimexpr {wide:.3f}\linewidth-6pt\relax}}"
+    return rf"@{{}}{names}l*{{{count}}}{{{figures}}}@{{}}"
 
 
 def _head(table: SideBySide) -> list[str]:

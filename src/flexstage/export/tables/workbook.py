@@ -3,6 +3,7 @@
 import datetime
 import io
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ __all__ = ["workbook"]
 
 _MADE = datetime.datetime(1980, 1, 1)  # the same table gives the same file
 _WIDEST = 60  # characters
+_COLUMN = 15  # characters of a column of figures
+_LINE = 15.0  # points, of a line of the usual letters
 _FULL = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "degrees of freedom", "note")
 
 
@@ -129,6 +132,8 @@ def _figures(
     head += [f"{table.title(a)} against {table.title(b)} [%]" for a, b in table.pairs]
     for column, name in enumerate(head):
         sheet.write_string(2, column, name, styles["head"])
+    # only Excel makes a row as high as its text by itself
+    sheet.set_row(2, _LINE * max(_lines(name) for name in head[4:] or head))
     for line, row in enumerate(table.rows, start=3):
         how = display(row.quantity)
         for column, text in enumerate((how.label, row.axis, how.unit, row.condition)):
@@ -153,10 +158,16 @@ def _figures(
     conditions = any(row.condition for row in table.rows)
     for column, width in enumerate((34, 8, 8, 40 if conditions else 11)):
         sheet.set_column(column, column, width)
-    sheet.set_column(4, len(head) - 1, 15)
+    sheet.set_column(4, len(head) - 1, _COLUMN)
     sheet.set_landscape()
     sheet.fit_to_pages(1, 0)
     sheet.repeat_rows(2)
+
+
+def _lines(title: str) -> int:
+    """Lines that a title is broken into, words being kept whole."""
+    # bold letters are wider than the digits that a width counts
+    return max(len(textwrap.wrap(title, _COLUMN - 3)), 1)
 
 
 def _difference(
