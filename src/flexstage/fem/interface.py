@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexstage.elasticity import METRE, Continuum
 from flexstage.elasticity.memory import require_memory
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
 
@@ -97,7 +98,7 @@ class Bodies(Continuum):
     def _mass(self) -> sp.csr_matrix:  # type: ignore[override]
         scalar = ng.H1(self.mesh, order=self.order)
         p, q = scalar.TnT()
-        with ng.TaskManager():
+        with parallel():
             form = ng.BilinearForm(scalar)
             form += self._density * self._volume * p * q * ng.dx
             form.Assemble()
@@ -265,7 +266,7 @@ def _stiffness_times(continuum: Continuum, u: Array) -> Array:
     given = ng.GridFunction(continuum.space)
     given.vec.FV().NumPy()[:] = u
     result = given.vec.CreateVector()
-    with ng.TaskManager():
+    with parallel():
         form.Apply(given.vec, result)
     return result.FV().NumPy().copy()
 
