@@ -127,6 +127,7 @@ class Continuum:
         # A gradient is by millimetres. What is left of a volume integral of two gradients:
         self._measure = copies * (thickness if thickness is not None else 1.0 / METRE)
         self._volume = self._measure / METRE**2
+        self._density: Any = self._volume * material.density
         self.free = np.array(self.space.FreeDofs(), dtype=bool)
         self._solver: ng.BaseMatrix | None = None
 
@@ -139,8 +140,7 @@ class Continuum:
         stress = 2.0 * self.shear_modulus * ng.InnerProduct(strain_u, strain_v)
         form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
         if self.shift:
-            weight = self.shift * self.material.density * self._volume
-            form += weight * ng.InnerProduct(u, v) * ng.dx
+            form += self.shift * self._density * ng.InnerProduct(u, v) * ng.dx
         return form
 
     def factorise(self) -> None:
@@ -190,7 +190,7 @@ class Continuum:
         p, q = scalar.TnT()
         with parallel():
             form = ng.BilinearForm(scalar)
-            form += self.material.density * self._volume * p * q * ng.dx
+            form += self._density * p * q * ng.dx
             form.Assemble()
         rows, columns, values = form.mat.COO()
         shape = (scalar.ndof, scalar.ndof)

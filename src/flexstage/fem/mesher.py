@@ -14,11 +14,20 @@ from netgen.meshing import MeshingParameters, MeshingStep
 from netgen.occ import OCCGeometry
 from numpy.typing import NDArray
 
-__all__ = ["MeshTask", "MesherError", "generate", "thickness_below", "unfold"]
+__all__ = [
+    "SMALLEST",
+    "MeshTask",
+    "MesherError",
+    "first_hits",
+    "generate",
+    "thickness_below",
+    "unfold",
+]
 
 Array = NDArray[np.float64]
+#: Smallest element that thinness asks for, in sizes of the part.
+SMALLEST = 2e-3
 _OPPOSED = -0.85  # a wall ends where the surface looks back within 32 degrees: no wedge is thin
-_SMALLEST = 2e-3  # smallest element that thinness asks for, in sizes of the part
 _PASSES, _THINNER = 5, 0.9  # searches at most; a search that finds no thinner place is the last
 _REPAIRS, _FINER = 7, 1.5  # meshes that are tried, each with more elements to a radius
 _FLATTENED = 0.02  # least over mean Jacobian determinant of an element that counts as folded
@@ -88,7 +97,7 @@ def generate(task: MeshTask) -> object | None:
         surface = _run(task, task.curvature, (at, sizes), MeshingStep.MESHSURFACE)
         more, wall = thickness_below(surface, task.largest / task.thin)
         at = np.concatenate([at, more])
-        sizes = np.concatenate([sizes, np.maximum(task.thin * wall, _SMALLEST * task.diagonal)])
+        sizes = np.concatenate([sizes, np.maximum(task.thin * wall, SMALLEST * task.diagonal)])
         now = float(wall.min(initial=np.inf))
         if not now < _THINNER * thinnest:
             break
