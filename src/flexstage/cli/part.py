@@ -1,6 +1,7 @@
 """`flexstage part`: solids that were drawn elsewhere: faces, mass, modes, stiffness, ratio."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from flexstage.fem.part import Part
     from flexstage.fem.part_analysis import PartAnalysis
-    from flexstage.fem.part_estimate import PartEstimate
     from flexstage.material import Material
 
 __all__ = ["part"]
@@ -60,6 +60,13 @@ def part(
     ] = "",
     move: Annotated[
         str, typer.Option(metavar="FACES", help="Faces whose stiffness against them is wanted.")
+    ] = "",
+    at: Annotated[
+        str,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Point about which their stiffness is meant, in millimetres; else their centroid.",
+        ),
     ] = "",
     ratio: Annotated[
         str,
@@ -107,7 +114,6 @@ def part(
     from flexstage.errors import StageError
     from flexstage.fem.part import read_step
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
-    from flexstage.fem.part_estimate import estimate_part, require_room
     from flexstage.fem.part_mesh import PartMesh
 
     require_image(figure)
@@ -118,34 +124,30 @@ def part(
     of = materials_of(read, material or [])
     held = named_faces(read, hold) if hold else ()
     moved = named_faces(read, move) if move else ()
+    about = _point(at) if at else None
     three = [named_faces(read, text) for text in ratio.split(":")] if ratio else []
     if ratio and len(three) != 3:
         raise StageError(
             f"--ratio is between three faces, END:END:OUTPUT, such as face7:face9:z-max, got "
             f"'{ratio}'"
         )
-    found, estimate = None, None
+    found = None
     if order:
         mesh = PartMesh(order=order, size=None if size is None else size * 1e-3, thin=thin)
         kinds = INTERFACES if interfaces == "both" else (interfaces,)
-        rigid = sum(map(bool, (modes, moved, three))) if "rigid" in kinds and held else 0
-        estimate = estimate_part(
-            read, mesh, factorisations=rigid + int("mean" in kinds or not held)
-        )
-        typer.echo(f"expected: {estimate.words()}", err=True)
-        if not force:
-            require_room(read, mesh, estimate)
         with progress_bar():
             found = analyse_part(
                 read,
                 of,
                 hold=held,
                 move=moved,
+                at=about,
                 ratio=(three[0], three[1], three[2]) if three else None,
                 interfaces=kinds,
                 mesh=mesh,
                 modes=modes,
                 force=force,
+                expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
             )
     if figure is not None:
         from flexstage.report.figures import draw_part, encode
@@ -153,7 +155,7 @@ def part(
         drawn = draw_part(read, held=held, moved=moved)
         write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
     if json:
-        print_json(_plain(read, of, found, estimate))
+        print_json(_plain(read, of, found))
         return
     screen = console()
     _faces(screen, read)
@@ -164,16 +166,27 @@ def part(
         screen.print(f"picture: {figure}", markup=False)
 
 
-def _faces(screen: "Console", read: "Part") -> None:
-    import math
+def _point(text: str) -> tuple[float, ...]:
+    try:
+        point = tuple(1e-3 * float(c) for c in text.split(","))
+    except ValueError:
+        point = ()
+    if len(point) != 3:
+        raise typer.BadParameter(f"--at is three millimetres X,Y,Z, such as 0,0,7.5, got '{text}'")
+    return point
 
+
+def _millimetres(read: "Part", point: Sequence[float]) -> str:
+    nothing = _NOTHING * math.dist(*read.bounding_box)
+    return ", ".join(f"{0.0 if abs(c) < nothing else 1e3 * c:.4g}" for c in point)
+
+
+def _faces(screen: "Console", read: "Part") -> None:
     several = len(read.bodies) > 1
     columns = ("face", "<kind", "area, mm²", "<centre, mm", *(("<of",) if several else ()))
     table = make_table(f"faces of {read.source}", *columns)
-    nothing = _NOTHING * math.dist(*read.bounding_box)
     for face in read.faces:
-        centre = ", ".join(f"{0.0 if abs(c) < nothing else 1e3 * c:.4g}" for c in face.centre)
-        row = [face.name, face.kind, f"{face.area * 1e6:.4g}", centre]
+        row = [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
         table.add_row(*row, *((" and ".join(face.bodies),) if several else ()))
     screen.print(table)
 
@@ -210,7 +223,7 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
             row = [number(float(r.frequency_hz[k])) for r in found.results.values()]
             table.add_row(str(k + 1), *row)
         screen.print(table)
-    at = ", ".join(f"{1e3 * c:.4g}" for c in found.at)
+    at = _millimetres(found.part, found.at)
     for kind, result in found.results.items():
         if result.stiffness is not None:
             table = make_table(
@@ -259,7 +272,6 @@ def _plain(
     read: "Part",
     of: Mapping[str, "Material"],
     found: "PartAnalysis | None",
-    estimate: "PartEstimate | None",
 ) -> dict[str, Any]:
     out: dict[str, Any] = {
         "source": read.source,
@@ -287,20 +299,22 @@ def _plain(
             for f in read.faces
         ],
     }
-    if found is None or estimate is None:
+    if found is None:
         return out
+    expected = found.expected
     return out | {
         "order": found.order,
         "elements": found.elements,
         "unknowns": found.unknowns,
         "expected": {
-            "elements": estimate.elements,
-            "unknowns": estimate.unknowns,
-            "memory": estimate.memory,
-            "seconds": estimate.seconds,
+            "elements": expected.elements,
+            "unknowns": expected.unknowns,
+            "memory": expected.memory,
+            "seconds": expected.seconds,
         },
         "held": list(found.held),
         "moved": list(found.moved),
+        "at": list(found.at),
         "interfaces": {
             kind: {
                 "natural_frequency_hz": r.frequency_hz.tolist(),

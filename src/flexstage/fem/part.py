@@ -1,10 +1,12 @@
 """Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
 
 import math
+import os
 import re
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -349,7 +351,6 @@ def _load(path: Path) -> TopoDS_Shape:
     if not path.is_file():
         raise StageError(f"there is no STEP file '{path}'")
     data = path.read_bytes()
-    # asked here because the geometry kernel writes its own complaints to the terminal
     if not data.lstrip().startswith(b"ISO-10303-21;"):
         raise StageError(
             f"'{path}' is not a STEP file: one starts with 'ISO-10303-21;', this with "
@@ -365,12 +366,31 @@ def _load(path: Path) -> TopoDS_Shape:
         copy = Path(folder) / "part.step"
         shutil.copyfile(path, copy)
         try:
-            return OCCGeometry(str(copy)).shape
+            with _silent():
+                return OCCGeometry(str(copy)).shape
         except (NgException, RuntimeError) as error:
             raise StageError(
                 f"the geometry kernel cannot read the STEP file '{path}' ({str(error).strip()}): "
                 "export it again as AP203 or AP214"
             ) from error
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep the words of the geometry kernel, which it writes past Python, off standard output."""
+    try:
+        kept = os.dup(1)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:

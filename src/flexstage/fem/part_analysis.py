@@ -1,7 +1,7 @@
 """What finite elements say of a part that was drawn elsewhere: mass, modes, stiffness, ratio."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import ngsolve as ng
@@ -18,6 +18,7 @@ from flexstage.fem.interface import (
     interface_stiffness,
 )
 from flexstage.fem.part import Part
+from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
 from flexstage.progress import share, tell
@@ -67,12 +68,14 @@ class PartAnalysis:
         Polynomial order of the displacement.
     elements, unknowns : int
         Elements and unknowns of the mesh.
+    expected : PartEstimate
+        What they were expected to be, and to cost.
     held : tuple of str
         Faces that are held; empty for a free part.
     moved : tuple of str
         Faces whose stiffness was asked for.
     at : tuple of float
-        Their common centroid, about which the stiffness is [m].
+        The point about which the stiffness is [m].
     results : Mapping
         The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
         one, ``free``.
@@ -83,6 +86,7 @@ class PartAnalysis:
     order: int
     elements: int
     unknowns: int
+    expected: PartEstimate
     held: tuple[str, ...]
     moved: tuple[str, ...]
     at: tuple[float, ...]
@@ -146,11 +150,13 @@ def analyse_part(
     *,
     hold: Sequence[str] = (),
     move: Sequence[str] = (),
+    at: Sequence[float] | None = None,
     ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None = None,
     interfaces: Sequence[str] = INTERFACES,
     mesh: PartMesh | None = None,
     modes: int = 6,
     force: bool = False,
+    expect: Callable[[PartEstimate], None] | None = None,
 ) -> PartAnalysis:
     """Analyse a part.
 
@@ -164,6 +170,8 @@ def analyse_part(
         Names of the faces that are held; none for a part that floats.
     move : sequence of str
         Names of the faces whose stiffness is wanted.
+    at : sequence of float, optional
+        The point about which it is meant [m]; their centroid where not given.
     ratio : tuple of sequence of str, optional
         Names of the faces of two ends that are pushed apart, and of those whose motion by it is
         wanted.
@@ -176,6 +184,8 @@ def analyse_part(
         Number of natural frequencies.
     force : bool
         Go on even where the memory seems not to suffice.
+    expect : callable, optional
+        Is told what the mesh will be and cost, before it is made.
 
     Returns
     -------
@@ -194,18 +204,23 @@ def analyse_part(
     -----
     Validity: small displacements, isotropic materials; bodies that share a face are joined there.
     """
-    wanted = _wanted(part, hold, move, ratio, modes=modes, force=force)
+    wanted = _wanted(part, hold, move, ratio, at=at, modes=modes, force=force)
     if not interfaces or set(interfaces) - set(INTERFACES):
         raise StageError(f"interfaces are rigid or mean, got {', '.join(interfaces) or 'none'}")
     part.require_joined()
     of = dict.fromkeys(part.bodies, material) if isinstance(material, Material) else dict(material)
     chosen = mesh if mesh is not None else PartMesh()
+    kinds = tuple(dict.fromkeys(interfaces)) if hold else ("free",)
+    expected = estimate_part(part, chosen, factorisations=_factorisations(kinds, wanted))
+    if expect is not None:
+        expect(expected)
+    if not force:
+        require_room(part, chosen, expected)
     tell("mesh")
     made = part.mesh(chosen)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
-    kinds = tuple(dict.fromkeys(interfaces)) if hold else ("free",)
     results: dict[str, InterfaceResult] = {}
     for k, kind in enumerate(kinds):
         with share(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
@@ -225,11 +240,18 @@ def analyse_part(
         order=chosen.order,
         elements=made.ne,
         unknowns=ng.VectorH1(made, order=chosen.order).ndof,
+        expected=expected,
         held=tuple(hold),
         moved=tuple(move),
         at=wanted.at,
         results=results,
     )
+
+
+def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
+    """Count them: floating parts need one, rigid interfaces one for each set that is held."""
+    of_rigid = sum(map(bool, (wanted.modes, wanted.moved, wanted.ratio)))
+    return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
 
 
 def _wanted(
@@ -238,6 +260,7 @@ def _wanted(
     move: Sequence[str],
     ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None,
     *,
+    at: Sequence[float] | None,
     modes: int,
     force: bool,
 ) -> _Wanted:
@@ -254,15 +277,17 @@ def _wanted(
             raise StageError(f"face '{min(both)}' cannot be held and {purpose}: name it once")
     if ratio and len(set().union(*ratio)) < sum(len(set(names)) for names in ratio):
         raise StageError("the ratio is between three different faces, got one of them twice")
-    faces = [f for f in part.faces if f.name in set(move)]
-    area = sum(f.area for f in faces)
+    point: tuple[float, ...] = ()
+    if move:
+        faces = [f for f in part.faces if f.name in set(move)]
+        area = sum(f.area for f in faces)
+        centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
+        point = tuple(at if at is not None else centroid)
     return _Wanted(
         held=part.boundary(tuple(hold)) if hold else "",
         moved=part.boundary(tuple(move)) if move else "",
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
-        at=tuple(sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
-        if faces
-        else (),
+        at=point,
         modes=modes,
         force=force,
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from flexstage.elasticity import METRE
 from flexstage.elasticity.memory import memory_available, memory_needed
@@ -89,8 +90,6 @@ class _Places:
 
     Parameters
     ----------
-    at : numpy.ndarray
-        The places, shape (n, 3).
     area : numpy.ndarray
         What each stands for [m^2], shape (n,).
     wall : numpy.ndarray
@@ -99,19 +98,18 @@ class _Places:
         Least radius of curvature there, shape (n,).
     face : numpy.ndarray
         Number of its face, shape (n,).
-    edges : numpy.ndarray
-        Places on the edges, shape (e, 3).
     length : numpy.ndarray
-        Length of the edge of each, shape (e,).
+        Length of the edge on which each place on an edge is, shape (e,).
+    apart : numpy.ndarray
+        Distances of places on the surface from all, those on edges last, shape (n, n + e).
     """
 
-    at: Array
     area: Array
     wall: Array
     radius: Array
     face: NDArray[np.intp]
-    edges: Array
     length: Array
+    apart: Array
 
 
 def _places(part: Part, surface: PartSurface) -> _Places:
@@ -147,13 +145,12 @@ def _places(part: Part, surface: PartSurface) -> _Places:
             points.append((point.x / METRE, point.y / METRE, point.z / METRE))
             length.append(edge.mass / METRE)
     return _Places(
-        at=at,
         area=np.concatenate(weight),
         wall=wall,
         radius=radius[which],
         face=surface.face[which],
-        edges=np.array(points).reshape(-1, 3),
         length=np.array(length),
+        apart=cdist(at, np.concatenate([at, np.array(points).reshape(-1, 3)])),
     )
 
 
@@ -191,12 +188,8 @@ def _sizes(places: _Places, part: Part, settings: PartMesh) -> Array:
     names = [part.faces[k].name for k in places.face]
     wanted = np.minimum(wanted, [settings.sizes.get(name, largest) for name in names])
     # sizes grow with the distance from where they are small; of an edge they are at most its length
-    at = np.concatenate([places.at, places.edges])
     from_there = np.concatenate([wanted, np.minimum(places.length, largest)])
-    out = np.empty_like(wanted)
-    for k in range(0, len(out), 500):
-        apart = np.linalg.norm(places.at[k : k + 500, None] - at, axis=2)
-        out[k : k + 500] = (from_there + settings.grading * apart).min(axis=1)
+    out = (from_there + settings.grading * places.apart).min(axis=1)
     return np.minimum(out, largest)
 
 
