@@ -211,6 +211,8 @@ def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> No
 
 
 def _found(screen: "Console", found: "PartAnalysis") -> None:
+    import numpy as np
+
     from flexstage.report import number
 
     how = f"held at {', '.join(found.held)}" if found.held else "free"
@@ -236,6 +238,8 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
             for name, row in zip(_MOTIONS, result.stiffness, strict=True):
                 shown = ("≈ 0" if abs(v) < _NOTHING * scale else number(v) for v in row)
                 table.add_row(name, *shown)
+            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
+            table.add_row("others free", *(number(float(v)) for v in alone))
             screen.print(table)
     _ratio(screen, found)
     kinds_said = "; rigid faces hold the most, mean ones the least" if len(kinds) > 1 else ""

@@ -27,11 +27,14 @@ class PartSurface:
         Number of the part's face that each belongs to, shape (t,).
     lines : numpy.ndarray
         Both ends of the pieces of its edges [m], shape (e, 2, 3).
+    edge : numpy.ndarray
+        Number of the edge that each belongs to, shape (e,).
     """
 
     triangles: Array
     face: Numbers
     lines: Array
+    edge: Numbers
 
     @property
     def area_vectors(self) -> Array:
@@ -58,8 +61,9 @@ def part_surface(part: Part) -> PartSurface:
     triangles = np.array(shown["vertices"], dtype=float).reshape(-1, 3, 3) / METRE
     lines = np.array(shown["edges"], dtype=float).reshape(-1, 2, 3) / METRE
     face = np.array(shown["indices"], dtype=np.intp).reshape(len(triangles), -1)[:, 0]
+    edge = np.array(shown["edge_indices"], dtype=np.intp).reshape(len(lines), -1)[:, 0]
     forward = np.array([f.forward for f in part.faces])[face]
     triangles[~forward] = triangles[~forward][:, ::-1]
     twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     there = np.linalg.norm(twice, axis=1) > 0.0
-    return PartSurface(triangles=triangles[there], face=face[there], lines=lines)
+    return PartSurface(triangles=triangles[there], face=face[there], lines=lines, edge=edge)

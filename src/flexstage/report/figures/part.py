@@ -130,6 +130,7 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
         triangles=surface.triangles[outer[surface.face]],
         face=surface.face[outer[surface.face]],
         lines=surface.lines,
+        edge=surface.edge,
     )
     colours = _colours(part, held, moved)
     views = [_look(shown, colours, towards) for _, towards in _SIDES]
