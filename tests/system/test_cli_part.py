@@ -259,4 +259,4 @@ def test_a_picture_with_the_names_of_faces(
     assert f"picture: {path}" in capsys.readouterr().out.replace("\n", "")
     text = path.read_text()
     assert all(f">{name}<" in text for name in (f"face{k}" for k in range(1, 7)))
-    assert "held, dark: face" in text
+    assert "held, blue: face" in text

@@ -242,7 +242,9 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
             table.add_row("others free", *(number(float(v)) for v in alone))
             screen.print(table)
     _ratio(screen, found)
-    kinds_said = "; rigid faces hold the most, mean ones the least" if len(kinds) > 1 else ""
+    kinds_said = (
+        "; what is built is as a rule between rigid and mean interfaces" if len(kinds) > 1 else ""
+    )
     screen.print(
         f"note: {found.elements} elements of order {found.order}, {found.unknowns} unknowns; small "
         f"displacements, isotropic materials{kinds_said}",

@@ -147,7 +147,9 @@ def _places(part: Part, surface: PartSurface) -> _Places:
         radius=radius[which],
         face=surface.face[which],
         length=np.asarray(length[drawn], dtype=float),
-        apart=np.asarray(cdist(at, np.concatenate([at, surface.lines[drawn].mean(axis=1)]))),
+        apart=np.asarray(
+            cdist(at, np.concatenate([at, surface.lines[drawn].mean(axis=1)])), dtype=float
+        ),
     )
 
 

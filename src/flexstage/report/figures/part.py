@@ -16,7 +16,6 @@ from flexstage.fem.part_surface import PartSurface, part_surface
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,
-    FIXED,
     INK,
     MUTED,
     PAPER,
@@ -38,7 +37,8 @@ _TYPE = 6.5  # [pt]
 _COLUMN = 0.34  # room for names beside a view, in widths of it
 _ASPECT = 0.8  # height of a view over its width
 _SEEN = 12  # pixels of a face by which it counts as seen
-_HELD, _MOVED = FIXED, CYCLE[4]
+_HELD, _MOVED = CYCLE[5], CYCLE[4]  # blue and orange; solids have what is far from both
+_SOLIDS = (BODY, CYCLE[2], CYCLE[3], CYCLE[1])
 # towards who looks, in four directions that no face looks away from all of
 _SIDES = (
     ("from +x, −y, +z", (1.0, -1.3, 0.9)),
@@ -151,8 +151,9 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
 
 def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
     """Return the colour of each face: of its solid, unless it is held or moved."""
-    solids = [np.array(to_rgb(BODY))]
-    solids += [0.45 * np.array(to_rgb(c)) + 0.55 for c in CYCLE if c != _MOVED]
+    solids = [
+        np.array(to_rgb(c)) if c == BODY else 0.45 * np.array(to_rgb(c)) + 0.55 for c in _SOLIDS
+    ]
     of_solid = {name: solids[k % len(solids)] for k, name in enumerate(part.bodies)}
     out = [of_solid[f.bodies[0]] for f in part.faces]
     for names, colour in ((held, _HELD), (moved, _MOVED)):
@@ -273,7 +274,7 @@ def _caption(part: Part, seen: NDArray[np.bool_], held: Sequence[str], moved: Se
     ]
     name = Path(part.source.strip("'")).name
     said = [f"{name}, {len(part.faces)} faces"]
-    said += [f"held, dark: {', '.join(held)}"] if held else []
+    said += [f"held, blue: {', '.join(held)}"] if held else []
     said += [f"moved, orange: {', '.join(moved)}"] if moved else []
     said += [f"between solids: {', '.join(joints)}"] if joints else []
     said += [f"seen from no side: {', '.join(hidden)}"] if hidden else []
