@@ -32,10 +32,11 @@ __all__ = ["draw_part"]
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 _PIXELS = 900  # longer side of a view
-_WIDE, _HIGH = 11.0, 9.5  # of the figure [inch]
+_WIDE = 11.0  # of the figure [inch]
 _TYPE = 6.5  # [pt]
 _COLUMN = 0.34  # room for names beside a view, in widths of it
-_ASPECT = 0.8  # height of a view over its width
+_LOWEST = 0.45  # height of a view over its width, at least: names need room beside flat parts
+_LETTERS = 22  # of a name; a longer one is cut, and stands whole in the list of faces
 _SEEN = 12  # pixels of a face by which it counts as seen
 _HELD, _MOVED = CYCLE[5], CYCLE[4]  # blue and orange; solids have what is far from both
 _SOLIDS = (BODY, CYCLE[2], CYCLE[3], CYCLE[1])
@@ -74,7 +75,7 @@ def _look(surface: PartSurface, colours: Array, towards: Sequence[float]) -> _Vi
     placed[..., :2] = (placed[..., :2] - low[:2]) * scale + 4.0
     normal = surface.area_vectors / np.linalg.norm(surface.area_vectors, axis=1)[:, None]
     facing = normal @ axes[2]
-    light = 0.62 + 0.38 * np.clip(normal @ (axes.T @ (-0.35, 0.55, 0.76)), 0.0, 1.0)
+    light = 0.74 + 0.26 * np.clip(normal @ (axes.T @ (-0.35, 0.55, 0.76)), 0.0, 1.0)
     depth = np.full((height, width), -np.inf)
     face = np.full((height, width), -1, dtype=np.intp)
     image = np.broadcast_to(to_rgb(PAPER), (height, width, 3)).copy()
@@ -138,15 +139,23 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
     pixels = np.array([np.bincount(v.face[v.face >= 0], minlength=count) for v in views])
     best = pixels.argmax(axis=0)
     seen = pixels.max(axis=0) >= _SEEN
-    figure = new_figure(_WIDE, _HIGH)
+    wide = (1.0 + 2.0 * _COLUMN) * _PIXELS
+    high = max(_LOWEST * wide, 1.05 * max(v.face.shape[0] for v in views))
+    figure = new_figure(_WIDE, _WIDE * high / wide + 1.2)
     places = figure.subplots(2, 2).ravel()
     for k, (axes, view, (title, _)) in enumerate(zip(places, views, _SIDES, strict=True)):
-        _show(axes, view)
+        _show(axes, view, wide, high)
         entitle(axes, title)
         named = [f for f in range(count) if seen[f] and best[f] == k]
-        _name(axes, view, named, [f.name for f in part.faces])
-    figure.supxlabel(_caption(part, seen, held, moved), fontsize=_TYPE + 1, color=INK)
+        _name(axes, view, named, [_short(f.name) for f in part.faces])
+    figure.supxlabel(
+        _caption(part, seen, held, moved), fontsize=_TYPE + 1, color=INK, parse_math=False
+    )
     return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…"
 
 
 def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
@@ -163,12 +172,11 @@ def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
     return np.array(out)
 
 
-def _show(axes: "Axes", view: _View) -> None:
+def _show(axes: "Axes", view: _View, wide: float, high: float) -> None:
     height, width = view.face.shape
     axes.imshow(view.image, origin="lower", interpolation="antialiased", zorder=1)
-    beside = 0.5 * (_PIXELS - width) + _COLUMN * _PIXELS
+    beside, above = 0.5 * (wide - width), 0.5 * (high - height)
     axes.set_xlim(-beside, width + beside)
-    above = max(0.5 * (_ASPECT * (width + 2.0 * beside) - height), 0.02 * _PIXELS)
     axes.set_ylim(-above, height + above)
     axes.set_axis_off()
     # the three axes, in the corner
