@@ -1,6 +1,7 @@
 """STEP files that are no part, or not one: one clear sentence each; and what a part tells."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -189,24 +190,25 @@ def test_sizes_that_cannot_be(tmp_path: Path) -> None:
         part.mesh(PartMesh(sizes={"clamp": 1e-3}))
 
 
-@pytest.mark.parametrize(
-    ("sliver", "said"),
-    [
-        # a step of 0.1 um: the mesher aborts, and a second hole 30 nm beside the first one: it may
-        (occ.Cylinder((10, 5, 3.5), occ.Z, 3, 1e-4), r"broke down \((signal|status) \d+"),
-        (occ.Cylinder((6.00003, 3, 0.4), occ.Z, 1.15, 2.0), r"broke down|could not mesh"),
-    ],
-)
 def test_a_mesher_that_breaks_down_says_so_in_one_sentence(
-    sliver: occ.TopoDS_Shape, said: str, capfd: pytest.CaptureFixture[str]
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    shape = plate() + sliver if sliver.mass < 0.1 else plate() - sliver
+    # a step of 0.1 um: the mesher writes outside its memory
+    shape = plate() + occ.Cylinder((10, 5, 3.5), occ.Z, 3, 1e-4)
     part = Part.from_shape(shape.solids[0], source="'sliver.step'")
-    with pytest.raises(ModelError, match=said) as caught:
-        part.mesh(PartMesh(order=1))
+    with pytest.raises(ModelError, match=r"broke down \((signal|status) \d+") as caught:
+        part.mesh(PartMesh(order=1), limit=60.0)
     assert one_sentence(str(caught.value))
     assert "'sliver.step': its narrowest face" in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of computing time")
+def test_a_mesher_without_end_is_given_up() -> None:
+    part = Part.from_shape(plate(), source="'plate.step'")
+    with pytest.raises(ModelError, match=r"came to no end on 'plate.step' in 1 s") as caught:
+        part.mesh(PartMesh(order=1, size=0.15e-3, thin=0.0), limit=1.0)
+    assert one_sentence(str(caught.value))
 
 
 def test_thin_places_get_small_elements() -> None:

@@ -278,10 +278,16 @@ def _hits(origins: Array, ray: Array, a: Array, ab: Array, ac: Array) -> Array:
 
 def _main(given: str, answer: str) -> None:
     with Path(given).open("rb") as file:
-        task = MeshTask(**pickle.load(file))
+        task, seconds = pickle.load(file)
+    if seconds is not None and sys.platform != "win32":
+        import resource
+
+        # the system ends this process after so much computing
+        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+        resource.setrlimit(resource.RLIMIT_CPU, (max(1, int(seconds)), hard))
     try:
         with ng.TaskManager():
-            result: object = {"mesh": generate(task)}
+            result: object = {"mesh": generate(MeshTask(**task))}
     except MesherError as error:
         result = {"error": str(error)}
     with Path(answer).open("wb") as file:

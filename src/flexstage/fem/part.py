@@ -250,13 +250,15 @@ class Part:
 
     # ------------------------------------------------------------------ mesh
 
-    def mesh(self, settings: PartMesh | None = None) -> ng.Mesh:
+    def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
         Parameters
         ----------
         settings : PartMesh, optional
             How fine.
+        limit : float, optional
+            Computing time after which the mesher is given up [s].
 
         Returns
         -------
@@ -281,7 +283,7 @@ class Part:
         for name in chosen.sizes:
             if name not in {f.name for f in self.faces}:
                 raise ModelError(f"{self.source} has no face '{name}' to give a mesh size to")
-        return mesh_shape(self.shape, chosen, self.source)
+        return mesh_shape(self.shape, chosen, self.source, limit=limit)
 
 
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:

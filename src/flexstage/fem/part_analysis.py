@@ -32,6 +32,10 @@ _RIGID_MOTIONS = 6
 # A part that nothing holds is shifted by this share of the frequency of sound from end to end:
 # below its elastic modes, and above what rounding makes of its rigid motions.
 _SHIFT = 1e-3
+_LEAST, _PATIENCE = (
+    60.0,
+    20.0,
+)  # time of the mesher: so much [s], and as many times the expected one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -217,7 +221,7 @@ def analyse_part(
     if not force:
         require_room(part, chosen, expected)
     tell("mesh")
-    made = part.mesh(chosen)
+    made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2

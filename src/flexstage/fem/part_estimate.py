@@ -56,6 +56,8 @@ class PartEstimate:
         At the most at one time [byte].
     seconds : float
         CPU time of one core [s].
+    meshing : float
+        The part of it that the mesher takes [s].
     largest : float
         Largest element [m].
     """
@@ -64,6 +66,7 @@ class PartEstimate:
     unknowns: float
     memory: float
     seconds: float
+    meshing: float
     largest: float
 
     def words(self) -> str:
@@ -274,12 +277,14 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
     )
     giga = solving / _GIGA
     search = triangles * (_SEARCH[0] + _SEARCH[1] * triangles) if settings.thin else 0.0
+    meshing = _MESHING * elements + search
     once = _FACTORISING * giga**1.5 + _SOLUTIONS * _SOLVING * giga
     return PartEstimate(
         elements=elements,
         unknowns=unknowns,
         memory=solving + _MESH * elements,
-        seconds=_STARTING + _MESHING * elements + search + factorisations * once,
+        seconds=_STARTING + meshing + factorisations * once,
+        meshing=meshing,
         largest=settings.largest(math.dist(low, high)),
     )
 

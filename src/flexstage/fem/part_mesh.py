@@ -104,7 +104,9 @@ def diagonal(shape: TopoDS_Shape) -> float:
     return math.dist((low.x, low.y, low.z), (high.x, high.y, high.z))
 
 
-def mesh_shape(shape: TopoDS_Shape, settings: PartMesh, source: str) -> ng.Mesh:
+def mesh_shape(
+    shape: TopoDS_Shape, settings: PartMesh, source: str, *, limit: float | None = None
+) -> ng.Mesh:
     """Mesh solids with curved tetrahedra.
 
     Parameters
@@ -115,6 +117,8 @@ def mesh_shape(shape: TopoDS_Shape, settings: PartMesh, source: str) -> ng.Mesh:
         How fine.
     source : str
         What they are called in messages.
+    limit : float, optional
+        Computing time after which the mesher is given up [s], where the system can do so.
 
     Returns
     -------
@@ -145,7 +149,7 @@ def mesh_shape(shape: TopoDS_Shape, settings: PartMesh, source: str) -> ng.Mesh:
             "grading": settings.grading,
             "curvature": settings.curvature,
         }
-        found = _in_another_process(task, shape, source)
+        found = _in_another_process(task, shape, source, limit)
     finally:
         for f, before in kept:
             f.maxh = before
@@ -172,11 +176,13 @@ def mesh_shape(shape: TopoDS_Shape, settings: PartMesh, source: str) -> ng.Mesh:
     return mesh
 
 
-def _in_another_process(task: dict[str, Any], shape: TopoDS_Shape, source: str) -> dict[str, Any]:
+def _in_another_process(
+    task: dict[str, Any], shape: TopoDS_Shape, source: str, limit: float | None
+) -> dict[str, Any]:
     """Return what the mesher answers; its words, and what it does to its process, stay there."""
     with tempfile.TemporaryDirectory() as folder:
         given, answer = Path(folder) / "task", Path(folder) / "result"
-        given.write_bytes(pickle.dumps(task))
+        given.write_bytes(pickle.dumps((task, limit)))
         ended = subprocess.run(
             [sys.executable, "-P", mesher.__file__, str(given), str(answer)],
             env={**os.environ, "NGS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -190,6 +196,10 @@ def _in_another_process(task: dict[str, Any], shape: TopoDS_Shape, source: str) 
         raise ModelError(
             f"the mesher was killed on {source}, as the system does where memory ends: give a "
             "larger mesh size"
+        )
+    if limit is not None and ended.returncode == -getattr(signal, "SIGXCPU", 24):
+        raise ModelError(
+            f"the mesher came to no end on {source} in {limit:.0f} s of computing: {_mend(shape)}"
         )
     raise ModelError(
         f"the mesher broke down ({_ending(ended.returncode)}) on {source}: {_mend(shape)}"
