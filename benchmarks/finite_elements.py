@@ -11,6 +11,7 @@ time is that of the solver alone. Every route has one thread.
 import argparse
 import math
 import multiprocessing
+import os
 import resource
 import sys
 import time
@@ -73,6 +74,7 @@ def _one_thread() -> None:
     import ngsolve as ng
 
     ng.SetNumThreads(1)
+    os.environ["NGS_NUM_THREADS"] = "1"
 
 
 # --------------------------------------------------------------------------- the reference hinge

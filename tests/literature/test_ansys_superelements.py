@@ -6,6 +6,7 @@ mass over volume. docs/explanation/ansys-comparison.md shows the figures and exp
 differences; `pytest -m evidence --log-cli-level=INFO` with this file writes them.
 """
 
+import json
 import logging
 import math
 from pathlib import Path
@@ -18,8 +19,10 @@ import scipy.linalg
 import scipy.optimize
 from netgen import occ
 
+from flexstage.cli import main
 from flexstage.elasticity import Continuum
-from flexstage.fem.interface import Bodies, interface_modes, interface_motion, interface_stiffness
+from flexstage.fem.bodies import Bodies
+from flexstage.fem.interface import interface_modes, interface_motion, interface_stiffness
 from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
@@ -344,3 +347,36 @@ def test_apa300ml_lies_between_two_pockets():
     for k, tolerance in ((1, 0.08), (2, 0.10), (3, 0.14)):
         assert sloped[f"mode {k}"] == pytest.approx(ansys[f"mode {k}"], rel=tolerance)
         assert straight[f"mode {k}"] == pytest.approx(ansys[f"mode {k}"], rel=tolerance)
+
+
+@pytest.mark.slow
+def test_apa300ml_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The assembly as a STEP file, order 2: ratio and stiffness at the ends of the stack."""
+    K, M, nodes = superelement("APA300ML")
+    pieces, _ = stacks(K)
+    path = tmp_path / "actuator.step"
+    actuator(15.0 - 2.0 * (_END - _CORNER) * _SLOPE).shape.WriteStep(str(path))
+    part = read_step(path, solid="all")
+    volume = {b: s.mass * 1e-9 for b, s in zip(part.bodies, part.shape.solids, strict=True)}
+    mass = rigid_mass(M[:42, :42], nodes)[0, 0]
+    steel = STAINLESS.density * (volume["shell"] + volume["spacer"])
+    density = (mass - steel) / (3.0 * volume["stack1"])
+    area = (2e-3 * _SIDE) ** 2
+    stack = f"E={sum(pieces[k] for k in (0, 2, 3)) / 3.0 * 20e-3 / area}, nu=0.3, rho={density}"
+    top, bottom = (part.face_at((3.5e-3, y, 8e-3)) for y in (15.001e-3, -15.001e-3))
+    right, left = (part.face_at((x, 1e-3, 0.5e-3)) for x in (32.5e-3, -32.5e-3))
+    words = ["part", str(path), "--hold", bottom, "--ratio", f"{right}:{left}:{top}", "--json"]
+    words += ["--material", "E=193 GPa, nu=0.31, rho=7750"]
+    words += ["--material", f"spacer=E={pieces[1] * 5e-3 / area}, nu=0.3, rho=7750"]
+    words += [w for k in (1, 2, 3) for w in ("--material", f"stack{k}={stack}")]
+    with pytest.raises(SystemExit) as end:
+        main([*words, "--order", "2", "--modes", "0", "--interfaces", "mean"])
+    assert not end.value.code
+    found = json.loads(capsys.readouterr().out)
+    assert found["mass"] == pytest.approx(mass, rel=1e-3)
+    ratio = found["interfaces"]["mean"]["ratio"]
+    u = pushed_apart(K, 6, 2)
+    # y of the STEP file is z of the super-element
+    assert abs(ratio["motion"][1]) == pytest.approx(-u[8] / (u[36] - u[12]), rel=0.01)
+    # the sloped pocket leaves more of the shell than there is
+    assert 1.0 < ratio["stiffness"] * (u[36] - u[12]) < 1.08

@@ -17,7 +17,7 @@ import pytest
 from netgen.occ import Glue, OCCGeometry
 
 from flexstage.designs import design
-from flexstage.elasticity import METRE, Continuum, face
+from flexstage.elasticity import METRE, Continuum, face, parallel
 from flexstage.errors import HingeError
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance, plane_moduli
 from flexstage.hinges import finite_element as fe
@@ -141,7 +141,7 @@ def test_reference_piece_in_three_dimensions():
 def test_mesh_order_and_block_are_converged(case, body):
     # order 8, elements half as large, a block 2.5 widths long; a sharp corner converges slowest
     found = fe._half(CASES[case], NU, "stress", body)
-    with fe._one_thread():
+    with parallel(1):
         model = fe._Model(CASES[case], NU, "stress", body, order=8, fineness=2.0, length=2.5)
         best = model.compliance()
     assert np.max(relative(found, best)) < 5e-4

@@ -1,28 +1,55 @@
-"""`flexstage part`: a solid that was drawn elsewhere: faces, mass, modes, stiffness."""
+"""`flexstage part`: solids that were drawn elsewhere: faces, mass, modes, stiffness, ratio."""
 
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, console, make_table, print_json, progress_bar
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    make_table,
+    print_json,
+    progress_bar,
+    require_image,
+    write_file,
+)
+from flexstage.cli.part_materials import DEFAULT, materials_of
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.fem.part import Part
     from flexstage.fem.part_analysis import PartAnalysis
+    from flexstage.material import Material
 
 __all__ = ["part"]
 
 _MOTIONS = ("x", "y", "z", "about x", "about y", "about z")
+_NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size, that counts as none
 
 
 def part(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A STEP file with a solid.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A STEP file with solids.")],
+    solids: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Of several solids those to take, by name or number from 1, with commas between; "
+            "those whose faces touch are joined.",
+        ),
+    ] = "all",
     material: Annotated[
-        str, typer.Option(metavar="NAME", help="What it is made of, from the catalogue.")
-    ] = "Al 7075-T6",
+        list[str] | None,
+        typer.Option(
+            metavar="[SOLID=]MATERIAL",
+            help=f'What it is made of: a name from the catalogue ({DEFAULT}), or "E=193 GPa, '
+            'nu=0.31, rho=7750 kg/m^3"; of one solid with its name or number before it, such as '
+            '"2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
+        ),
+    ] = None,
     hold: Annotated[
         str,
         typer.Option(
@@ -34,95 +61,279 @@ def part(
     move: Annotated[
         str, typer.Option(metavar="FACES", help="Faces whose stiffness against them is wanted.")
     ] = "",
+    at: Annotated[
+        str,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Point about which their stiffness is meant, in millimetres; else their centroid.",
+        ),
+    ] = "",
+    ratio: Annotated[
+        str,
+        typer.Option(
+            metavar="FACES:FACES:FACES",
+            help="Two ends of a drive that are pushed apart, and the face whose motion for each "
+            "micrometre of it is wanted, with one held.",
+        ),
+    ] = "",
+    interfaces: Annotated[
+        str,
+        typer.Option(
+            metavar="rigid|mean|both",
+            help="Whether held, moved and pushed faces are rigid, or may deform and count by their "
+            "mean motion.",
+        ),
+    ] = "both",
     order: Annotated[
         int, typer.Option(metavar="N", help="Order of the elements; 0 only lists the faces.")
     ] = 3,
     size: Annotated[
         float | None, typer.Option(metavar="MM", help="Largest element in millimetres.")
     ] = None,
-    modes: Annotated[int, typer.Option(metavar="N", help="Number of natural frequencies.")] = 6,
+    thin: Annotated[
+        float,
+        typer.Option(metavar="N", help="Largest element where it is thin, in local thicknesses."),
+    ] = 1.5,
+    modes: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of natural frequencies.")
+    ] = 6,
+    force: Annotated[
+        bool, typer.Option("--force", help="Go on where the memory seems not to suffice.")
+    ] = False,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Picture of the part from both sides with the names of its faces: .svg, .png or "
+            ".pdf.",
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List the faces of a part from a STEP file; find its mass, modes and stiffness."""
+    """List the faces of a part from a STEP file; find its mass, modes, stiffness and ratio."""
+    from flexstage.errors import StageError
     from flexstage.fem.part import read_step
-    from flexstage.fem.part_analysis import analyse_part, named_faces
+    from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
     from flexstage.fem.part_mesh import PartMesh
-    from flexstage.material import material as find
 
-    what = find(material)
-    read = read_step(file)
+    require_image(figure)
+    if interfaces not in (*INTERFACES, "both"):
+        raise typer.BadParameter(f"--interfaces must be rigid, mean or both, got '{interfaces}'")
+    words = solids if solids == "all" else [w.strip() for w in solids.split(",")]
+    read = read_step(file, solid=words)
+    of = materials_of(read, material or [])
     held = named_faces(read, hold) if hold else ()
     moved = named_faces(read, move) if move else ()
+    about = _point(at) if at else None
+    three = [named_faces(read, text) for text in ratio.split(":")] if ratio else []
+    if ratio and len(three) != 3:
+        raise StageError(
+            f"--ratio is between three faces, END:END:OUTPUT, such as face7:face9:z-max, got "
+            f"'{ratio}'"
+        )
     found = None
     if order:
-        mesh = PartMesh(order=order, size=None if size is None else size * 1e-3)
+        mesh = PartMesh(order=order, size=None if size is None else size * 1e-3, thin=thin)
+        kinds = INTERFACES if interfaces == "both" else (interfaces,)
         with progress_bar():
-            found = analyse_part(read, what, hold=held, move=moved, mesh=mesh, modes=modes)
+            found = analyse_part(
+                read,
+                of,
+                hold=held,
+                move=moved,
+                at=about,
+                ratio=(three[0], three[1], three[2]) if three else None,
+                interfaces=kinds,
+                mesh=mesh,
+                modes=modes,
+                force=force,
+                expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
+            )
+    if figure is not None:
+        from flexstage.report.figures import draw_part, encode
+
+        drawn = draw_part(read, held=held, moved=moved)
+        write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
     if json:
-        print_json(_plain(read, read.mass(what), found))
+        print_json(_plain(read, of, found))
         return
     screen = console()
     _faces(screen, read)
-    screen.print(
-        f"volume {read.volume * 1e9:.6g} mm³; {what.name}: {read.mass(what) * 1e3:.5g} g",
-        markup=False,
-    )
+    _bodies(screen, read, of)
     if found is not None:
         _found(screen, found)
+    if figure is not None:
+        screen.print(f"picture: {figure}", markup=False)
+
+
+def _point(text: str) -> tuple[float, ...]:
+    try:
+        point = tuple(1e-3 * float(c) for c in text.split(","))
+    except ValueError:
+        point = ()
+    if len(point) != 3:
+        raise typer.BadParameter(f"--at is three millimetres X,Y,Z, such as 0,0,7.5, got '{text}'")
+    return point
+
+
+def _millimetres(read: "Part", point: Sequence[float]) -> str:
+    nothing = _NOTHING * math.dist(*read.bounding_box)
+    return ", ".join(f"{0.0 if abs(c) < nothing else 1e3 * c:.4g}" for c in point)
 
 
 def _faces(screen: "Console", read: "Part") -> None:
-    table = make_table(f"faces of {read.source}", "face", "<kind", "area, mm²", "<centre, mm")
+    several = len(read.bodies) > 1
+    columns = ("face", "<kind", "area, mm²", "<centre, mm", *(("<of",) if several else ()))
+    table = make_table(f"faces of {read.source}", *columns)
     for face in read.faces:
-        centre = ", ".join(f"{1e3 * c:.4g}" for c in face.centre)
-        table.add_row(face.name, face.kind, f"{face.area * 1e6:.4g}", centre)
+        row = [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
+        table.add_row(*row, *((" and ".join(face.bodies),) if several else ()))
     screen.print(table)
+
+
+def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> None:
+    if len(read.bodies) == 1:
+        (what,) = of.values()
+        screen.print(
+            f"volume {read.volume * 1e9:.6g} mm³; {what.name}: {read.mass(of) * 1e3:.5g} g",
+            markup=False,
+        )
+        return
+    table = make_table("solids", "solid", "<material", "volume, mm³", "mass, g")
+    for name, solid in zip(read.bodies, read.shape.solids, strict=True):
+        mass = of[name].density * solid.mass * 1e-9
+        table.add_row(name, of[name].name, f"{solid.mass:.6g}", f"{mass * 1e3:.5g}")
+    table.add_row("all", "", f"{read.volume * 1e9:.6g}", f"{read.mass(of) * 1e3:.5g}")
+    screen.print(table)
+    joints = [f for f in read.faces if len(f.bodies) > 1]
+    said = "; ".join(f"{' and '.join(f.bodies)} at {f.name}" for f in joints)
+    screen.print(f"joined, as if bonded: {said or 'none'}", markup=False)
 
 
 def _found(screen: "Console", found: "PartAnalysis") -> None:
+    import numpy as np
+
     from flexstage.report import number
 
     how = f"held at {', '.join(found.held)}" if found.held else "free"
-    table = make_table(f"natural frequencies in Hz, {how}", "mode", "frequency")
-    for k, f in enumerate(found.frequency_hz, start=1):
-        table.add_row(str(k), number(float(f)))
-    screen.print(table)
-    if found.stiffness is not None:
-        at = ", ".join(f"{1e3 * c:.4g}" for c in found.at)
-        table = make_table(
-            f"stiffness of {', '.join(found.moved)} about ({at}) mm, in N, m and rad",
-            "force \\ motion",
-            *_MOTIONS,
-        )
-        scale = abs(found.stiffness).max()
-        for name, row in zip(_MOTIONS, found.stiffness, strict=True):
-            table.add_row(name, *("≈ 0" if abs(v) < 1e-9 * scale else number(v) for v in row))
+    kinds = list(found.results)
+    count = max(len(r.frequency_hz) for r in found.results.values())
+    if count:
+        columns = kinds if found.held else ["frequency"]
+        table = make_table(f"natural frequencies in Hz, {how}", "mode", *columns)
+        for k in range(count):
+            row = [number(float(r.frequency_hz[k])) for r in found.results.values()]
+            table.add_row(str(k + 1), *row)
         screen.print(table)
+    at = _millimetres(found.part, found.at)
+    for kind, result in found.results.items():
+        if result.stiffness is not None:
+            table = make_table(
+                f"stiffness of {', '.join(found.moved)} about ({at}) mm, in N, m and rad, "
+                f"{kind} interfaces",
+                "force \\ motion",
+                *_MOTIONS,
+            )
+            scale = abs(result.stiffness).max()
+            for name, row in zip(_MOTIONS, result.stiffness, strict=True):
+                shown = ("≈ 0" if abs(v) < _NOTHING * scale else number(v) for v in row)
+                table.add_row(name, *shown)
+            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
+            table.add_row("others free", *(number(float(v)) for v in alone))
+            screen.print(table)
+    _ratio(screen, found)
+    kinds_said = (
+        "; what is built is as a rule between rigid and mean interfaces" if len(kinds) > 1 else ""
+    )
     screen.print(
-        f"note: finite elements of order {found.order}, {found.unknowns} unknowns; small "
-        "displacements, one isotropic material; held and moved faces are rigid",
+        f"note: {found.elements} elements of order {found.order}, {found.unknowns} unknowns; small "
+        f"displacements, isotropic materials{kinds_said}",
         style="dim",
         markup=False,
     )
 
 
-def _plain(read: "Part", mass: float, found: "PartAnalysis | None") -> dict[str, Any]:
+def _ratio(screen: "Console", found: "PartAnalysis") -> None:
+    from flexstage.report import number
+
+    rows = {kind: r.ratio for kind, r in found.results.items() if r.ratio is not None}
+    if not rows:
+        return
+    axis = ", ".join(f"{c + 0.0:.4g}" for c in next(iter(rows.values())).direction.round(6))
+    table = make_table(
+        f"motion of the output for each metre that the ends move apart along ({axis})",
+        "interfaces",
+        *(f"{m}, {'rad/m' if 'about' in m else 'm/m'}" for m in _MOTIONS),
+        "ratio",
+        "stiffness at the ends, N/m",
+    )
+    for kind, found_ratio in rows.items():
+        size = abs(found_ratio.motion).max()
+        motion = ("≈ 0" if abs(v) < 1e-6 * size else number(v) for v in found_ratio.motion)
+        table.add_row(kind, *motion, number(found_ratio.ratio), number(found_ratio.stiffness))
+    screen.print(table)
+
+
+def _plain(
+    read: "Part",
+    of: Mapping[str, "Material"],
+    found: "PartAnalysis | None",
+) -> dict[str, Any]:
     out: dict[str, Any] = {
         "source": read.source,
         "volume": read.volume,
-        "mass": mass,
+        "mass": read.mass(of),
+        "solids": [
+            {
+                "name": name,
+                "volume": solid.mass * 1e-9,
+                "material": of[name].name,
+                "youngs_modulus": of[name].youngs_modulus,
+                "poissons_ratio": of[name].poissons_ratio,
+                "density": of[name].density,
+            }
+            for name, solid in zip(read.bodies, read.shape.solids, strict=True)
+        ],
         "faces": [
-            {"name": f.name, "kind": f.kind, "area": f.area, "centre": list(f.centre)}
+            {
+                "name": f.name,
+                "kind": f.kind,
+                "area": f.area,
+                "centre": list(f.centre),
+                "solids": list(f.bodies),
+            }
             for f in read.faces
         ],
     }
-    if found is not None:
-        out |= {
-            "order": found.order,
-            "unknowns": found.unknowns,
-            "held": list(found.held),
-            "natural_frequency_hz": found.frequency_hz.tolist(),
-            "moved": list(found.moved),
-            "stiffness": None if found.stiffness is None else found.stiffness.tolist(),
-        }
-    return out
+    if found is None:
+        return out
+    expected = found.expected
+    return out | {
+        "order": found.order,
+        "elements": found.elements,
+        "unknowns": found.unknowns,
+        "expected": {
+            "elements": expected.elements,
+            "unknowns": expected.unknowns,
+            "memory": expected.memory,
+            "seconds": expected.seconds,
+        },
+        "held": list(found.held),
+        "moved": list(found.moved),
+        "at": list(found.at),
+        "interfaces": {
+            kind: {
+                "natural_frequency_hz": r.frequency_hz.tolist(),
+                "stiffness": None if r.stiffness is None else r.stiffness.tolist(),
+                "ratio": None
+                if r.ratio is None
+                else {
+                    "direction": r.ratio.direction.tolist(),
+                    "motion": r.ratio.motion.tolist(),
+                    "ratio": r.ratio.ratio,
+                    "stiffness": r.ratio.stiffness,
+                },
+            }
+            for kind, r in found.results.items()
+        },
+    }

@@ -11,6 +11,7 @@ from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffeni
 from flexstage.elasticity.memory import memory_available, memory_needed, require_memory
 from flexstage.elasticity.shapes import face
 from flexstage.elasticity.stress import von_mises, von_mises_of
+from flexstage.elasticity.threads import free_cores, parallel
 from flexstage.elasticity.unit import METRE
 
 __all__ = [
@@ -23,10 +24,12 @@ __all__ = [
     "face",
     "follow_drive",
     "follow_load",
+    "free_cores",
     "loaded",
     "material_stress",
     "memory_available",
     "memory_needed",
+    "parallel",
     "require_memory",
     "stress_stiffening",
     "von_mises",

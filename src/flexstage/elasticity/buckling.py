@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.loaded import holding, volume_unit
+from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
@@ -150,7 +151,7 @@ def _geometric(
     stress = ng.CoefficientFunction(
         tuple(full[i, j] for i in range(d) for j in range(d)), dims=(d, d)
     )
-    with ng.TaskManager():
+    with parallel():
         form = ng.BilinearForm(continuum.space)
         form += volume_unit(continuum) * ng.InnerProduct(stress, a.trans * b) * ng.dx
         form.Assemble()

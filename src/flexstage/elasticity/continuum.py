@@ -11,6 +11,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 from numpy.typing import NDArray
 
+from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
@@ -126,6 +127,7 @@ class Continuum:
         # A gradient is by millimetres. What is left of a volume integral of two gradients:
         self._measure = copies * (thickness if thickness is not None else 1.0 / METRE)
         self._volume = self._measure / METRE**2
+        self._density: Any = self._volume * material.density
         self.free = np.array(self.space.FreeDofs(), dtype=bool)
         self._solver: ng.BaseMatrix | None = None
 
@@ -138,8 +140,7 @@ class Continuum:
         stress = 2.0 * self.shear_modulus * ng.InnerProduct(strain_u, strain_v)
         form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
         if self.shift:
-            weight = self.shift * self.material.density * self._volume
-            form += weight * ng.InnerProduct(u, v) * ng.dx
+            form += self.shift * self._density * ng.InnerProduct(u, v) * ng.dx
         return form
 
     def factorise(self) -> None:
@@ -157,7 +158,7 @@ class Continuum:
                 "nothing holds the part, so it has no static solution: hold a boundary, or give "
                 "a shift"
             )
-        with ng.TaskManager():
+        with parallel():
             tell("assembly")
             form = self._form()
             form.Assemble()
@@ -187,9 +188,9 @@ class Continuum:
         if scalar.ndof * self.dimension != self.size:
             raise ModelError("the components of the displacement do not share one scalar space")
         p, q = scalar.TnT()
-        with ng.TaskManager():
+        with parallel():
             form = ng.BilinearForm(scalar)
-            form += self.material.density * self._volume * p * q * ng.dx
+            form += self._density * p * q * ng.dx
             form.Assemble()
         rows, columns, values = form.mat.COO()
         shape = (scalar.ndof, scalar.ndof)
@@ -233,7 +234,7 @@ class Continuum:
         assert self._solver is not None
         if load.ndim == 2:
             return np.column_stack([self.solve(column) for column in load.T])
-        with ng.TaskManager():
+        with parallel():
             self._right.FV().NumPy()[:] = np.where(self.free, load, 0.0)
             self._left.data = self._solver * self._right
         found = self._left.FV().NumPy().copy()
@@ -308,7 +309,7 @@ class Continuum:
         form = ng.LinearForm(self.space)
         for integral in integrals:
             form += integral
-        with ng.TaskManager():
+        with parallel():
             form.Assemble()
         return form.vec.FV().NumPy().copy()
 

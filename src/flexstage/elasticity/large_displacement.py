@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.loaded import green_strain, stress_stiffening, volume_unit
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import ConvergenceError, ModelError
 
 __all__ = ["Equilibria", "follow_drive", "follow_load", "stress_stiffening"]
@@ -148,7 +149,7 @@ class _Path:
         """Go from rest to each value in turn, in smaller steps where a whole one fails."""
         u, force, at, share = np.zeros(self.free.size), 0.0, 0.0, 0.0
         found: list[tuple[Array, float, float, int]] = []
-        with ng.TaskManager():
+        with parallel():
             for value in (float(v) for v in values):
                 begin, base, part, width, total = at, share, 0.0, 1.0, 0
                 compliance = 0.0

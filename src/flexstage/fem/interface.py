@@ -1,109 +1,31 @@
-"""How stiff a part is between two of its faces, and parts of more than one material."""
+"""How stiff a part is between its faces, and how one moves with others."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
-import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 from numpy.typing import NDArray
 
 from flexstage.elasticity import METRE, Continuum
 from flexstage.elasticity.memory import require_memory
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import ConvergenceError, ModelError
-from flexstage.material import Material
 
-__all__ = ["Bodies", "interface_modes", "interface_motion", "interface_stiffness"]
+__all__ = [
+    "MotionRatio",
+    "afford",
+    "interface_modes",
+    "interface_motion",
+    "interface_ratio",
+    "interface_stiffness",
+]
 
 Array = NDArray[np.float64]
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _STEPS = 60
-
-
-class Bodies(Continuum):
-    """A part in three dimensions whose regions are of different materials.
-
-    Parameters
-    ----------
-    mesh : ngsolve.Mesh
-        The mesh, curved to `order`, in three dimensions.
-    materials : Mapping
-        The material of each region, by its name.
-    order : int
-        Polynomial order of the displacement.
-    held : str
-        Regular expression of the boundaries that are held.
-    held_components : Mapping
-        Regular expression of the boundaries that are held in one direction, by ``x``, ``y``, ``z``.
-    shift : float
-        As of `Continuum` [rad^2/s^2].
-
-    Raises
-    ------
-    ModelError
-        A region has no material, or what `Continuum` raises.
-
-    Notes
-    -----
-    Loads by volume (gravity, temperature) are those of one material and are not given here.
-    """
-
-    def __init__(
-        self,
-        mesh: ng.Mesh,
-        materials: Mapping[str, Material],
-        *,
-        order: int,
-        held: str = "",
-        held_components: Mapping[str, str] | None = None,
-        shift: float = 0.0,
-    ) -> None:
-        regions = list(mesh.GetMaterials())
-        lacking = [name for name in regions if name not in materials]
-        if lacking:
-            raise ModelError(
-                f"region '{lacking[0]}' has no material: materials are given for "
-                f"{', '.join(materials) or 'none'}"
-            )
-        of = [materials[name] for name in regions]
-        super().__init__(
-            mesh, of[0], order=order, held=held, held_components=held_components, shift=shift
-        )
-        shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
-        first = [
-            2.0 * g * m.poissons_ratio / (1.0 - 2.0 * m.poissons_ratio)
-            for g, m in zip(shear, of, strict=True)
-        ]
-        # Both only ever multiply fields on the mesh, so that they may differ from region to region.
-        self.lame = ng.CoefficientFunction(first)
-        self.shear_modulus = ng.CoefficientFunction(shear)  # type: ignore[assignment]
-        self.material = replace(of[0], name=" + ".join(dict.fromkeys(m.name for m in of)))
-        self._density = ng.CoefficientFunction([m.density for m in of])
-
-    def _form(self) -> ng.BilinearForm:
-        u, v = self.space.TnT()
-        form = ng.BilinearForm(self.space, symmetric=True, condense=True)
-        stress = 2.0 * self.shear_modulus * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v)))
-        form += self._measure * (self.lame * ng.div(u) * ng.div(v) + stress) * ng.dx
-        if self.shift:
-            weight = self.shift * self._volume * self._density
-            form += weight * ng.InnerProduct(u, v) * ng.dx
-        return form
-
-    @cached_property
-    def _mass(self) -> sp.csr_matrix:  # type: ignore[override]
-        scalar = ng.H1(self.mesh, order=self.order)
-        p, q = scalar.TnT()
-        with ng.TaskManager():
-            form = ng.BilinearForm(scalar)
-            form += self._density * self._volume * p * q * ng.dx
-            form.Assemble()
-        rows, columns, values = form.mat.COO()
-        shape = (scalar.ndof, scalar.ndof)
-        return sp.csr_matrix((np.asarray(values), (np.asarray(rows), np.asarray(columns))), shape)
 
 
 def _rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:
@@ -123,8 +45,19 @@ def _check(continuum: Continuum, boundary: str) -> None:
     continuum.measure(boundary=boundary)
 
 
-def _afford(continuum: Continuum) -> None:
-    """Refuse a mesh that is too large, while its stiffness is not factorised yet."""
+def afford(continuum: Continuum) -> None:
+    """Refuse a mesh that is too large for the memory, while its stiffness is not factorised yet.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part, in three dimensions.
+
+    Raises
+    ------
+    ModelError
+        It is too large.
+    """
     if continuum._solver is None:
         low, high = continuum.mesh.ngmesh.bounding_box
         sides = [high[c] - low[c] for c in range(3)]
@@ -233,30 +166,162 @@ def interface_stiffness(
     """
     _check(continuum, moving)
     _check(continuum, held)
-    _afford(continuum)
+    afford(continuum)
     return (_between_rigid if rigid else _between_mean)(continuum, moving, held, at)
 
 
 def _between_rigid(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+    return _rigid_stiffness(continuum, [(moving, at)], held)
+
+
+def _rigid_stiffness(
+    continuum: Continuum, moving: Sequence[tuple[str, Sequence[float]]], held: str
+) -> Array:
+    """Return the stiffness of rigid interfaces about a point each, shape (6 k, 6 k)."""
     free = np.array(continuum.space.FreeDofs(), dtype=bool)
-    for name in (moving, held):
+    taken = np.zeros(free.size, dtype=int)
+    for name in (*(name for name, _ in moving), held):
         on = np.array(continuum.space.GetDofs(continuum.mesh.Boundaries(name)), dtype=bool)
         if (free & on).any():
+            names = "|".join((*(name for name, _ in moving), held))
             raise ModelError(
                 "a rigid interface must be among the held boundaries of the part: make the "
-                f"continuum with held='{moving}|{held}'"
+                f"continuum with held='{names}'"
             )
+        taken += on
+    if taken.max(initial=0) > 1:
+        raise ModelError(
+            f"two of the rigid interfaces {', '.join((*(name for name, _ in moving), held))} touch "
+            "each other, so neither can move alone: choose faces that are apart, or mean interfaces"
+        )
     columns, forces = [], []
-    where = continuum.mesh.Boundaries(moving)
-    for motion in _rigid_fields(at):
-        prescribed = ng.GridFunction(continuum.space)
-        prescribed.Set(motion, definedon=where)
-        given = prescribed.vec.FV().NumPy().copy()
-        total = given - continuum.solve(_stiffness_times(continuum, given))
-        columns.append(given)
-        forces.append(_stiffness_times(continuum, total))
+    for name, at in moving:
+        where = continuum.mesh.Boundaries(name)
+        for motion in _rigid_fields(at):
+            prescribed = ng.GridFunction(continuum.space)
+            prescribed.Set(motion, definedon=where)
+            given = prescribed.vec.FV().NumPy().copy()
+            total = given - continuum.solve(_stiffness_times(continuum, given))
+            columns.append(given)
+            forces.append(_stiffness_times(continuum, total))
     stiffness = np.array(columns) @ np.array(forces).T
     return 0.5 * (stiffness + stiffness.T)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionRatio:
+    """How an interface of a part moves while two others are pushed apart, or together.
+
+    Parameters
+    ----------
+    direction : numpy.ndarray
+        Unit vector from the second of the two to the first, along which they move, shape (3,).
+    motion : numpy.ndarray
+        Displacement [1] and rotation [rad/m] of the third one, about its centroid, for each metre
+        that the two move apart, shape (6,).
+    stiffness : float
+        Force over the distance by which the two move apart [N/m].
+    """
+
+    direction: Array
+    motion: Array
+    stiffness: float
+
+    @property
+    def ratio(self) -> float:
+        """Length of the displacement of the third one over what the two move apart [1]."""
+        return float(np.linalg.norm(self.motion[:3]))
+
+
+def interface_ratio(
+    continuum: Continuum, apart: tuple[str, str], output: str, held: str, *, rigid: bool = True
+) -> MotionRatio:
+    """Return how an interface moves while two others are pushed apart by opposite forces.
+
+    Parameters
+    ----------
+    continuum : Continuum
+        The part, as of `interface_stiffness`; rigid interfaces are all four of them.
+    apart : tuple of str
+        Regular expressions of the two interfaces, the ends of a drive; the forces act along the
+        line through their centroids.
+    output : str
+        Regular expression of the one whose motion is wanted.
+    held : str
+        Regular expression of the one that is held.
+    rigid : bool
+        Whether the interfaces are rigid.
+
+    Returns
+    -------
+    MotionRatio
+        The motion.
+
+    Raises
+    ------
+    ModelError
+        As of `interface_stiffness`; or the centroids of the two coincide, or interfaces touch that
+        are rigid.
+    ConvergenceError
+        The shift is too large.
+
+    Examples
+    --------
+    A bar that is drawn longer grows thinner by Poisson's ratio, 0.33:
+
+    >>> from netgen.occ import Box
+    >>> from flexstage.fem.part import Part
+    >>> from flexstage.fem.part_mesh import PartMesh
+    >>> from flexstage.material import material
+    >>> bar = Part.from_shape(Box((0, 0, 0), (9.0, 3.0, 2.0)))
+    >>> right, left, top, bottom = (
+    ...     bar.boundary(bar.select(*s))
+    ...     for s in (("x", "max"), ("x", "min"), ("z", "max"), ("z", "min"))
+    ... )
+    >>> part = Continuum(
+    ...     bar.mesh(PartMesh(order=1, size=4e-3)), material("Al 6061-T6"), order=3, shift=1e8
+    ... )
+    >>> found = interface_ratio(part, (right, left), top, bottom, rigid=False)
+    >>> (found.motion[:3] * 9.0 / 2.0).round(2) + 0.0
+    array([ 0.  ,  0.  , -0.33])
+    """
+    for name in (*apart, output, held):
+        _check(continuum, name)
+    afford(continuum)
+    first, second, end = (_centroid(continuum, name) for name in (*apart, output))
+    direction = np.subtract(first, second)
+    length = float(np.linalg.norm(direction))
+    if not length > 0.0:
+        raise ModelError(f"the interfaces {apart[0]} and {apart[1]} have one centroid: no ratio")
+    direction /= length
+    if rigid:
+        moving = [(apart[0], first), (apart[1], second), (output, end)]
+        stiffness = _rigid_stiffness(continuum, moving, held)
+        force = np.concatenate([direction, [0.0] * 3, -direction, [0.0] * 9])
+        found = np.linalg.solve(stiffness, force)
+        opened = float(direction @ (found[:3] - found[6:9]))
+        motion = found[12:]
+    else:
+        _require_floating(continuum)
+        pull = direction @ (
+            interface_motion(continuum, apart[0], first)[:3]
+            - interface_motion(continuum, apart[1], second)[:3]
+        )
+        u = _floating(continuum, pull)
+        opened = float(pull @ u)
+        motion = (
+            interface_motion(continuum, output, end) - interface_motion(continuum, held, end)
+        ) @ u
+    motion = np.asarray(motion / opened, dtype=float)
+    return MotionRatio(direction=direction, motion=motion, stiffness=1.0 / opened)
+
+
+def _centroid(continuum: Continuum, boundary: str) -> tuple[float, ...]:
+    """Return the centroid of an interface [m]."""
+    where = continuum.mesh.Boundaries(boundary)
+    area = ng.Integrate(ng.CoefficientFunction(1.0), continuum.mesh, definedon=where)
+    parts = [ng.Integrate(c, continuum.mesh, definedon=where) for c in (ng.x, ng.y, ng.z)]
+    return tuple(float(c) / float(area) / METRE for c in parts)
 
 
 def _stiffness_times(continuum: Continuum, u: Array) -> Array:
@@ -265,17 +330,21 @@ def _stiffness_times(continuum: Continuum, u: Array) -> Array:
     given = ng.GridFunction(continuum.space)
     given.vec.FV().NumPy()[:] = u
     result = given.vec.CreateVector()
-    with ng.TaskManager():
+    with parallel():
         form.Apply(given.vec, result)
     return result.FV().NumPy().copy()
 
 
-def _between_mean(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+def _require_floating(continuum: Continuum) -> None:
     if not continuum.shift or not all(continuum.space.FreeDofs()):
         raise ModelError(
             "between mean interfaces a part hangs free: make the continuum with a shift and "
             "nothing held"
         )
+
+
+def _between_mean(continuum: Continuum, moving: str, held: str, at: Sequence[float]) -> Array:
+    _require_floating(continuum)
     # Unit loads on the one interface and their reactions on the other are in balance, so that they
     # have a static answer, up to a rigid motion, without any support.
     apart = interface_motion(continuum, moving, at) - interface_motion(continuum, held, at)
@@ -318,7 +387,7 @@ def interface_modes(
     """
     for name in held:
         _check(continuum, name)
-    _afford(continuum)
+    afford(continuum)
     motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in held])
     moved = continuum.solve(motion.T)
     inner = np.linalg.inv(motion @ moved)

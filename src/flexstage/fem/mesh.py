@@ -9,6 +9,7 @@ from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 
 from flexstage.elasticity import METRE
 from flexstage.elasticity.memory import require_memory
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import ModelError
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.names import surface_edge
@@ -75,7 +76,7 @@ def _refine(stage: Stage, faces: StageFaces, settings: MeshSettings) -> None:
 def _generate(shape: TopoDS_Shape, dimension: int, largest: float, grading: float) -> ng.Mesh:
     geometry = OCCGeometry(shape, dim=dimension)
     try:
-        with ng.TaskManager():
+        with parallel():
             made = geometry.GenerateMesh(maxh=largest * METRE, grading=grading)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.elasticity import METRE, Continuum
 from flexstage.elasticity.stress import COMPONENTS
+from flexstage.elasticity.threads import parallel
 from flexstage.fem.names import exactly, surface_edge
 from flexstage.stage import Stage
 
@@ -120,5 +121,5 @@ def neck_stress(
         return np.stack(columns, axis=-1)
     stress = continuum.stress(u, temperature)
     six = ng.CoefficientFunction(tuple(stress[i, j] for i, j in COMPONENTS))
-    with ng.TaskManager():
+    with parallel():
         return np.asarray(ng.BoundaryFromVolumeCF(six)(points.places))

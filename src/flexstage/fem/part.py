@@ -1,10 +1,12 @@
 """Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
 
 import math
+import os
 import re
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +85,11 @@ class Part:
                 )
         bodies = _name_all(solids, "body")
         _name_all(list(shape.faces), "face")
-        faces = tuple(face_of(f) for f in shape.faces)
+        of: dict[TopoDS_Shape, list[str]] = {f: [] for f in shape.faces}  # one that two share, once
+        for name, solid in zip(bodies, solids, strict=True):
+            for f in solid.faces:
+                of[f].append(name)
+        faces = tuple(face_of(f, tuple(names)) for f, names in of.items())
         return cls(source=source, shape=shape, bodies=tuple(bodies), faces=faces)
 
     # ------------------------------------------------------------------ measures
@@ -117,6 +123,29 @@ class Part:
         volumes = [s.mass / METRE**3 for s in self.shape.solids]
         return sum(m.density * v for m, v in zip(of, volumes, strict=True))  # type: ignore[union-attr]
 
+    # ------------------------------------------------------------------ bodies
+
+    def require_joined(self) -> None:
+        """Refuse an assembly that is not in one piece.
+
+        Raises
+        ------
+        StageError
+            Some of its solids share no face with the others.
+        """
+        joined = {self.bodies[0]}
+        joints = [set(f.bodies) for f in self.faces if len(f.bodies) > 1]
+        for _ in self.bodies:
+            joined |= set().union(*(j for j in joints if j & joined))
+        apart = [name for name in self.bodies if name not in joined]
+        if apart:
+            raise StageError(
+                f"'{apart[0]}' of {self.source} shares no face with "
+                f"{', '.join(n for n in self.bodies if n in joined)}: solids join where their "
+                "faces touch without a gap; move them together in the CAD program, or take only "
+                "solids that touch"
+            )
+
     # ------------------------------------------------------------------ faces
 
     def face_at(self, point: Sequence[float]) -> str:
@@ -140,7 +169,7 @@ class Part:
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
         found = sorted(
             (f.Distance(vertex), face.name)
-            for f, face in zip(self.shape.faces, self.faces, strict=True)
+            for f, face in zip(dict.fromkeys(self.shape.faces), self.faces, strict=True)
         )
         low, high = self.bounding_box
         margin = _NEAR * math.dist(low, high) * METRE
@@ -221,13 +250,15 @@ class Part:
 
     # ------------------------------------------------------------------ mesh
 
-    def mesh(self, settings: PartMesh | None = None) -> ng.Mesh:
+    def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
         Parameters
         ----------
         settings : PartMesh, optional
             How fine.
+        limit : float, optional
+            Computing time after which the mesher is given up [s].
 
         Returns
         -------
@@ -252,19 +283,19 @@ class Part:
         for name in chosen.sizes:
             if name not in {f.name for f in self.faces}:
                 raise ModelError(f"{self.source} has no face '{name}' to give a mesh size to")
-        return mesh_shape(self.shape, chosen, self.source)
+        return mesh_shape(self.shape, chosen, self.source, limit=limit)
 
 
-def read_step(path: str | Path, *, solid: int | str | None = None) -> Part:
+def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
     """Read a part from a STEP file.
 
     Parameters
     ----------
     path : str or Path
         The file; whatever its unit of length, the geometry kernel turns it into millimetres.
-    solid : int or str, optional
-        Of several solids the one to take, counted from 0, or ``all``: keep all of them, joined
-        where they touch.
+    solid : int or str or sequence of these, optional
+        Of several solids those to take, by number, counted from 0, or by name; ``all`` keeps all of
+        them. Several are joined where they touch.
 
     Returns
     -------
@@ -276,33 +307,52 @@ def read_step(path: str | Path, *, solid: int | str | None = None) -> Part:
     ------
     StageError
         There is no such file, it is no STEP file or not whole, it holds no solid, one without
-        volume, or several and none is chosen.
+        volume, several and none is chosen, or several that overlap.
     """
     path = Path(path)
     shape = _load(path)
     solids = list(shape.solids)
     count = len(solids)
-    if isinstance(solid, int) and not 0 <= solid < max(count, 1):
-        raise StageError(f"'{path}' has the solids 0 to {count - 1}, got {solid}")
-    if isinstance(solid, str) and solid != "all":
-        raise StageError(f"solid must be a number or 'all', got {solid!r}")
     if count > 1 and solid is None:
         raise StageError(
             f"'{path}' holds {count} solids: choose one with solid=0 to {count - 1}, or keep "
             "them all, joined where they touch, with solid='all'"
         )
-    if count > 1:
-        shape = Glue(solids) if solid == "all" else solids[int(solid or 0)]
-    elif count == 1:
-        shape = solids[0]
+    if count:
+        names = _name_all(solids, "body")
+        words = [solid] if isinstance(solid, (int, str)) else list(solid or [])
+        if words and words != ["all"]:
+            solids = [solids[k] for k in dict.fromkeys(_number(w, names, path) for w in words)]
+        shape = Glue(solids) if len(solids) > 1 else solids[0]
+        if len(list(shape.solids)) != len(solids):
+            raise StageError(
+                f"solids of '{path}' overlap, {', '.join(str(s.name) for s in solids)}: joined "
+                f"they fall into {len(list(shape.solids))} pieces; cut one out of the other in the "
+                "CAD program"
+            )
     return Part.from_shape(shape, source=f"'{path}'")
+
+
+def _number(word: int | str, names: Sequence[str], path: Path) -> int:
+    """Return which solid a word means: a name, or as text a number from 1, as in ``body1``."""
+    if isinstance(word, int):
+        if 0 <= word < len(names):
+            return word
+        raise StageError(f"'{path}' has the solids 0 to {len(names) - 1}, got {word}")
+    if word in names:
+        return names.index(word)
+    if word.isdigit() and 0 < int(word) <= len(names):
+        return int(word) - 1
+    known = ", ".join(f"{k} {name}" for k, name in enumerate(names, 1))
+    raise StageError(
+        f"'{path}' has the solids {known}; got '{word}': give a name, a number or 'all'"
+    )
 
 
 def _load(path: Path) -> TopoDS_Shape:
     if not path.is_file():
         raise StageError(f"there is no STEP file '{path}'")
     data = path.read_bytes()
-    # asked here because the geometry kernel writes its own complaints to the terminal
     if not data.lstrip().startswith(b"ISO-10303-21;"):
         raise StageError(
             f"'{path}' is not a STEP file: one starts with 'ISO-10303-21;', this with "
@@ -318,12 +368,31 @@ def _load(path: Path) -> TopoDS_Shape:
         copy = Path(folder) / "part.step"
         shutil.copyfile(path, copy)
         try:
-            return OCCGeometry(str(copy)).shape
+            with _silent():
+                return OCCGeometry(str(copy)).shape
         except (NgException, RuntimeError) as error:
             raise StageError(
                 f"the geometry kernel cannot read the STEP file '{path}' ({str(error).strip()}): "
                 "export it again as AP203 or AP214"
             ) from error
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep the words of the geometry kernel, which it writes past Python, off standard output."""
+    try:
+        kept = os.dup(1)
+    except OSError:  # there is none
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:

@@ -1,24 +1,61 @@
-"""What finite elements say of a part that was drawn elsewhere: mass, modes, stiffness."""
+"""What finite elements say of a part that was drawn elsewhere: mass, modes, stiffness, ratio."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.elasticity import Continuum
-from flexstage.elasticity.memory import require_memory
 from flexstage.errors import StageError
-from flexstage.fem.interface import interface_stiffness
+from flexstage.fem.bodies import Bodies
+from flexstage.fem.interface import (
+    MotionRatio,
+    afford,
+    interface_modes,
+    interface_ratio,
+    interface_stiffness,
+)
 from flexstage.fem.part import Part
+from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
 from flexstage.progress import share, tell
 
-__all__ = ["PartAnalysis", "analyse_part", "named_faces"]
+__all__ = ["INTERFACES", "InterfaceResult", "PartAnalysis", "analyse_part", "named_faces"]
 
 Array = NDArray[np.float64]
-_RIGID_HZ = 1.0  # what a free part's six rigid motions come out at is rounding below this
+#: Kinds of interfaces.
+INTERFACES = ("rigid", "mean")
+_RIGID_MOTIONS = 6
+# A part that nothing holds is shifted by this share of the frequency of sound from end to end:
+# below its elastic modes, and above what rounding makes of its rigid motions.
+_SHIFT = 1e-3
+_LEAST, _PATIENCE = (
+    60.0,
+    20.0,
+)  # time of the mesher: so much [s], and as many times the expected one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class InterfaceResult:
+    """A part with one kind of interfaces.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Natural frequencies, rigid motions left out [Hz], shape (k,).
+    stiffness : numpy.ndarray or None
+        Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
+        shape (6, 6).
+    ratio : MotionRatio or None
+        How the output moves when two faces are pushed apart.
+    """
+
+    frequency_hz: Array
+    stiffness: Array | None = None
+    ratio: MotionRatio | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,34 +66,35 @@ class PartAnalysis:
     ----------
     part : Part
         The part.
-    material : Material
-        What it is made of.
+    materials : Mapping
+        What each of its bodies is made of.
     order : int
         Polynomial order of the displacement.
-    unknowns : int
-        Unknowns of the mesh.
+    elements, unknowns : int
+        Elements and unknowns of the mesh.
+    expected : PartEstimate
+        What they were expected to be, and to cost.
     held : tuple of str
         Faces that are held; empty for a free part.
-    frequency_hz : numpy.ndarray
-        Natural frequencies, rigid motions left out [Hz], shape (k,).
     moved : tuple of str
         Faces whose stiffness was asked for.
     at : tuple of float
-        Their common centroid, about which the stiffness is [m].
-    stiffness : numpy.ndarray or None
-        Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
-        held and moved faces rigid, shape (6, 6).
+        The point about which the stiffness is [m].
+    results : Mapping
+        The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
+        one, ``free``.
     """
 
     part: Part
-    material: Material
+    materials: Mapping[str, Material]
     order: int
+    elements: int
     unknowns: int
+    expected: PartEstimate
     held: tuple[str, ...]
-    frequency_hz: Array
     moved: tuple[str, ...]
     at: tuple[float, ...]
-    stiffness: Array | None
+    results: Mapping[str, InterfaceResult]
 
 
 def named_faces(part: Part, text: str) -> tuple[str, ...]:
@@ -98,31 +136,60 @@ def named_faces(part: Part, text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wanted:
+    """What is asked for, with faces as regular expressions; empty where there are none."""
+
+    held: str
+    moved: str
+    ratio: tuple[str, str, str] | None
+    at: tuple[float, ...]
+    modes: int
+    force: bool
+
+
 def analyse_part(
     part: Part,
-    material: Material,
+    material: Material | Mapping[str, Material],
     *,
     hold: Sequence[str] = (),
     move: Sequence[str] = (),
+    at: Sequence[float] | None = None,
+    ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None = None,
+    interfaces: Sequence[str] = INTERFACES,
     mesh: PartMesh | None = None,
     modes: int = 6,
+    force: bool = False,
+    expect: Callable[[PartEstimate], None] | None = None,
 ) -> PartAnalysis:
     """Analyse a part.
 
     Parameters
     ----------
     part : Part
-        The part.
-    material : Material
-        What it is made of.
+        The part; its bodies are joined where they share faces.
+    material : Material or Mapping
+        What it is made of, or that of each body by name.
     hold : sequence of str
         Names of the faces that are held; none for a part that floats.
     move : sequence of str
-        Names of the faces whose stiffness is wanted, as if a rigid plate were fixed to them.
+        Names of the faces whose stiffness is wanted.
+    at : sequence of float, optional
+        The point about which it is meant [m]; their centroid where not given.
+    ratio : tuple of sequence of str, optional
+        Names of the faces of two ends that are pushed apart, and of those whose motion by it is
+        wanted.
+    interfaces : sequence of str
+        ``rigid``: held, moved and pushed faces move as if stiff plates were welded to them;
+        ``mean``: they may deform, and it is their mean motion that counts.
     mesh : PartMesh, optional
         How fine; the displacement has the order of the mesh.
     modes : int
         Number of natural frequencies.
+    force : bool
+        Go on even where the memory seems not to suffice.
+    expect : callable, optional
+        Is told what the mesh will be and cost, before it is made.
 
     Returns
     -------
@@ -132,52 +199,162 @@ def analyse_part(
     Raises
     ------
     StageError
-        A face does not exist, is held and moved, or is moved while none is held.
+        A face does not exist, is named for two purposes, or is to be moved while none is held; a
+        body touches no other; or the interfaces are of another kind.
     ModelError
         The mesher failed, or the memory does not suffice.
 
     Notes
     -----
-    Validity: small displacements, one isotropic material; parts in contact count as joined.
+    Validity: small displacements, isotropic materials; bodies that share a face are joined there.
     """
-    both = set(hold) & set(move)
-    if both:
-        raise StageError(f"face '{min(both)}' cannot be held and moved: name it once")
-    if move and not hold:
-        raise StageError("the stiffness of a face is against held ones: name some to hold")
+    wanted = _wanted(part, hold, move, ratio, at=at, modes=modes, force=force)
+    if not interfaces or set(interfaces) - set(INTERFACES):
+        raise StageError(f"interfaces are rigid or mean, got {', '.join(interfaces) or 'none'}")
+    part.require_joined()
+    of = dict.fromkeys(part.bodies, material) if isinstance(material, Material) else dict(material)
     chosen = mesh if mesh is not None else PartMesh()
-    held, moved = (part.boundary(tuple(f)) if f else "" for f in (hold, move))
+    kinds = tuple(dict.fromkeys(interfaces)) if hold else ("free",)
+    expected = estimate_part(part, chosen, factorisations=_factorisations(kinds, wanted))
+    if expect is not None:
+        expect(expected)
+    if not force:
+        require_room(part, chosen, expected)
     tell("mesh")
-    made = part.mesh(chosen)
+    made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
-    # a free part is shifted by a frequency that its elastic modes lie far above
-    shift = 0.0 if hold else (2.0 * np.pi * 10.0) ** 2
-    continuum = Continuum(made, material, order=chosen.order, held=held, shift=shift)
-    sides = [h - b for b, h in zip(low, high, strict=True)]
-    require_memory(continuum.size, 3, chosen.order, box=sides)
-    with share(0.1, 0.6 if move else 1.0):
-        omega, _ = continuum.modes(modes + (0 if hold else 6))
-    continuum.release()
-    frequency = omega / (2.0 * np.pi)
-    if not hold:
-        frequency = frequency[frequency > _RIGID_HZ][:modes]
-    faces = [f for f in part.faces if f.name in set(move)]
-    area = sum(f.area for f in faces)
-    at = tuple(sum(f.area * f.centre[i] for f in faces) / area for i in range(3)) if faces else ()
-    stiffness = None
-    if move:
-        with share(0.6, 1.0):
-            tell("stiffness")
-            rig = Continuum(made, material, order=chosen.order, held=f"{held}|{moved}")
-            stiffness = interface_stiffness(rig, moved, held, at=at, rigid=True)
+    sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
+    shift = (_SHIFT * sound / math.dist(low, high)) ** 2
+    results: dict[str, InterfaceResult] = {}
+    for k, kind in enumerate(kinds):
+        with share(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
+            floating = None
+            if kind != "rigid":
+                floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
+            if kind == "free":
+                assert floating is not None
+                results[kind] = InterfaceResult(frequency_hz=_free(floating, modes))
+            elif floating is not None:
+                results[kind] = _with_mean_interfaces(floating, wanted)
+            else:
+                results[kind] = _with_rigid_interfaces(made, of, chosen.order, wanted)
     return PartAnalysis(
         part=part,
-        material=material,
+        materials=of,
         order=chosen.order,
-        unknowns=continuum.size,
+        elements=made.ne,
+        unknowns=ng.VectorH1(made, order=chosen.order).ndof,
+        expected=expected,
         held=tuple(hold),
-        frequency_hz=frequency,
         moved=tuple(move),
-        at=at,
-        stiffness=stiffness,
+        at=wanted.at,
+        results=results,
     )
+
+
+def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
+    """Count them: floating parts need one, rigid interfaces one for each set that is held."""
+    of_rigid = sum(map(bool, (wanted.modes, wanted.moved, wanted.ratio)))
+    return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
+
+
+def _wanted(
+    part: Part,
+    hold: Sequence[str],
+    move: Sequence[str],
+    ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None,
+    *,
+    at: Sequence[float] | None,
+    modes: int,
+    force: bool,
+) -> _Wanted:
+    if (move or ratio) and not hold:
+        raise StageError("stiffness and ratio of faces are against held ones: name some to hold")
+    pushed = ratio[:2] if ratio else ()
+    for purpose, names in (
+        ("moved", move),
+        *(("pushed", names) for names in pushed),
+        *((("an output", ratio[2]),) if ratio else ()),
+    ):
+        both = set(hold) & set(names)
+        if both:
+            raise StageError(f"face '{min(both)}' cannot be held and {purpose}: name it once")
+    if ratio and len(set().union(*ratio)) < sum(len(set(names)) for names in ratio):
+        raise StageError("the ratio is between three different faces, got one of them twice")
+    point: tuple[float, ...] = ()
+    if move:
+        faces = [f for f in part.faces if f.name in set(move)]
+        area = sum(f.area for f in faces)
+        centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
+        point = tuple(at if at is not None else centroid)
+    return _Wanted(
+        held=part.boundary(tuple(hold)) if hold else "",
+        moved=part.boundary(tuple(move)) if move else "",
+        ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
+        at=point,
+        modes=modes,
+        force=force,
+    )
+
+
+def _ready(body: Bodies, force: bool) -> Bodies:
+    if not force:
+        afford(body)
+    body.factorise()
+    return body
+
+
+def _hertz(omega: Array) -> Array:
+    return omega / (2.0 * np.pi)
+
+
+def _free(body: Bodies, modes: int) -> Array:
+    """Return the elastic modes; the rigid ones are below them, whatever rounding makes of them."""
+    if not modes:
+        return np.zeros(0)
+    omega, _ = body.modes(modes + _RIGID_MOTIONS)
+    return _hertz(omega[_RIGID_MOTIONS:])
+
+
+def _with_rigid_interfaces(
+    mesh: ng.Mesh, materials: Mapping[str, Material], order: int, wanted: _Wanted
+) -> InterfaceResult:
+    """Solve with one factorisation for each set of faces that is held."""
+
+    def held(*more: str) -> Bodies:
+        names = "|".join(n for n in (wanted.held, *more) if n)
+        return _ready(Bodies(mesh, materials, order=order, held=names), wanted.force)
+
+    frequency, stiffness, ratio = np.zeros(0), None, None
+    if wanted.modes:
+        with share(0.0, 0.5):
+            body = held()
+            frequency = _hertz(body.modes(wanted.modes)[0])
+            body.release()
+    if wanted.moved:
+        with share(0.5, 0.75):
+            tell("stiffness")
+            body = held(wanted.moved)
+            stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at)
+            body.release()
+    if wanted.ratio:
+        with share(0.75, 1.0):
+            tell("ratio")
+            body = held(*wanted.ratio)
+            ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held)
+    return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
+
+
+def _with_mean_interfaces(body: Bodies, wanted: _Wanted) -> InterfaceResult:
+    """Solve with the one factorisation of the floating part."""
+    frequency, stiffness, ratio = np.zeros(0), None, None
+    if wanted.modes:
+        with share(0.0, 0.5):
+            frequency = _hertz(interface_modes(body, [wanted.held], wanted.modes)[0])
+    if wanted.moved:
+        tell("stiffness", 0.5)
+        stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at, rigid=False)
+    if wanted.ratio:
+        tell("ratio", 0.75)
+        ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=False)
+    return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)

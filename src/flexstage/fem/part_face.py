@@ -36,6 +36,10 @@ class PartFace:
         Outward unit normal of a plane; None of any other.
     low, high : tuple of float
         Corners of the box about it [m].
+    bodies : tuple of str
+        Names of the solids that it bounds: of two that are joined there, or of one.
+    forward : bool
+        Whether the normal of its surface, by its coordinates, looks out of the first of them.
     """
 
     name: str
@@ -45,6 +49,8 @@ class PartFace:
     normal: tuple[float, ...] | None
     low: tuple[float, ...]
     high: tuple[float, ...]
+    bodies: tuple[str, ...]
+    forward: bool
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -67,13 +73,15 @@ def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
     )
 
 
-def face_of(shape: TopoDS_Shape) -> PartFace:
+def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
     """Measure a face.
 
     Parameters
     ----------
     shape : netgen.occ.TopoDS_Shape
         The face, with a name, in millimetres.
+    bodies : tuple of str
+        The solids that it bounds.
 
     Returns
     -------
@@ -94,6 +102,8 @@ def face_of(shape: TopoDS_Shape) -> PartFace:
         normal=normal,
         low=low,
         high=high,
+        bodies=bodies,
+        forward=forward,
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flexstage.elasticity import METRE, von_mises_of
 from flexstage.elasticity.stress import COMPONENTS
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import ModelError
 from flexstage.fem.cells import (
     lattice,
@@ -332,7 +333,7 @@ class Sampler:
         on_boundary = self.mesh.dim == 3 and not self.solid
         if inside and on_boundary:
             function = ng.BoundaryFromVolumeCF(function)
-        with ng.TaskManager():
+        with parallel():
             found = np.asarray(function(self.places))
         return found.reshape(self.places.shape[0], -1)
 

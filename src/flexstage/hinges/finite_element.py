@@ -19,8 +19,6 @@ Lengths are in heights of the root, and compliances times E b.
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -28,6 +26,7 @@ import ngsolve as ng
 import numpy as np
 
 from flexstage.elasticity import METRE, Continuum
+from flexstage.elasticity.threads import parallel
 from flexstage.errors import HingeError
 from flexstage.hinges.compliance import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
@@ -200,7 +199,8 @@ def surface_stress(
             "give it fillets (corner-filleted) to rate it"
         )
     body = None if root_width is None else _relative(profile, root_width)
-    with _one_thread():
+    # more threads are no faster on so few elements
+    with parallel(1):
         model = _Model(profile, poisson, plane, body, order=STRESS_ORDER, fineness=STRESS_FINENESS)
         stress = {(n, side): model.surface_stress(n, side) for n in "NMV" for side in _SIDES}
     t = model.block.neck
@@ -275,21 +275,11 @@ def condensed_stress_rows(
 # --------------------------------------------------------------------------- one half
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Solve on one thread: more are no faster on so few elements, and wait on a busy machine."""
-    kept = ng.GetNumThreads()
-    ng.SetNumThreads(1)
-    try:
-        yield
-    finally:
-        ng.SetNumThreads(kept)
-
-
 @lru_cache(maxsize=4096)
 def _half(profile: Profile, poisson: float, plane: PlaneState, body: float | None) -> Array:
     """Compliance of the half in body b without its block, times E b, in heights of the root."""
-    with _one_thread():
+    # more threads are no faster on so few elements
+    with parallel(1):
         found = _Model(profile, poisson, plane, body).compliance()
     found.flags.writeable = False
     return found

@@ -15,6 +15,7 @@ from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.neck_stress import draw_neck_stress
 from flexstage.report.figures.noise import draw_hold, draw_staircase
+from flexstage.report.figures.part import draw_part
 from flexstage.report.figures.positioning import draw_positioning
 from flexstage.report.figures.prediction import draw_prediction
 from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
@@ -38,6 +39,7 @@ __all__ = [
     "draw_modal_fit",
     "draw_motion_error",
     "draw_neck_stress",
+    "draw_part",
     "draw_polar",
     "draw_positioning",
     "draw_prediction",
