@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
-from flexstage.experiment.modal.prepare import prepared
+from flexstage.experiment.modal.prepare import Prepared, prepared
 from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.search import Found, search, settled
-from flexstage.experiment.modal.sensor import joined, without_sensor
+from flexstage.experiment.modal.selection import cleaned
+from flexstage.experiment.modal.sensor import joined, steady_delay, without_sensor
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]
@@ -149,11 +150,12 @@ def fit_modes(
         "count": wanted,
         "guess": frequency_guess,
     }
-    found = search(parts, template, **options)
-    basis, theta = found.basis, found.theta
-    if (delay or lag) and basis.count:
-        basis, theta = _with_sensor(found, (real_modes, delay, lag), options)
-    parts, theta = settled(found.parts, basis, theta)
+    if delay or lag:
+        found = _with_sensor(parts, template, (real_modes, delay, lag), options)
+    else:
+        found = search(parts, template, **options)
+    basis = found.basis
+    parts, theta = settled(found.parts, basis, found.theta)
     return assembled(
         basis,
         theta,
@@ -191,25 +193,44 @@ def _edges(
 
 
 def _with_sensor(
-    found: Found, form: tuple[bool, bool, bool], options: dict[str, Any]
-) -> tuple[ModalBasis, Array]:
+    parts: tuple[Prepared, ...],
+    template: ModalBasis,
+    form: tuple[bool, bool, bool],
+    options: dict[str, Any],
+) -> Found:
     """Fit delay and lag, and look for the modes once more in the responses without them."""
     real_modes, delay, lag = form
 
     def whole(basis: ModalBasis) -> ModalBasis:
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
+    near = steady_delay(parts) if delay else 0.0
+    # of a lag alone there is nothing to begin with
+    late = replace(template, delay=True)
+    start = np.array([near * template.reference])
+    undone = tuple(without_sensor(late, start, part) for part in parts) if delay else parts
+    found = search(undone, template, **options)
     basis = whole(found.basis)
+    weighed = tuple(map(_weighed_as, parts, found.parts))
     extra = np.zeros(delay + lag)
-    theta, least = joined(basis, np.concatenate([found.theta, extra]), found.parts)
+    theta, least = joined(basis, np.concatenate([found.theta, extra]), weighed, near)
     for _ in range(_AGAIN):
-        undone = tuple(without_sensor(basis, theta, part) for part in found.parts)
-        again = search(undone, replace(found.basis, count=0), **options)
+        undone = tuple(without_sensor(basis, theta, part) for part in weighed)
+        again = search(undone, template, **options)
         if not again.basis.count:
             break
         more = whole(again.basis)
-        trial, total = joined(more, np.concatenate([again.theta, extra]), found.parts)
+        trial, total = joined(more, np.concatenate([again.theta, extra]), weighed, near)
         if more.count == basis.count and total >= least * (1.0 - 1e-6):
             break
         basis, theta, least = more, trial, total
-    return basis, theta
+    if options["count"] is None:
+        basis, theta = cleaned(basis, theta, [part.block for part in weighed])
+    return replace(found, parts=weighed, basis=basis, theta=theta)
+
+
+def _weighed_as(part: Prepared, other: Prepared) -> Prepared:
+    """Return a response with the weights that one without its delay was given."""
+    return replace(
+        part, deviation=other.deviation, block=replace(part.block, weights=other.block.weights)
+    )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.modal.polynomial import Lines
 from flexstage.experiment.modal.projection import Block
+from flexstage.experiment.modal.scatter import line_scatter
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["Prepared", "deviations", "prepared", "reweighted"]
@@ -27,6 +28,8 @@ _KNOWN_WELL = 64.0
 _ALIKE = 4.0 / 9.0
 # a residual this far below the response is rounding
 _ROUNDING = 1e-10
+# share of the response that no model is asked for until it is known what it leaves
+_TRUSTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,6 +46,8 @@ class Prepared:
         Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
     given : bool
         Whether the variance was given, so that the factor should be 1.
+    kept : bool
+        Whether the weights stay what they are, given or chosen, whatever the fit leaves.
     block : Block
         Responses to displacement, one column for each output and input.
     """
@@ -51,6 +56,7 @@ class Prepared:
     powers: tuple[int, ...]
     deviation: Array
     given: bool
+    kept: bool
     block: Block
 
     def lines(self) -> Lines:
@@ -70,7 +76,7 @@ class Prepared:
 def prepared(
     responses: Sequence[MeasuredResponse],
     band: tuple[float, float] | None,
-    weighting: Literal["variance", "uniform"],
+    weighting: Literal["variance", "uniform", "relative"],
     motion: Literal["displacement", "velocity", "acceleration"] | None,
     reference: float,
 ) -> tuple[Prepared, ...]:
@@ -82,8 +88,8 @@ def prepared(
         The responses.
     band : tuple of float, optional
         Ends of the band [Hz].
-    weighting : {"variance", "uniform"}
-        Whether lines count by their variance.
+    weighting : {"variance", "uniform", "relative"}
+        Whether lines count by their variance, all alike, or by the inverse of their magnitude.
     motion : {"displacement", "velocity", "acceleration"}, optional
         What outputs without a unit of motion measure.
     reference : float
@@ -101,8 +107,8 @@ def prepared(
     ModelError
         An option is not a known one.
     """
-    if weighting not in ("variance", "uniform"):
-        raise ModelError(f"weighting is 'variance' or 'uniform', got {weighting!r}")
+    if weighting not in ("variance", "uniform", "relative"):
+        raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
     if motion is not None and motion not in _MOTIONS:
         raise ModelError(f"motion is one of {', '.join(_MOTIONS)}, got {motion!r}")
     out = []
@@ -126,10 +132,10 @@ def prepared(
         if np.any(size == 0.0):
             dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]
             raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
-        deviation = None if weighting == "uniform" else deviations(part)
+        deviation = deviations(part) if weighting == "variance" else None
         given = deviation is not None
         if deviation is None:
-            deviation = np.broadcast_to(size, part.response.shape).copy()
+            deviation = _first(part, size, weighting)
         units = part.output_units or ("",) * len(part.outputs)
         powers = tuple(_POWERS.get(u, _MOTIONS[motion or "displacement"]) for u in units)
         out.append(
@@ -138,10 +144,22 @@ def prepared(
                 powers=powers,
                 deviation=deviation,
                 given=given,
+                kept=given or weighting == "relative",
                 block=_block(part, powers, deviation, reference),
             )
         )
     return tuple(out)
+
+
+def _first(part: MeasuredResponse, size: Array, weighting: str) -> Array:
+    """Return deviations to begin with, where none are given."""
+    if weighting == "uniform":
+        return np.broadcast_to(size, part.response.shape).copy()
+    magnitude = np.abs(part.response)
+    scatter = line_scatter(part.frequency_hz, part.response)
+    share = 1.0 if weighting == "relative" else _TRUSTED
+    # in proportion, down to the noise
+    return np.maximum(np.hypot(scatter, share * magnitude), _ROUNDING * size)
 
 
 def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -> Prepared:

@@ -11,7 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared, reweighted
 from flexstage.experiment.modal.projection import eliminate, minimise, remaining
-from flexstage.experiment.modal.selection import distinct, extended, pruned, selected
+from flexstage.experiment.modal.scatter import local_poles
+from flexstage.experiment.modal.selection import cleaned, distinct, extended, pruned, selected
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
 
 __all__ = ["Found", "search", "settled"]
@@ -19,6 +20,9 @@ __all__ = ["Found", "search", "settled"]
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+# a pole that a window shows ranks with one that half of the orders have where it is this much
+# likelier than none
+_SURE = 100.0
 # how far from a guess a pole may be to be the one that is meant
 _NEAR = 0.05
 # damping that a guessed frequency starts from where no pole is near
@@ -92,7 +96,7 @@ def search(
     basis, theta = selected(template, start, blocks, count)
     # noise in proportion to the response looks like modes until it is known, and two modes that are
     # taken for one look like such noise: so by turns
-    known = count is not None or all(part.given for part in parts)
+    known = count is not None or all(part.kept for part in parts)
     for _ in range(1 if known else 2):
         if not known:
             parts = _reweighted(parts, basis, theta)
@@ -102,6 +106,8 @@ def search(
     if not known:
         parts = _reweighted(parts, basis, theta)
         basis, theta = pruned(basis, theta, [part.block for part in parts], None)
+    if count is None:
+        basis, theta = cleaned(basis, theta, [part.block for part in parts])
     if count is not None and basis.count < count:
         raise ModelError(
             f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
@@ -129,7 +135,7 @@ def settled(
     tuple
         The responses with their weights, and the parameters.
     """
-    turns = 1 if all(part.given for part in parts) else 3
+    turns = 1 if all(part.kept for part in parts) else 3
     for turn in range(turns):
         if basis.size:
             blocks = [part.block for part in parts]
@@ -154,7 +160,12 @@ def _start(
             for i in range(one.response.shape[2])
         ]
     diagram = stabilised(lines, orders=orders, band=band)
-    poles = distinct(diagram.poles, diagram.persistence)
+    shown, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
+    likelier = np.concatenate(gains)
+    poles = distinct(
+        np.concatenate([diagram.poles, *shown]),
+        np.concatenate([diagram.persistence, likelier / (likelier + _SURE)]),
+    )
     if guess is not None:
         return diagram, _nearest(poles, guess)
     return diagram, poles
@@ -186,7 +197,7 @@ def _nearest(poles: Complex, guess: Sequence[float]) -> Complex:
 def _reweighted(
     parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
 ) -> tuple[Prepared, ...]:
-    return tuple(part if part.given else _weighted(part, basis, theta) for part in parts)
+    return tuple(part if part.kept else _weighted(part, basis, theta) for part in parts)
 
 
 def _weighted(part: Prepared, basis: ModalBasis, theta: Array) -> Prepared:

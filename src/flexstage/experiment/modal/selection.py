@@ -1,5 +1,6 @@
 """Which of the poles that a stabilisation diagram offers are modes: those the data cannot spare."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -7,19 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.projection import Block, eliminate, gram_of, minimise
+from flexstage.experiment.modal.projection import (
+    Block,
+    Eliminated,
+    deviations_of,
+    eliminate,
+    gram_of,
+    minimise,
+)
 
-__all__ = ["distinct", "extended", "pruned", "selected", "significances", "threshold"]
+__all__ = ["cleaned", "distinct", "extended", "pruned", "selected", "significances", "threshold"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 # damping of what may pass for a mode
-_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 0.95
+_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 9.0
+# a pole that is not known to this share of its frequency is nowhere
+_NOWHERE = 0.3
+# damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
+_PEAKED, _ALIKE = 0.5**0.5, 0.9
 # what noise is of the response, at least, in anything measured
 _DYNAMIC_RANGE = 1e-8
 # damping that a peak of the residual is tried with
 _PEAK_DAMPING = 0.005
+# so many poles are refined together before any is taken away; of more, the weakest go first
+_REFINED = 30
 # how many candidates are tried before it is believed that there is no other mode
 _TRIALS = 3
 
@@ -132,6 +146,8 @@ def selected(
 
     basis = replace(template, count=poles.size)
     theta = basis.start(poles)
+    if basis.count <= _REFINED:
+        theta = minimise(basis, theta, blocks, rough=True)[0]
     basis, theta = _thinned(basis, theta, blocks)
     return pruned(basis, theta, blocks, count)
 
@@ -168,6 +184,64 @@ def pruned(
             break
         basis, theta = without(basis, theta, [weakest])
     return basis, _ordered(theta)
+
+
+def cleaned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[ModalBasis, Array]:
+    """Take away poles that are nowhere, or that only mend a stronger one which they stand on.
+
+    Others stay, significant or not without those: what a model lacks counts as noise.
+
+    Parameters
+    ----------
+    basis : ModalBasis
+        The model.
+    theta : numpy.ndarray
+        Its parameters, shape (p,).
+    blocks : sequence of Block
+        The responses.
+
+    Returns
+    -------
+    tuple of ModalBasis and numpy.ndarray
+        The model and its parameters.
+    """
+    while basis.count:
+        strength = significances(basis, theta, blocks)
+        needless = np.flatnonzero(_needless(basis, theta, blocks, strength))
+        if not needless.size:
+            break
+        weakest = int(needless[np.argmin(strength[needless])])
+        basis, theta = without(basis, theta, [weakest])
+        theta = minimise(basis, theta, blocks, rough=True)[0]
+    return basis, theta
+
+
+def _needless(
+    basis: ModalBasis, theta: Array, blocks: Sequence[Block], strength: Array
+) -> NDArray[np.bool_]:
+    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
+    now = [eliminate(basis, theta, block) for block in blocks]
+    values = sum(2 * block.values.size for block in blocks)
+    level = max(sum(one.total for one in now) / max(values - basis.size, 1), _rounding(blocks))
+    deviation = deviations_of(basis, theta, blocks)[: 2 * basis.count : 2]
+    out = (math.sqrt(level) * deviation > _NOWHERE * w) | (zeta <= 0.0) | (zeta > _MOST_DAMPING)
+    poles = basis.poles(theta)[:, 0]
+    for a, b in itertools.permutations(np.flatnonzero(zeta < _PEAKED), 2):
+        half = -0.5 * (poles[a] + poles[b]).real
+        if strength[a] < strength[b] and abs(poles[a].imag - poles[b].imag) < half:
+            first, second = (_residues(basis, theta, now, int(n)) for n in (a, b))
+            size = np.vdot(first, first).real * np.vdot(second, second).real
+            out[a] |= bool(abs(np.vdot(first, second)) ** 2 > _ALIKE * size)
+    return out
+
+
+def _residues(
+    basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int
+) -> Complex:
+    """Residues of a mode in all responses."""
+    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    weights = basis.residue_weights(theta, mode)
+    return np.concatenate([(weights / now.scale[own]) @ now.factors[own] for now in found])
 
 
 def _ordered(theta: Array) -> Array:
