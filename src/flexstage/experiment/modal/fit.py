@@ -13,9 +13,9 @@ from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
 from flexstage.experiment.modal.prepare import Prepared, prepared
 from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.modal.search import Found, search, settled
-from flexstage.experiment.modal.selection import cleaned
-from flexstage.experiment.modal.sensor import joined, steady_delay, without_sensor
+from flexstage.experiment.modal.search import Found, search, settled, started
+from flexstage.experiment.modal.selection import cleaned, threshold
+from flexstage.experiment.modal.sensor import joined, without_sensor
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 # how often modes are looked for again, with delay and lag taken off
-_AGAIN = 3
+_AGAIN = 4
 
 
 def fit_modes(
@@ -195,38 +195,47 @@ def _edges(
 def _with_sensor(
     parts: tuple[Prepared, ...],
     template: ModalBasis,
-    form: tuple[bool, bool, bool],
+    sensor: tuple[bool, bool, bool],
     options: dict[str, Any],
 ) -> Found:
     """Fit delay and lag, and look for the modes once more in the responses without them."""
-    real_modes, delay, lag = form
+    real_modes, delay, lag = sensor
 
     def whole(basis: ModalBasis) -> ModalBasis:
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
-    near = steady_delay(parts) if delay else 0.0
-    # of a lag alone there is nothing to begin with
-    late = replace(template, delay=True)
-    start = np.array([near * template.reference])
-    undone = tuple(without_sensor(late, start, part) for part in parts) if delay else parts
-    found = search(undone, template, **options)
-    basis = whole(found.basis)
-    weighed = tuple(map(_weighed_as, parts, found.parts))
     extra = np.zeros(delay + lag)
-    theta, least = joined(basis, np.concatenate([found.theta, extra]), weighed, near)
-    for _ in range(_AGAIN):
+    # poles that stretches of a response show are there whatever turns its phase
+    _, poles = started(parts, options["orders"], options["band"], options["guess"])
+    first = whole(replace(template, count=poles.size))
+    theta = np.concatenate([first.start(poles)[: 2 * poles.size], extra])
+    theta = joined(first, theta, parts)[0]
+    basis, weighed, found, least = first, parts, None, math.inf
+    for turn in range(_AGAIN):
         undone = tuple(without_sensor(basis, theta, part) for part in weighed)
-        again = search(undone, template, **options)
-        if not again.basis.count:
-            break
+        # as long as the delay is not known, modes need a phase of their own
+        form = replace(template, real_modes=real_modes and turn > 0)
+        again = search(undone, form, **options)
+        if found is None:
+            found, weighed = again, tuple(map(_weighed_as, parts, again.parts))
         more = whole(again.basis)
-        trial, total = joined(more, np.concatenate([again.theta, extra]), weighed, near)
-        if more.count == basis.count and total >= least * (1.0 - 1e-6):
+        start = np.concatenate([again.theta, theta[2 * basis.count :]])
+        trial, total = joined(more, start, weighed)
+        cost = _cost(more, total, weighed)
+        if cost >= least - 1e-6 * abs(least):
             break
-        basis, theta, least = more, trial, total
+        basis, theta, least = more, trial, cost
+    assert found is not None
     if options["count"] is None:
         basis, theta = cleaned(basis, theta, [part.block for part in weighed])
     return replace(found, parts=weighed, basis=basis, theta=theta)
+
+
+def _cost(basis: ModalBasis, total: float, parts: Sequence[Prepared]) -> float:
+    """Return by how much a model is worse than another, with what its modes must be worth."""
+    blocks = [part.block for part in parts]
+    values = sum(2 * block.values.size for block in blocks)
+    return values * math.log(max(total, 1e-300)) + threshold(basis, blocks) * basis.count
 
 
 def _weighed_as(part: Prepared, other: Prepared) -> Prepared:

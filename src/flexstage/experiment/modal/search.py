@@ -15,7 +15,7 @@ from flexstage.experiment.modal.scatter import local_poles
 from flexstage.experiment.modal.selection import cleaned, distinct, extended, pruned, selected
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
 
-__all__ = ["Found", "search", "settled"]
+__all__ = ["Found", "search", "settled", "started"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -87,7 +87,7 @@ def search(
     ModelError
         Fewer modes are found than were asked for.
     """
-    diagram, start = _start(parts, orders, band, guess)
+    diagram, start = started(parts, orders, band, guess)
     blocks = [part.block for part in parts]
     if guess is not None:
         basis = replace(template, count=start.size)
@@ -145,7 +145,7 @@ def settled(
     return parts, theta
 
 
-def _start(
+def started(
     parts: Sequence[Prepared],
     orders: Sequence[int] | None,
     band: tuple[float, float],
