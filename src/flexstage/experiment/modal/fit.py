@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from flexstage.experiment.modal.prepare import Prepared, prepared
 from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.search import Found, search, settled, started
 from flexstage.experiment.modal.selection import cleaned, threshold
-from flexstage.experiment.modal.sensor import joined, without_sensor
+from flexstage.experiment.modal.sensor import joined, likely_delays, without_sensor
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]
@@ -204,31 +204,53 @@ def _with_sensor(
     def whole(basis: ModalBasis) -> ModalBasis:
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
-    extra = np.zeros(delay + lag)
     # poles that stretches of a response show are there whatever turns its phase
     _, poles = started(parts, options["orders"], options["band"], options["guess"])
     first = whole(replace(template, count=poles.size))
-    theta = np.concatenate([first.start(poles)[: 2 * poles.size], extra])
-    theta = joined(first, theta, parts)[0]
-    basis, weighed, found, least = first, parts, None, math.inf
-    for turn in range(_AGAIN):
-        undone = tuple(without_sensor(basis, theta, part) for part in weighed)
-        # as long as the delay is not known, modes need a phase of their own
-        form = replace(template, real_modes=real_modes and turn > 0)
-        again = search(undone, form, **options)
-        if found is None:
-            found, weighed = again, tuple(map(_weighed_as, parts, again.parts))
-        more = whole(again.basis)
-        start = np.concatenate([again.theta, theta[2 * basis.count :]])
-        trial, total = joined(more, start, weighed)
-        cost = _cost(more, total, weighed)
-        if cost >= least - 1e-6 * abs(least):
+    begins = [first.start(poles)]
+    if delay:
+        begins = likely_delays(first, begins[0], parts)
+    tried = [_searched(first, begin, parts, template, options) for begin in begins]
+    best = min(tried, key=lambda one: one.cost)
+    weighed = tuple(map(_weighed_as, parts, best.found.parts))
+    best = replace(best, cost=math.inf)
+    # as long as the delay was not known, modes needed a phase of their own
+    inner = replace(template, real_modes=real_modes)
+    for _ in range(_AGAIN):
+        trial = _searched(best.basis, best.theta, weighed, inner, options)
+        if trial.cost >= best.cost - 1e-6 * abs(best.cost):
             break
-        basis, theta, least = more, trial, cost
-    assert found is not None
+        best = trial
+    basis, theta = best.basis, best.theta
     if options["count"] is None:
         basis, theta = cleaned(basis, theta, [part.block for part in weighed])
-    return replace(found, parts=weighed, basis=basis, theta=theta)
+    return replace(best.found, parts=weighed, basis=basis, theta=theta)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Late:
+    """A fit with delay or lag on the way, and what it costs."""
+
+    found: Found
+    basis: ModalBasis
+    theta: Array
+    cost: float
+
+
+def _searched(
+    basis: ModalBasis,
+    theta: Array,
+    parts: tuple[Prepared, ...],
+    template: ModalBasis,
+    options: dict[str, Any],
+) -> _Late:
+    """Look for modes in responses without the delay and lag that are known, and fit all together."""
+    undone = tuple(without_sensor(basis, theta, part) for part in parts)
+    found = search(undone, template, **options)
+    more = replace(basis, count=found.basis.count)
+    start = np.concatenate([found.theta, theta[2 * basis.count :]])
+    trial, total = joined(more, start, parts)
+    return _Late(found=found, basis=more, theta=trial, cost=_cost(more, total, parts))
 
 
 def _cost(basis: ModalBasis, total: float, parts: Sequence[Prepared]) -> float:

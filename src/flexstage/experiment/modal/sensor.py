@@ -11,7 +11,7 @@ from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.projection import Block, eliminate, minimise
 
-__all__ = ["joined", "without_sensor"]
+__all__ = ["joined", "likely_delays", "without_sensor"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ _DELAYS = np.arange(-8, 97) / 8.0
 _NEAR = np.arange(-4, 5) / 32.0
 # so many of these are followed
 _STARTS = 2
+# and of the delays that a first look finds, so many
+_LIKELY = 3
 # lags, in radians of the highest frequency
 _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 
@@ -69,6 +71,33 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
         if total < least:
             best, least = trial, total
     return best, least
+
+
+def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> list[Array]:
+    """Return parameters with delays by which poles as they are explain responses better than with those beside.
+
+    Parameters
+    ----------
+    basis : ModalBasis
+        The model, with a delay.
+    theta : numpy.ndarray
+        Its parameters, shape (p,).
+    parts : sequence of Prepared
+        The responses.
+
+    Returns
+    -------
+    list of numpy.ndarray
+        The best of them, shape (p,) each.
+    """
+    coarse = [_fewer(part.block) for part in parts]
+    top = max(float(block.s[-1].imag) for block in coarse)
+    trials = np.repeat(theta[None], _DELAYS.size, axis=0)
+    trials[:, 2 * basis.count] = 2.0 * math.pi / top * _DELAYS
+    totals = np.array([sum(eliminate(basis, one, b).total for b in coarse) for one in trials])
+    beside = np.concatenate([[math.inf], totals, [math.inf]])
+    lowest = np.flatnonzero((totals <= beside[:-2]) & (totals <= beside[2:]))
+    return [trials[n] for n in lowest[np.argsort(totals[lowest])][:_LIKELY]]
 
 
 def _fewer(block: Block) -> Block:
