@@ -35,7 +35,7 @@ def fit_modes(
     frequency_guess: Sequence[float] | None = None,
     delay: bool = False,
     lag: bool = False,
-    weighting: Literal["variance", "uniform"] = "variance",
+    weighting: Literal["variance", "uniform", "relative"] = "variance",
     residuals: bool = True,
     real_modes: bool = False,
     added_damping_rate: float = 0.0,
@@ -66,13 +66,14 @@ def fit_modes(
         Number of modes; "auto" or None takes those without which the residual would grow by more
         than noise explains (Schwarz 1978).
     frequency_guess : sequence of float, optional
-        Frequencies near those of the modes [Hz]; as many modes as guesses are fitted.
+        Frequencies near those of the modes [Hz]; of the fit, the modes nearest to them are given.
     delay : bool
         Whether a common delay exp(-i omega tau) of the outputs is fitted too.
     lag : bool
         Whether a common lag 1 / (1 + i omega T) of the outputs is fitted too.
-    weighting : {"variance", "uniform"}
-        Whether lines count by the variance they come with.
+    weighting : {"variance", "uniform", "relative"}
+        Whether lines count by the variance they come with, all alike until the fit shows their
+        noise, or by the inverse of their magnitude, down to where they scatter.
     residuals : bool
         Whether there are terms for modes beyond the band.
     real_modes : bool
@@ -147,7 +148,7 @@ def fit_modes(
     options: dict[str, Any] = {
         "orders": orders,
         "band": edges,
-        "count": wanted,
+        "count": wanted if frequency_guess is None else None,
         "guess": frequency_guess,
     }
     if delay or lag:
@@ -163,6 +164,7 @@ def fit_modes(
         band=edges,
         stabilisation=found.stabilisation,
         added_damping_rate=added_damping_rate,
+        wanted=wanted if frequency_guess is None else list(frequency_guess),
     )
 
 
@@ -205,7 +207,7 @@ def _with_sensor(
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
     # poles that stretches of a response show are there whatever turns its phase
-    _, poles = started(parts, options["orders"], options["band"], options["guess"])
+    _, poles = started(parts, options["orders"], options["band"])
     first = whole(replace(template, count=poles.size))
     begins = [first.start(poles)]
     if delay:
@@ -222,7 +224,7 @@ def _with_sensor(
             break
         best = trial
     basis, theta = best.basis, best.theta
-    if options["count"] is None:
+    if options["count"] is None and options["guess"] is None:
         basis, theta = cleaned(basis, theta, [part.block for part in weighed])
     return replace(best.found, parts=weighed, basis=basis, theta=theta)
 

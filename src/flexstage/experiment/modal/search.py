@@ -12,7 +12,14 @@ from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared, reweighted
 from flexstage.experiment.modal.projection import eliminate, minimise, remaining
 from flexstage.experiment.modal.scatter import local_poles
-from flexstage.experiment.modal.selection import cleaned, distinct, extended, pruned, selected
+from flexstage.experiment.modal.selection import (
+    cleaned,
+    distinct,
+    extended,
+    nearest_pole,
+    pruned,
+    selected,
+)
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
 
 __all__ = ["Found", "search", "settled", "started"]
@@ -23,8 +30,6 @@ Complex = NDArray[np.complex128]
 # a pole that a window shows ranks with one that half of the orders have where it is this much
 # likelier than none
 _SURE = 100.0
-# how far from a guess a pole may be to be the one that is meant
-_NEAR = 0.05
 # damping that a guessed frequency starts from where no pole is near
 _GUESSED_DAMPING = 0.01
 
@@ -75,7 +80,7 @@ def search(
     count : int, optional
         Number of modes; as many as are significant where not given.
     guess : sequence of float, optional
-        Frequencies near those of the modes [Hz].
+        Frequencies [Hz] near which there are to be modes, significant or not.
 
     Returns
     -------
@@ -87,13 +92,9 @@ def search(
     ModelError
         Fewer modes are found than were asked for.
     """
-    diagram, start = started(parts, orders, band, guess)
+    diagram, start = started(parts, orders, band)
     blocks = [part.block for part in parts]
-    if guess is not None:
-        basis = replace(template, count=start.size)
-        theta = minimise(basis, basis.start(start), blocks, rough=True)[0]
-        return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
-    basis, theta = selected(template, start, blocks, count)
+    basis, theta = selected(template, start, blocks, count, guess or ())
     # noise in proportion to the response looks like modes until it is known, and two modes that are
     # taken for one look like such noise: so by turns
     known = count is not None or all(part.kept for part in parts)
@@ -105,9 +106,11 @@ def search(
         basis, theta = extended(basis, theta, blocks, others, count)
     if not known:
         parts = _reweighted(parts, basis, theta)
-        basis, theta = pruned(basis, theta, [part.block for part in parts], None)
-    if count is None:
+        basis, theta = pruned(basis, theta, [part.block for part in parts], None, guess or ())
+    if count is None and guess is None:
         basis, theta = cleaned(basis, theta, [part.block for part in parts])
+    for frequency in guess or ():
+        basis, theta = _with_guess(basis, theta, parts, frequency)
     if count is not None and basis.count < count:
         raise ModelError(
             f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
@@ -149,7 +152,6 @@ def started(
     parts: Sequence[Prepared],
     orders: Sequence[int] | None,
     band: tuple[float, float],
-    guess: Sequence[float] | None,
 ) -> tuple[Stabilisation, Complex]:
     lines = [part.lines() for part in parts]
     if len({part.measured.inputs for part in parts}) > 1:
@@ -166,8 +168,6 @@ def started(
         np.concatenate([diagram.poles, *shown]),
         np.concatenate([diagram.persistence, likelier / (likelier + _SURE)]),
     )
-    if guess is not None:
-        return diagram, _nearest(poles, guess)
     return diagram, poles
 
 
@@ -181,17 +181,18 @@ def _others(diagram: Stabilisation, poles: Complex) -> Complex:
     return apart[~np.isin(apart, poles)]
 
 
-def _nearest(poles: Complex, guess: Sequence[float]) -> Complex:
-    chosen, free = [], list(poles)
-    for frequency in sorted(guess):
-        omega = 2.0 * math.pi * frequency
-        distance = [abs(abs(pole) / omega - 1.0) for pole in free]
-        if distance and min(distance) < _NEAR:
-            chosen.append(complex(free.pop(int(np.argmin(distance)))))
-        else:
-            zeta = _GUESSED_DAMPING
-            chosen.append(omega * complex(-zeta, math.sqrt(1.0 - zeta * zeta)))
-    return np.array(chosen, dtype=np.complex128)
+def _with_guess(
+    basis: ModalBasis, theta: Array, parts: Sequence[Prepared], frequency: float
+) -> tuple[ModalBasis, Array]:
+    """Return the model with a mode near a frequency, where it has none yet."""
+    omega = 2.0 * math.pi * frequency
+    if nearest_pole(basis, theta, frequency) is not None:
+        return basis, theta
+    start = omega * complex(-_GUESSED_DAMPING, math.sqrt(1.0 - _GUESSED_DAMPING**2))
+    single = replace(basis, count=1).start(np.array([start]))
+    more = replace(basis, count=basis.count + 1)
+    blocks = [part.block for part in parts]
+    return more, minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
 
 
 def _reweighted(

@@ -17,13 +17,24 @@ from flexstage.experiment.modal.projection import (
     minimise,
 )
 
-__all__ = ["cleaned", "distinct", "extended", "pruned", "selected", "significances", "threshold"]
+__all__ = [
+    "cleaned",
+    "distinct",
+    "extended",
+    "nearest_pole",
+    "pruned",
+    "selected",
+    "significances",
+    "threshold",
+]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 # damping of what may pass for a mode
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 9.0
+# how far from a guess a pole may be to be the one that is meant
+_NEAR = 0.05
 # a pole that is not known to this share of its frequency is nowhere
 _NOWHERE = 0.3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
@@ -122,7 +133,11 @@ def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
 
 
 def selected(
-    template: ModalBasis, poles: Complex, blocks: Sequence[Block], count: int | None
+    template: ModalBasis,
+    poles: Complex,
+    blocks: Sequence[Block],
+    count: int | None,
+    guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
     """Refine poles, and take away one by one those that the data can spare.
 
@@ -136,6 +151,8 @@ def selected(
         The responses.
     count : int, optional
         How many significant modes to leave, at most.
+    guess : sequence of float
+        Frequencies [Hz] whose nearest poles stay, significant or not.
 
     Returns
     -------
@@ -148,12 +165,17 @@ def selected(
     theta = basis.start(poles)
     if basis.count <= _REFINED:
         theta = minimise(basis, theta, blocks, rough=True)[0]
-    basis, theta = _thinned(basis, theta, blocks)
-    return pruned(basis, theta, blocks, count)
+    if not guess:
+        basis, theta = _thinned(basis, theta, blocks)
+    return pruned(basis, theta, blocks, count, guess)
 
 
 def pruned(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], count: int | None
+    basis: ModalBasis,
+    theta: Array,
+    blocks: Sequence[Block],
+    count: int | None,
+    guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
     """Refine modes, and take away one by one those that are not significant.
 
@@ -167,6 +189,8 @@ def pruned(
         The responses.
     count : int, optional
         How many significant modes to leave, at most.
+    guess : sequence of float
+        Frequencies [Hz] whose nearest poles stay, significant or not.
 
     Returns
     -------
@@ -178,12 +202,41 @@ def pruned(
         strength = significances(basis, theta, blocks)
         zeta = theta[1 : 2 * basis.count : 2]
         strength[(zeta < _LEAST_DAMPING) | (zeta > _MOST_DAMPING)] = -1.0
+        for frequency in guess:
+            place = nearest_pole(basis, theta, frequency)
+            if place is not None:
+                strength[place] = math.inf
         weakest = int(np.argmin(strength))
         weak = strength[weakest] <= threshold(basis, blocks)
         if not weak and (count is None or basis.count <= count):
             break
         basis, theta = without(basis, theta, [weakest])
     return basis, _ordered(theta)
+
+
+def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:
+    """Return the number of the pole that a guessed frequency means.
+
+    Parameters
+    ----------
+    basis : ModalBasis
+        The model.
+    theta : numpy.ndarray
+        Its parameters, shape (p,).
+    frequency : float
+        The guess [Hz].
+
+    Returns
+    -------
+    int or None
+        The nearest pole with a peak, if it is near.
+    """
+    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
+    off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
+    off = np.where(zeta < _PEAKED, off, math.inf)
+    if not off.size or off.min() > _NEAR:
+        return None
+    return int(np.argmin(off))
 
 
 def cleaned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[ModalBasis, Array]:
@@ -235,9 +288,7 @@ def _needless(
     return out
 
 
-def _residues(
-    basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int
-) -> Complex:
+def _residues(basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int) -> Complex:
     """Residues of a mode in all responses."""
     own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
     weights = basis.residue_weights(theta, mode)

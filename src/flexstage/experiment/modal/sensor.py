@@ -24,7 +24,7 @@ _NEAR = np.arange(-4, 5) / 32.0
 # so many of these are followed
 _STARTS = 2
 # and of the delays that a first look finds, so many
-_LIKELY = 3
+_LIKELY = 2
 # lags, in radians of the highest frequency
 _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 
