@@ -132,8 +132,8 @@ def frf(
         bool,
         typer.Option(
             "--complex",
-            help="With --delay or --lag: leave each mode its own phase, as of a stage whose damping "
-            "is not proportional; for wide bands.",
+            help="With --delay or --lag: leave each mode its own phase, as where damping is not "
+            "proportional; for wide bands.",
         ),
     ] = False,
     ring_down: Annotated[

@@ -282,8 +282,8 @@ def _notes(
     largest = max(float(one.residual_rms.max()) for one in fitted)
     if largest > _UNEXPLAINED and modes:
         notes.append(
-            f"the fit leaves {100.0 * largest:.2g} % of a response: fit it in a narrower band, with "
-            "a delay, or with complex modes"
+            f"the fit leaves {100.0 * largest:.2g} % of a response: fit it in a narrower band, "
+            "with a delay, or with complex modes"
         )
     windowed = added_damping_rate > 0.0 or any(part.measured.blur > 0.0 for part in parts)
     for mode in modes:

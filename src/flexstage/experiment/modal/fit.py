@@ -246,7 +246,7 @@ def _searched(
     template: ModalBasis,
     options: dict[str, Any],
 ) -> _Late:
-    """Look for modes in responses without the delay and lag that are known, and fit all together."""
+    """Look for modes in responses without the delay and lag that are known; fit all together."""
     undone = tuple(without_sensor(basis, theta, part) for part in parts)
     found = search(undone, template, **options)
     more = replace(basis, count=found.basis.count)

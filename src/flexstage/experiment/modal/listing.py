@@ -25,9 +25,9 @@ def listed(
 ) -> tuple[list[int], dict[str, list[Mode]]]:
     """Tell modes from poles that stand for something else.
 
-    A mode is inside the band, has a peak, and is known within the width of that peak or the distance
-    of lines. Others are needed, as they stand for modes beyond the band, a drift, an amplifier or a
-    nonlinearity, and are named.
+    A mode is inside the band, has a peak, and is known within the width of that peak or the
+    distance of lines. Others stand for modes beyond the band, a drift, an amplifier or a
+    nonlinearity.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
 
 
 def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Complex]:
-    """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles, shape (k, count)."""
+    """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles."""
     denominator = np.ones(h.shape, dtype=np.complex128)
     below = np.zeros((h.shape[0], count), dtype=np.complex128)
     left = h

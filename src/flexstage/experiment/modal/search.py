@@ -153,6 +153,22 @@ def started(
     orders: Sequence[int] | None,
     band: tuple[float, float],
 ) -> tuple[Stabilisation, Complex]:
+    """Return poles to start from: stable ones, and those that stretches of a response show.
+
+    Parameters
+    ----------
+    parts : sequence of Prepared
+        The responses.
+    orders : sequence of int, optional
+        Orders of the polynomials.
+    band : tuple of float
+        Ends of the band [Hz].
+
+    Returns
+    -------
+    tuple of Stabilisation and numpy.ndarray
+        The diagram, and poles [rad/s], shape (p,).
+    """
     lines = [part.lines() for part in parts]
     if len({part.measured.inputs for part in parts}) > 1:
         # each input by itself, as they share no more than the poles

@@ -35,6 +35,8 @@ Complex = NDArray[np.complex128]
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 9.0
 # how far from a guess a pole may be to be the one that is meant
 _NEAR = 0.05
+# half-power widths within which one pole may stand for two
+_SIDE = 3.0
 # a pole that is not known to this share of its frequency is nowhere
 _NOWHERE = 0.3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
@@ -91,21 +93,26 @@ def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> A
         are, shape (count,).
     """
     falls = np.zeros(basis.count)
-    total, lagged, counted = 0.0, 0.0, 0
-    for block in blocks:
-        now = eliminate(basis, theta, block)
-        noise = now.residual * block.weights
-        total += now.total
-        lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
-        counted += 2 * noise.size - basis.linear * noise.shape[1]
+    found = [eliminate(basis, theta, block) for block in blocks]
+    for now in found:
         for r in range(basis.count):
             own = slice(basis.per_mode * r, basis.per_mode * (r + 1))
             factors = now.factors[own].T[:, :, None]
             falls[r] += float(np.sum(factors * np.linalg.solve(now.inverse[:, own, own], factors)))
+    return falls / _noise(basis, blocks, found)
+
+
+def _noise(basis: ModalBasis, blocks: Sequence[Block], found: Sequence[Eliminated]) -> float:
+    """Mean square of noise, and by how much more it may look like a mode."""
+    total, lagged, counted = 0.0, 0.0, 0
+    for block, now in zip(blocks, found, strict=True):
+        noise = now.residual * block.weights
+        total += now.total
+        lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
+        counted += 2 * noise.size - basis.linear * noise.shape[1]
     level = max(total / max(counted - basis.size, 1), _rounding(blocks))
     # noise that neighbouring lines share forms peaks as wide as they are
-    wide = 1.0 + 2.0 * max(lagged / max(total, 1e-300), 0.0)
-    return falls / (level * wide)
+    return level * (1.0 + 2.0 * max(lagged / max(total, 1e-300), 0.0))
 
 
 def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
@@ -207,11 +214,37 @@ def pruned(
             if place is not None:
                 strength[place] = math.inf
         weakest = int(np.argmin(strength))
-        weak = strength[weakest] <= threshold(basis, blocks)
-        if not weak and (count is None or basis.count <= count):
+        if strength[weakest] <= threshold(basis, blocks) or (
+            count is not None and basis.count > count
+        ):
+            basis, theta = without(basis, theta, [weakest])
+            continue
+        fewer = _spared(basis, theta, blocks, strength)
+        if fewer is None:
             break
-        basis, theta = without(basis, theta, [weakest])
+        basis, theta = fewer
     return basis, _ordered(theta)
+
+
+def _spared(
+    basis: ModalBasis, theta: Array, blocks: Sequence[Block], strength: Array
+) -> tuple[ModalBasis, Array] | None:
+    """Return the model without a pole whose part one beside it can take, where one can."""
+    poles = basis.poles(theta)[:, 0]
+    width = -poles.real
+    apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
+    near = apart < _SIDE * np.maximum(width[:, None], width[None, :])
+    np.fill_diagonal(near, False)
+    close = [int(n) for n in np.argsort(strength) if near[n].any() and np.isfinite(strength[n])]
+    found = [eliminate(basis, theta, block) for block in blocks]
+    total = sum(now.total for now in found)
+    allowed = total + threshold(basis, blocks) * _noise(basis, blocks, found)
+    for n in close[:_TRIALS]:
+        fewer, start = without(basis, theta, [n])
+        trial, value = minimise(fewer, start, blocks, rough=True)
+        if value <= allowed:
+            return fewer, trial
+    return None
 
 
 def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:

@@ -20,7 +20,7 @@ _COARSE = 500
 # delays are tried an eighth of the shortest period apart
 _DELAYS = np.arange(-8, 97) / 8.0
 # and closer about the one that is known
-_NEAR = np.arange(-4, 5) / 32.0
+_NEAR = np.arange(-16, 17) / 16.0
 # so many of these are followed
 _STARTS = 2
 # and of the delays that a first look finds, so many
@@ -30,7 +30,7 @@ _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 
 
 def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[Array, float]:
-    """Find delay and lag by trying many, as a fit finds the nearest alone.
+    """Find delay and lag by trying many near those given, as a fit finds the nearest alone.
 
     Parameters
     ----------
@@ -52,8 +52,7 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
     own = 2 * basis.count
     delays = np.zeros(1)
     if basis.delay:
-        about = theta[own] + 2.0 * math.pi / top * _NEAR
-        delays = np.concatenate([about, 2.0 * math.pi / top * _DELAYS])
+        delays = theta[own] + 2.0 * math.pi / top * _NEAR
     starts: list[tuple[float, Array]] = []
     for lag in np.append(_LAGS / top, theta[-1]) if basis.lag else np.zeros(1):
         tried = []
@@ -74,7 +73,7 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
 
 
 def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> list[Array]:
-    """Return parameters with delays by which poles as they are explain responses better than with those beside.
+    """Return parameters with delays that explain responses better than those beside them.
 
     Parameters
     ----------
