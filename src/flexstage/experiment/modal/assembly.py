@@ -69,6 +69,7 @@ def assembled(
     outputs, inputs = _names(parts)
     values, slopes = _frequencies(basis, theta, added_damping_rate)
     covariance = slopes @ worth.covariance @ slopes.T
+    rate = max(part.measured.rate_uncertainty for part in parts)
     poles = []
     rising = [int(r) for r in np.argsort(values[::2], kind="stable")]
     for r in rising:
@@ -77,7 +78,9 @@ def assembled(
         deviation = np.sqrt(np.maximum(np.diagonal(matrix), 0.0)).reshape(*residues.shape, 2)
         poles.append(
             Mode(
-                frequency_hz=_estimate(values[2 * r], covariance[2 * r, 2 * r], "Hz", worth),
+                frequency_hz=_estimate(
+                    values[2 * r], covariance[2 * r, 2 * r], "Hz", worth, rate * values[2 * r]
+                ),
                 damping_ratio=_estimate(
                     values[2 * r + 1], covariance[2 * r + 1, 2 * r + 1], "1", worth
                 ),
@@ -132,13 +135,16 @@ def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(outputs), tuple(inputs)
 
 
-def _estimate(value: float, variance: float, unit: str, worth: Worth) -> Estimate:
+def _estimate(
+    value: float, variance: float, unit: str, worth: Worth, clock: float = 0.0
+) -> Estimate:
     noise = Component(
         name="noise",
         uncertainty=math.sqrt(max(float(variance), 0.0)),
         degrees_of_freedom=float(worth.degrees_of_freedom),
     )
-    return Estimate(value=float(value), unit=unit, components=(noise,))
+    components = (noise, Component(name="sample rate", uncertainty=float(clock), kind="B"))
+    return Estimate(value=float(value), unit=unit, components=components[: 1 + (clock > 0.0)])
 
 
 def _frequencies(basis: ModalBasis, theta: Array, rate: float) -> tuple[Array, Array]:

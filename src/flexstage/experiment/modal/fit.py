@@ -15,7 +15,7 @@ from flexstage.experiment.modal.prepare import Prepared, prepared
 from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.search import Found, search, settled, started
 from flexstage.experiment.modal.selection import cleaned, threshold
-from flexstage.experiment.modal.sensor import joined, likely_delays, without_sensor
+from flexstage.experiment.modal.sensor import joined, likely_delays, steady_phase, without_sensor
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]
@@ -155,6 +155,7 @@ def fit_modes(
         found = _with_sensor(parts, template, (real_modes, delay, lag), options)
     else:
         found = search(parts, template, **options)
+    hints = [] if delay else steady_phase(found.shown, template, parts)
     basis = found.basis
     parts, theta = settled(found.parts, basis, found.theta)
     return assembled(
@@ -165,6 +166,7 @@ def fit_modes(
         stabilisation=found.stabilisation,
         added_damping_rate=added_damping_rate,
         wanted=wanted if frequency_guess is None else list(frequency_guess),
+        hints=hints,
     )
 
 

@@ -44,6 +44,8 @@ class Found:
         The responses, with the weights that they have now.
     stabilisation : Stabilisation
         Where the poles come from.
+    shown : numpy.ndarray
+        Poles that the search began with [rad/s], shape (p,).
     basis : ModalBasis
         The model.
     theta : numpy.ndarray
@@ -52,6 +54,7 @@ class Found:
 
     parts: tuple[Prepared, ...]
     stabilisation: Stabilisation
+    shown: Complex
     basis: ModalBasis
     theta: Array
 
@@ -116,7 +119,7 @@ def search(
             f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
             f"{band[1]:g} Hz: ask for fewer, or guess their frequencies"
         )
-    return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
+    return Found(parts=parts, stabilisation=diagram, shown=start, basis=basis, theta=theta)
 
 
 def settled(

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.projection import Block, eliminate, minimise
+from flexstage.units import readable
 
-__all__ = ["joined", "likely_delays", "without_sensor"]
+__all__ = ["joined", "likely_delays", "steady_phase", "without_sensor"]
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 # lines that suffice to try delays
 _COARSE = 500
@@ -23,6 +25,9 @@ _DELAYS = np.arange(-8, 97) / 8.0
 _NEAR = np.arange(-16, 17) / 16.0
 # so many of these are followed
 _STARTS = 2
+# part of a turn that a delay must make over the band before it is spoken of, and what it must leave
+# of the sum of squares
+_LEAST_TURN, _FAR_BETTER = 0.1, 0.5
 # and of the delays that a first look finds, so many
 _LIKELY = 2
 # lags, in radians of the highest frequency
@@ -97,6 +102,39 @@ def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) ->
     beside = np.concatenate([[math.inf], totals, [math.inf]])
     lowest = np.flatnonzero((totals <= beside[:-2]) & (totals <= beside[2:]))
     return [trials[n] for n in lowest[np.argsort(totals[lowest])][:_LIKELY]]
+
+
+def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]) -> list[str]:
+    """Say that the phase falls as of a delay, where poles explain responses far better with one.
+
+    Parameters
+    ----------
+    poles : numpy.ndarray
+        Poles that the responses show [rad/s], shape (n,).
+    template : ModalBasis
+        The form of the model.
+    parts : sequence of Prepared
+        The responses.
+
+    Returns
+    -------
+    list of str
+        A note, or nothing.
+    """
+    basis = replace(template, count=poles.size, delay=True)
+    theta = basis.start(poles)
+    late = likely_delays(basis, theta, parts)[0]
+    blocks = [_fewer(part.block) for part in parts]
+    without, with_it = (sum(eliminate(basis, t, b).total for b in blocks) for t in (theta, late))
+    delay = float(late[-1]) / basis.reference
+    lines = [part.measured.frequency_hz for part in parts]
+    band = max(float(f[-1]) for f in lines) - min(float(f[0]) for f in lines)
+    if delay * band < _LEAST_TURN or with_it > _FAR_BETTER * without:
+        return []
+    return [
+        f"the phase falls by some {360.0e3 * delay:.2g} deg per kHz, as of a delay of "
+        f"{readable('s', delay, digits=2)}: try the option delay"
+    ]
 
 
 def _fewer(block: Block) -> Block:
