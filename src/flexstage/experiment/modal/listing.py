@@ -13,6 +13,8 @@ __all__ = ["listed", "not_listed"]
 
 # with more damping than this a pole lifts its response by less than 1.75 above that at standstill
 _MOST_DAMPING = 0.3
+# what a mode must make of the sum of squares beside the line that it stands on, over noise
+_SEEN = 25.0
 # share of a guessed frequency within which its mode lies
 _NEAR = 0.1
 
@@ -56,24 +58,48 @@ def listed(
         kept = sorted({_nearest(poles, frequency) for frequency in wanted})
         rest = [mode for n, mode in enumerate(poles) if n not in kept]
         return kept, {"not asked for": rest} if rest else {}
+    names = (
+        tuple(dict.fromkeys(name for part in parts for name in part.measured.outputs)),
+        tuple(dict.fromkeys(name for part in parts for name in part.measured.inputs)),
+    )
     lines = np.sort(np.concatenate([part.measured.frequency_hz for part in parts]))
     kept = []
     others: dict[str, list[Mode]] = {}
     for n, mode in enumerate(poles):
-        f, zeta = mode.frequency_hz, mode.damping_ratio.value
+        f, zeta = mode.frequency_hz, mode.damping_ratio
         at = int(np.clip(np.searchsorted(lines, f.value), 1, lines.size - 1))
-        width = max(2.0 * zeta * f.value, float(lines[at] - lines[at - 1]))
+        width = max(2.0 * zeta.value * f.value, float(lines[at] - lines[at - 1]))
         if not band[0] <= f.value <= band[1]:
             reason = "beyond the band"
-        elif zeta > _MOST_DAMPING:
+        elif zeta.value + min(zeta.expanded, zeta.value) > _MOST_DAMPING:
             reason = "damped too much for a peak"
         elif f.expanded > width:
             reason = "not known within its width"
+        elif _beside(mode, parts, names) < _SEEN:
+            reason = "on a single line"
         else:
             kept.append(n)
             continue
         others.setdefault(reason, []).append(mode)
     return kept, others
+
+
+def _beside(
+    mode: Mode, parts: Sequence[Prepared], names: tuple[tuple[str, ...], tuple[str, ...]]
+) -> float:
+    """Sum of squares over noise that a mode makes on all lines but the nearest."""
+    total = 0.0
+    for part in parts:
+        rows = [names[0].index(name) for name in part.measured.outputs]
+        columns = [names[1].index(name) for name in part.measured.inputs]
+        omega = 2.0 * math.pi * part.measured.frequency_hz
+        residues = mode.residues[np.ix_(rows, columns)].ravel()
+        motion = residues[None, :] / (1j * omega - mode.pole)[:, None]
+        # weights are the root of two over the noise
+        square = 0.5 * np.abs(motion * part.block.weights) ** 2
+        square[int(np.argmin(np.abs(omega - abs(mode.pole))))] = 0.0
+        total += float(square.sum())
+    return total
 
 
 def _nearest(poles: Sequence[Mode], frequency: float) -> int:
