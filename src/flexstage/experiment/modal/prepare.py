@@ -28,6 +28,10 @@ _KNOWN_WELL = 64.0
 _ALIKE = 4.0 / 9.0
 # a residual this far below the response is rounding
 _ROUNDING = 1e-10
+# gain of the logarithm of the likelihood of a line, from which on noise is not even
+_UNEVEN = 0.1
+# a tenth of squares of noise is above 2.3 of their mean
+_REACHED = 5.0
 # share of the response that no model is asked for until it is known what it leaves
 _TRUSTED = 0.01
 
@@ -48,6 +52,8 @@ class Prepared:
         Whether the variance was given, so that the factor should be 1.
     kept : bool
         Whether the weights stay what they are, given or chosen, whatever the fit leaves.
+    scatter : numpy.ndarray
+        How neighbouring lines scatter, shape (k, outputs, inputs).
     block : Block
         Responses to displacement, one column for each output and input.
     """
@@ -57,6 +63,7 @@ class Prepared:
     deviation: Array
     given: bool
     kept: bool
+    scatter: Array
     block: Block
 
     def lines(self) -> Lines:
@@ -134,8 +141,9 @@ def prepared(
             raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
         deviation = deviations(part) if weighting == "variance" else None
         given = deviation is not None
+        scatter = line_scatter(part.frequency_hz, part.response)
         if deviation is None:
-            deviation = _first(part, size, weighting)
+            deviation = _first(part, scatter, size, weighting)
         units = part.output_units or ("",) * len(part.outputs)
         powers = tuple(_POWERS.get(u, _MOTIONS[motion or "displacement"]) for u in units)
         out.append(
@@ -145,18 +153,18 @@ def prepared(
                 deviation=deviation,
                 given=given,
                 kept=given or weighting == "relative",
+                scatter=scatter,
                 block=_block(part, powers, deviation, reference),
             )
         )
     return tuple(out)
 
 
-def _first(part: MeasuredResponse, size: Array, weighting: str) -> Array:
+def _first(part: MeasuredResponse, scatter: Array, size: Array, weighting: str) -> Array:
     """Return deviations to begin with, where none are given."""
     if weighting == "uniform":
         return np.broadcast_to(size, part.response.shape).copy()
     magnitude = np.abs(part.response)
-    scatter = line_scatter(part.frequency_hz, part.response)
     share = 1.0 if weighting == "relative" else _TRUSTED
     # in proportion, down to the noise
     return np.maximum(np.hypot(scatter, share * magnitude), _ROUNDING * size)
@@ -166,7 +174,8 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
     """Weight a response by what a fit left: noise of the output, and noise in proportion.
 
     The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
-    the exponential distribution that squares of complex noise have.
+    the exponential distribution that squares of complex noise have; where the noise of the output
+    is of some frequencies, a follows the scatter of the lines.
 
     Parameters
     ----------
@@ -192,14 +201,28 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
         if square.mean() <= floor:
             deviation[:, o, i] = math.sqrt(max(square.mean(), 1e-32 * signal.mean()))
             continue
-        deviation[:, o, i] = np.sqrt(_two_noises(square, signal, left[:, o, i]))
+        deviation[:, o, i] = np.sqrt(
+            _noises(square, signal, part.scatter[:, o, i] ** 2, left[:, o, i])
+        )
     return replace(
         part, deviation=deviation, block=_block(part.measured, part.powers, deviation, reference)
     )
 
 
-def _two_noises(square: Array, signal: Array, left: Array) -> Array:
-    functions = np.stack([np.ones(signal.size), signal / signal.mean()], axis=1)
+def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
+    """Mean square of the noise of each line: even, or as lines scatter where that is likelier."""
+    even = _two_noises(square, signal, np.ones(signal.size), left)
+    shape = np.maximum(scatter, 1e-12 * scatter.max())
+    # what a model lacks is not of the lines: there the fit leaves more than they scatter
+    if shape.max() == 0.0 or np.quantile(square / (shape * left), 0.9) > _REACHED:
+        return even
+    uneven = _two_noises(square, signal, shape, left)
+    gain = np.mean(np.log(even / uneven) + square / left * (1.0 / even - 1.0 / uneven))
+    return uneven if gain > _UNEVEN else even
+
+
+def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Array:
+    functions = np.stack([shape / shape.mean(), signal / signal.mean()], axis=1)
     constant = np.array([square.mean() / left.mean(), 0.0])
     factors = constant
     for _ in range(20):
@@ -208,13 +231,18 @@ def _two_noises(square: Array, signal: Array, left: Array) -> Array:
         trial = np.linalg.lstsq(functions.T @ (weighted * (left**2)[:, None]),
                                 weighted.T @ (left * square))[0]  # fmt: skip
         if trial[1] <= 0.0:
-            trial = constant.copy()
+            trial = np.array([_scaled(square / left, functions[:, 0]), 0.0])
         # noise in proportion alone would leave its least lines without any
         trial[0] = max(trial[0], 1e-4 * constant[0])
         if np.allclose(trial, factors, rtol=1e-3, atol=0.0):
             break
         factors = trial
     return functions @ factors
+
+
+def _scaled(square: Array, shape: Array) -> float:
+    """Factor of a shape that noise of it alone has."""
+    return float(np.mean(square / shape))
 
 
 def deviations(part: MeasuredResponse) -> Array | None:

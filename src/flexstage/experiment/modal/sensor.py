@@ -168,6 +168,7 @@ def without_sensor(basis: ModalBasis, theta: Array, part: Prepared) -> Prepared:
         part,
         measured=measured,
         deviation=part.deviation / np.abs(factor)[:, None, None],
+        scatter=part.scatter / np.abs(factor)[:, None, None],
         block=replace(
             block,
             values=block.values / factor[:, None],
