@@ -30,8 +30,8 @@ _ALIKE = 4.0 / 9.0
 _ROUNDING = 1e-10
 # gain of the logarithm of the likelihood of a line, from which on noise is not even
 _UNEVEN = 0.1
-# a tenth of squares of noise is above 2.3 of their mean
-_REACHED = 5.0
+# a tenth of squares of noise is above 3.3 of their median
+_REACHED = 6.0
 # share of the response that no model is asked for until it is known what it leaves
 _TRUSTED = 0.01
 
@@ -213,8 +213,11 @@ def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
     """Mean square of the noise of each line: even, or as lines scatter where that is likelier."""
     even = _two_noises(square, signal, np.ones(signal.size), left)
     shape = np.maximum(scatter, 1e-12 * scatter.max())
-    # what a model lacks is not of the lines: there the fit leaves more than they scatter
-    if shape.max() == 0.0 or np.quantile(square / (shape * left), 0.9) > _REACHED:
+    if shape.max() == 0.0:
+        return even
+    # a window makes lines scatter less, but all alike; what a model lacks is of some lines alone
+    middle, high = np.quantile(square / (shape * left), (0.5, 0.9))
+    if high > _REACHED * middle:
         return even
     uneven = _two_noises(square, signal, shape, left)
     gain = np.mean(np.log(even / uneven) + square / left * (1.0 / even - 1.0 / uneven))
