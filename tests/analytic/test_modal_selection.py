@@ -171,3 +171,116 @@ def test_automatic_modes_are_those_of_the_stage(repeats, allowed):
         if said:
             wrong[seed] = said
     assert len(wrong) <= allowed, wrong
+
+
+# --------------------------------------------------------------------- what a fit is asked and says
+
+LINES = np.arange(20.0, 400.0, 0.5)
+
+
+def response(deviation: float = 0.0, *, delay: float = 0.0, lines=LINES, third=470.0):
+    """Two modes and the flank of a third, which is beyond the band."""
+    s = 2j * np.pi * lines
+    h = np.zeros(lines.size, dtype=complex)
+    for f, zeta, size in ((86.3, 0.012, 1.0), (211.7, 0.017, -0.7), (third, 0.01, 0.8)):
+        w = 2.0 * np.pi * f
+        h += size * w * 1e3 / (s * s + 2.0 * zeta * w * s + w * w)
+    rng = np.random.default_rng(8)
+    noise = rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)
+    h = h * np.exp(-s * delay) + deviation * np.abs(h).max() * noise
+    return MeasuredResponse(
+        frequency_hz=lines,
+        response=h[:, None, None],
+        inputs=("force",),
+        outputs=("table",),
+        output_units=("m",),
+        input_units=("N",),
+    )
+
+
+def test_a_steady_phase_slope_is_named():
+    late = fit_modes(response(1e-3, delay=2.1e-3))
+    assert any("try the option delay" in note and "delay of 2.2 ms" in note for note in late.notes)
+    assert not any("delay" in note for note in fit_modes(response(1e-3)).notes)
+    told = fit_modes(response(1e-3, delay=2.1e-3), delay=True, real_modes=True)
+    assert told.delay is not None
+    assert told.delay.value == pytest.approx(2.1e-3, rel=2e-2)
+    assert not any("option delay" in note for note in told.notes)
+
+
+def test_a_delay_that_is_asked_for_is_given_even_without_modes():
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((LINES.size, 1, 1)) + 1j * rng.standard_normal((LINES.size, 1, 1))
+    bare = MeasuredResponse(
+        frequency_hz=LINES, response=noise, inputs=("force",), outputs=("table",)
+    )
+    fit = fit_modes(bare, delay=True)
+    assert fit.modes == ()
+    assert fit.delay is not None
+
+
+def test_guessed_modes_are_those_nearest():
+    fit = fit_modes(response(1e-3), frequency_guess=[210.0])
+    (mode,) = fit.modes
+    assert mode.frequency_hz.value == pytest.approx(211.7, rel=1e-3)
+    assert any("not asked for" in note for note in fit.notes)
+    with pytest.raises(ModelError, match="within 10 % of 150 Hz"):
+        fit_modes(response(1e-3), frequency_guess=[150.0])
+
+
+def test_relative_weights_show_what_is_small():
+    """Four decades down, noise in proportion: with even weights the small mode is of no account."""
+    lines = np.geomspace(20.0, 4000.0, 900)
+    s = 2j * np.pi * lines
+    h = np.zeros(lines.size, dtype=complex)
+    for f, zeta, size in ((86.3, 0.012, 1.0), (1900.0, 0.01, 3e-4)):
+        w = 2.0 * np.pi * f
+        h += size * w * w / (s * s + 2.0 * zeta * w * s + w * w)
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)
+    h = h * (1.0 + 0.01 * noise)
+    measured = MeasuredResponse(
+        frequency_hz=lines, response=h[:, None, None], inputs=("u",), outputs=("y",)
+    )
+    fit = fit_modes(measured, weighting="relative")
+    assert [m.frequency_hz.value for m in fit.modes] == pytest.approx([86.3, 1900.0], rel=1e-3)
+    with pytest.raises(ModelError, match="'relative'"):
+        fit_modes(measured, weighting="inverse")  # type: ignore[arg-type]
+
+
+def test_poles_that_are_no_modes_are_named_and_kept():
+    fit = fit_modes(response(1e-4, third=409.0))
+    assert [m.frequency_hz.value for m in fit.modes] == pytest.approx([86.3, 211.7], rel=1e-3)
+    assert fit.correlation.shape == (4, 4)
+    (beyond,) = [m for m in fit.background if m.frequency_hz.value > LINES[-1]]
+    assert beyond.frequency_hz.value == pytest.approx(409.0, rel=0.01)
+    assert any("not listed" in note and "beyond the band" in note for note in fit.notes)
+
+
+def test_a_window_is_blamed_only_where_there_is_one():
+    lines = np.arange(20.0, 400.0, 4.0)
+    notes = fit_modes(response(1e-3, lines=lines), count=2).notes
+    assert any("may be known badly" in note for note in notes)
+    assert not any("window" in note for note in notes)
+
+
+def test_scatter_of_lines_is_their_noise():
+    """A resonance of three lines in its half-power width, and noise that falls over the band."""
+    lines = np.arange(20.0, 400.0, 0.7)
+    clean = response(lines=lines).response
+    deviation = np.abs(clean).max() * np.geomspace(1e-2, 1e-4, lines.size)[:, None, None]
+    found = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noise = rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape)
+        found.append(line_scatter(lines, clean + deviation * noise / math.sqrt(2.0)) / deviation)
+    mean = np.sqrt(np.mean(np.square(found), axis=0))
+    assert np.median(mean) == pytest.approx(1.0, abs=0.06)
+    assert np.quantile(mean, 0.9) < 1.3
+
+
+def test_poles_of_stretches_do_not_mind_a_delay():
+    poles, gains = local_poles(LINES, response(1e-3, delay=2.1e-3).response)
+    strongest = poles[np.argsort(gains)[::-1][:6]]
+    assert np.abs(np.abs(strongest) / (2.0 * np.pi) - 86.3).min() < 0.3
+    assert gains.min() > 0.0
