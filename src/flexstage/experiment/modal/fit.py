@@ -132,6 +132,12 @@ def fit_modes(
         raise ModelError("a modal fit needs one response at least, got none")
     wanted = _wanted(count, frequency_guess)
     edges = _edges(given, band)
+    outside = [g for g in frequency_guess or () if not edges[0] <= g <= edges[1]]
+    if outside:
+        raise ModelError(
+            f"guessed frequencies must lie in the band from {edges[0]:g} to {edges[1]:g} Hz, got "
+            f"{outside[0]:g} Hz"
+        )
     if not 0.0 <= added_damping_rate < math.inf:
         raise ModelError(
             f"the damping that a window adds must be 0 or more, got {added_damping_rate!r} 1/s"
