@@ -12,7 +12,7 @@ from flexstage.experiment.modal.covariance import Worth, assess, meat
 from flexstage.experiment.modal.listing import listed, not_listed
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
-from flexstage.experiment.modal.selection import significances
+from flexstage.experiment.modal.selection import significances, threshold
 from flexstage.experiment.modal.shapes import shape_from_residues
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
@@ -110,6 +110,13 @@ def assembled(
             number += 1
     fitted = _fitted(worth, parts)
     notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *not_listed(others)]
+    if wanted is not None:
+        needed = threshold(basis, blocks)
+        notes += [
+            f"the mode at {mode.frequency_hz.value:.5g} Hz does not stand out of the noise"
+            for mode in modes
+            if mode.significance < needed
+        ]
     return ModalFit(
         modes=tuple(modes),
         background=tuple(mode for group in others.values() for mode in group),

@@ -234,18 +234,13 @@ def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Arra
         trial = np.linalg.lstsq(functions.T @ (weighted * (left**2)[:, None]),
                                 weighted.T @ (left * square))[0]  # fmt: skip
         if trial[1] <= 0.0:
-            trial = np.array([_scaled(square / left, functions[:, 0]), 0.0])
+            trial = np.array([float(np.mean(square / (left * functions[:, 0]))), 0.0])
         # noise in proportion alone would leave its least lines without any
         trial[0] = max(trial[0], 1e-4 * constant[0])
         if np.allclose(trial, factors, rtol=1e-3, atol=0.0):
             break
         factors = trial
-    return functions @ factors
-
-
-def _scaled(square: Array, shape: Array) -> float:
-    """Factor of a shape that noise of it alone has."""
-    return float(np.mean(square / shape))
+    return np.asarray(functions @ factors, dtype=np.float64)
 
 
 def deviations(part: MeasuredResponse) -> Array | None:

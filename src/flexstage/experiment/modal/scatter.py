@@ -135,12 +135,12 @@ def _roots(below: Complex) -> Complex:
     """Zeros of 1 + d x + e x^2, far away where there is none."""
     if below.shape[1] < 1:
         return below
-    first = np.where(below[:, 0] == 0.0, 1e-12, below[:, 0])
-    if below.shape[1] == 1:
-        return -1.0 / first[:, None]
-    second = np.where(below[:, 1] == 0.0, 1e-12, below[:, 1])
-    root = np.sqrt(first * first - 4.0 * second)
-    return np.stack((-first + root, -first - root), axis=1) / (2.0 * second[:, None])
+    d, *others = np.where(below == 0.0, 1e-12 + 0.0j, below).T
+    if not others:
+        return np.asarray(-1.0 / d[:, None], dtype=np.complex128)
+    root = np.sqrt(d * d - 4.0 * others[0])
+    both = np.stack((-d + root, -d - root), axis=1) / (2.0 * others[0][:, None])
+    return np.asarray(both, dtype=np.complex128)
 
 
 def _medians(values: Array, width: int) -> Array:
