@@ -12,10 +12,11 @@ from flexstage.errors import ModelError
 from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
 from flexstage.experiment.modal.prepare import Prepared, prepared
+from flexstage.experiment.modal.pruning import cleaned
 from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.search import Found, search, settled, started
-from flexstage.experiment.modal.selection import cleaned, threshold
 from flexstage.experiment.modal.sensor import joined, likely_delays, steady_phase, without_sensor
+from flexstage.experiment.modal.significance import threshold
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]

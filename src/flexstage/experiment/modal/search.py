@@ -11,15 +11,9 @@ from flexstage.errors import ModelError
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared, reweighted
 from flexstage.experiment.modal.projection import eliminate, minimise, remaining
+from flexstage.experiment.modal.pruning import cleaned, nearest_pole, pruned, selected
 from flexstage.experiment.modal.scatter import local_poles
-from flexstage.experiment.modal.selection import (
-    cleaned,
-    distinct,
-    extended,
-    nearest_pole,
-    pruned,
-    selected,
-)
+from flexstage.experiment.modal.selection import distinct, extended
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
 
 __all__ = ["Found", "search", "settled", "started"]

@@ -1,52 +1,27 @@
-"""Which of the poles that a stabilisation diagram offers are modes: those the data cannot spare."""
+"""Which poles may be modes: candidates that are apart, and those that the residual shows."""
 
-import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.projection import (
-    Block,
-    Eliminated,
-    deviations_of,
-    eliminate,
-    gram_of,
-    minimise,
+from flexstage.experiment.modal.projection import Block, eliminate, gram_of, minimise
+from flexstage.experiment.modal.significance import (
+    LEAST_DAMPING,
+    MOST_DAMPING,
+    rounding_level,
+    significances,
+    threshold,
 )
 
-__all__ = [
-    "cleaned",
-    "distinct",
-    "extended",
-    "nearest_pole",
-    "pruned",
-    "selected",
-    "significances",
-    "threshold",
-]
+__all__ = ["distinct", "extended"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# damping of what may pass for a mode
-_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 9.0
-# how far from a guess a pole may be to be the one that is meant
-_NEAR = 0.05
-# half-power widths within which one pole may stand for two
-_SIDE = 3.0
-# a pole that is not known to this share of its frequency is nowhere
-_NOWHERE = 0.3
-# damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
-_PEAKED, _ALIKE = 0.5**0.5, 0.9
-# what noise is of the response, at least, in anything measured
-_DYNAMIC_RANGE = 1e-8
 # damping that a peak of the residual is tried with
 _PEAK_DAMPING = 0.005
-# so many poles are refined together before any is taken away; of more, the weakest go first
-_REFINED = 30
 # how many candidates are tried before it is believed that there is no other mode
 _TRIALS = 3
 
@@ -72,277 +47,6 @@ def distinct(poles: Complex, rank: Array) -> Complex:
         if all(abs(pole - k) > 0.5 * max(-pole.real, -k.real) for k in kept):
             kept.append(pole)
     return np.array(sorted(kept, key=abs), dtype=np.complex128)
-
-
-def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the mean square of noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    numpy.ndarray
-        The fall of the sum of squares that each mode makes with the poles of the others as they
-        are, shape (count,).
-    """
-    falls = np.zeros(basis.count)
-    found = [eliminate(basis, theta, block) for block in blocks]
-    for now in found:
-        for r in range(basis.count):
-            own = slice(basis.per_mode * r, basis.per_mode * (r + 1))
-            factors = now.factors[own].T[:, :, None]
-            falls[r] += float(np.sum(factors * np.linalg.solve(now.inverse[:, own, own], factors)))
-    return falls / _noise(basis, blocks, found)
-
-
-def _noise(basis: ModalBasis, blocks: Sequence[Block], found: Sequence[Eliminated]) -> float:
-    """Mean square of noise, and by how much more it may look like a mode."""
-    total, lagged, counted = 0.0, 0.0, 0
-    for block, now in zip(blocks, found, strict=True):
-        noise = now.residual * block.weights
-        total += now.total
-        lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
-        counted += 2 * noise.size - basis.linear * noise.shape[1]
-    level = max(total / max(counted - basis.size, 1), _rounding(blocks))
-    # noise that neighbouring lines share forms peaks as wide as they are
-    return level * (1.0 + 2.0 * max(lagged / max(total, 1e-300), 0.0))
-
-
-def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
-    """Return the fall of the sum of squares that a mode must make.
-
-    Number of parameters times logarithm of the number of values (Schwarz 1978), and twice the
-    logarithm of the number of lines, as the place of a mode is the best of so many.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    float
-        The fall, over the mean square of noise.
-    """
-    values = sum(2 * block.values.size for block in blocks)
-    lines = sum(block.values.shape[0] for block in blocks)
-    columns = sum(block.values.shape[1] for block in blocks)
-    return (basis.per_mode * columns + 2) * math.log(values) + 2.0 * math.log(lines)
-
-
-def selected(
-    template: ModalBasis,
-    poles: Complex,
-    blocks: Sequence[Block],
-    count: int | None,
-    guess: Sequence[float] = (),
-) -> tuple[ModalBasis, Array]:
-    """Refine poles, and take away one by one those that the data can spare.
-
-    Parameters
-    ----------
-    template : ModalBasis
-        The form of the model.
-    poles : numpy.ndarray
-        Poles to start from [rad/s], shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-    guess : sequence of float
-        Frequencies [Hz] whose nearest poles stay, significant or not.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
-    from dataclasses import replace
-
-    basis = replace(template, count=poles.size)
-    theta = basis.start(poles)
-    if basis.count <= _REFINED:
-        theta = minimise(basis, theta, blocks, rough=True)[0]
-    if not guess:
-        basis, theta = _thinned(basis, theta, blocks)
-    return pruned(basis, theta, blocks, count, guess)
-
-
-def pruned(
-    basis: ModalBasis,
-    theta: Array,
-    blocks: Sequence[Block],
-    count: int | None,
-    guess: Sequence[float] = (),
-) -> tuple[ModalBasis, Array]:
-    """Refine modes, and take away one by one those that are not significant.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, without delay and lag.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-    guess : sequence of float
-        Frequencies [Hz] whose nearest poles stay, significant or not.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
-    while basis.count:
-        theta = minimise(basis, theta, blocks, rough=True)[0]
-        strength = significances(basis, theta, blocks)
-        zeta = theta[1 : 2 * basis.count : 2]
-        strength[(zeta < _LEAST_DAMPING) | (zeta > _MOST_DAMPING)] = -1.0
-        for frequency in guess:
-            place = nearest_pole(basis, theta, frequency)
-            if place is not None:
-                strength[place] = math.inf
-        weakest = int(np.argmin(strength))
-        if strength[weakest] <= threshold(basis, blocks) or (
-            count is not None and basis.count > count
-        ):
-            basis, theta = without(basis, theta, [weakest])
-            continue
-        fewer = _spared(basis, theta, blocks, strength)
-        if fewer is None:
-            break
-        basis, theta = fewer
-    return basis, _ordered(theta)
-
-
-def _spared(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], strength: Array
-) -> tuple[ModalBasis, Array] | None:
-    """Return the model without a pole whose part one beside it can take, where one can."""
-    poles = basis.poles(theta)[:, 0]
-    width = -poles.real
-    apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
-    near = apart < _SIDE * np.maximum(width[:, None], width[None, :])
-    np.fill_diagonal(near, False)
-    close = [int(n) for n in np.argsort(strength) if near[n].any() and np.isfinite(strength[n])]
-    found = [eliminate(basis, theta, block) for block in blocks]
-    total = sum(now.total for now in found)
-    allowed = total + threshold(basis, blocks) * _noise(basis, blocks, found)
-    for n in close[:_TRIALS]:
-        fewer, start = without(basis, theta, [n])
-        trial, value = minimise(fewer, start, blocks, rough=True)
-        if value <= allowed:
-            return fewer, trial
-    return None
-
-
-def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:
-    """Return the number of the pole that a guessed frequency means.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    frequency : float
-        The guess [Hz].
-
-    Returns
-    -------
-    int or None
-        The nearest pole with a peak, if it is near.
-    """
-    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
-    off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
-    off = np.where(zeta < _PEAKED, off, math.inf)
-    if not off.size or off.min() > _NEAR:
-        return None
-    return int(np.argmin(off))
-
-
-def cleaned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[ModalBasis, Array]:
-    """Take away poles that are nowhere, or that only mend a stronger one which they stand on.
-
-    Others stay, significant or not without those: what a model lacks counts as noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
-    while basis.count:
-        strength = significances(basis, theta, blocks)
-        needless = np.flatnonzero(_needless(basis, theta, blocks, strength))
-        if not needless.size:
-            break
-        weakest = int(needless[np.argmin(strength[needless])])
-        basis, theta = without(basis, theta, [weakest])
-        theta = minimise(basis, theta, blocks, rough=True)[0]
-    return basis, theta
-
-
-def _needless(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], strength: Array
-) -> NDArray[np.bool_]:
-    w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
-    now = [eliminate(basis, theta, block) for block in blocks]
-    values = sum(2 * block.values.size for block in blocks)
-    level = max(sum(one.total for one in now) / max(values - basis.size, 1), _rounding(blocks))
-    deviation = deviations_of(basis, theta, blocks)[: 2 * basis.count : 2]
-    out = (math.sqrt(level) * deviation > _NOWHERE * w) | (zeta <= 0.0) | (zeta > _MOST_DAMPING)
-    poles = basis.poles(theta)[:, 0]
-    for a, b in itertools.permutations(np.flatnonzero(zeta < _PEAKED), 2):
-        half = -0.5 * (poles[a] + poles[b]).real
-        if strength[a] < strength[b] and abs(poles[a].imag - poles[b].imag) < half:
-            first, second = (_residues(basis, theta, now, int(n)) for n in (a, b))
-            size = np.vdot(first, first).real * np.vdot(second, second).real
-            out[a] |= bool(abs(np.vdot(first, second)) ** 2 > _ALIKE * size)
-    return out
-
-
-def _residues(basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int) -> Complex:
-    """Residues of a mode in all responses."""
-    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
-    weights = basis.residue_weights(theta, mode)
-    return np.concatenate([(weights / now.scale[own]) @ now.factors[own] for now in found])
-
-
-def _ordered(theta: Array) -> Array:
-    pairs = theta.reshape(-1, 2)
-    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()
-
-
-def _thinned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[ModalBasis, Array]:
-    """Take away what is far from significant even before it is refined."""
-    while basis.count:
-        strength = significances(basis, theta, blocks)
-        weak = np.flatnonzero(strength < 0.25 * threshold(basis, blocks))
-        if not weak.size:
-            break
-        weak = weak[np.argsort(strength[weak], kind="stable")]
-        basis, theta = without(basis, theta, [int(n) for n in weak[: (weak.size + 1) // 2]])
-    return basis, theta
 
 
 def extended(
@@ -403,7 +107,7 @@ def _added(
         trial = minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
         zeta = trial[1::2]
         if (
-            np.all((zeta > _LEAST_DAMPING) & (zeta < _MOST_DAMPING))
+            np.all((zeta > LEAST_DAMPING) & (zeta < MOST_DAMPING))
             and significances(more, trial, blocks).min() > needed
         ):
             return more, trial
@@ -463,33 +167,9 @@ def _falls(
             # a candidate like one that is there has nothing of its own
             lifted = left + 1e-9 * own * np.eye(own.shape[1])
             falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
-    return falls, max(total / max(values - basis.size, 1), _rounding(blocks))
+    return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))
 
 
-def _rounding(blocks: Sequence[Block]) -> float:
-    """Least mean square of noise that is believed: a smaller one is the computer's."""
-    power = [np.sum((block.weights * np.abs(block.values)) ** 2) for block in blocks]
-    return float(_DYNAMIC_RANGE**2 * sum(power) / sum(2 * block.values.size for block in blocks))
-
-
-def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[ModalBasis, Array]:
-    """Leave modes out of a model.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    modes : sequence of int
-        Numbers of the modes to leave out.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The rest.
-    """
-    from dataclasses import replace
-
-    gone = [2 * m + d for m in modes for d in (0, 1)]
-    return replace(basis, count=basis.count - len(modes)), np.delete(theta, gone)
+def _ordered(theta: Array) -> Array:
+    pairs = theta.reshape(-1, 2)
+    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()
