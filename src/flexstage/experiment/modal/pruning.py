@@ -19,6 +19,7 @@ from flexstage.experiment.modal.significance import (
     LEAST_DAMPING,
     MOST_DAMPING,
     noise_level,
+    rising,
     rounding_level,
     significances,
     threshold,
@@ -126,7 +127,7 @@ def pruned(
         if fewer is None:
             break
         basis, theta = fewer
-    return basis, _ordered(theta)
+    return basis, rising(theta)
 
 
 def _spared(
@@ -241,8 +242,3 @@ def _thinned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[
         weak = weak[np.argsort(strength[weak], kind="stable")]
         basis, theta = without(basis, theta, [int(n) for n in weak[: (weak.size + 1) // 2]])
     return basis, theta
-
-
-def _ordered(theta: Array) -> Array:
-    pairs = theta.reshape(-1, 2)
-    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()

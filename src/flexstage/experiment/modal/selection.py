@@ -10,6 +10,7 @@ from flexstage.experiment.modal.projection import Block, eliminate, gram_of, min
 from flexstage.experiment.modal.significance import (
     LEAST_DAMPING,
     MOST_DAMPING,
+    rising,
     rounding_level,
     significances,
     threshold,
@@ -92,7 +93,7 @@ def extended(
         if more is None:
             break
         basis, theta = more
-    return basis, _ordered(theta)
+    return basis, rising(theta)
 
 
 def _added(
@@ -168,8 +169,3 @@ def _falls(
             lifted = left + 1e-9 * own * np.eye(own.shape[1])
             falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
     return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))
-
-
-def _ordered(theta: Array) -> Array:
-    pairs = theta.reshape(-1, 2)
-    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()

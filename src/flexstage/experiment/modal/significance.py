@@ -13,6 +13,7 @@ __all__ = [
     "LEAST_DAMPING",
     "MOST_DAMPING",
     "noise_level",
+    "rising",
     "rounding_level",
     "significances",
     "threshold",
@@ -145,3 +146,20 @@ def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[Moda
 
     gone = [2 * m + d for m in modes for d in (0, 1)]
     return replace(basis, count=basis.count - len(modes)), np.delete(theta, gone)
+
+
+def rising(theta: Array) -> Array:
+    """Return parameters of modes in the order of their frequencies.
+
+    Parameters
+    ----------
+    theta : numpy.ndarray
+        Frequencies and damping ratios in turn, shape (p,).
+
+    Returns
+    -------
+    numpy.ndarray
+        The same pairs, shape (p,).
+    """
+    pairs = theta.reshape(-1, 2)
+    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()
