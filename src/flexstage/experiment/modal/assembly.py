@@ -91,7 +91,7 @@ def assembled(
                 significance=float(strength[r]),
             )
         )
-    kept, others = listed(poles, parts, band, wanted)
+    kept, others = listed(poles, parts, band, wanted, worth.scale)
     modes = [poles[n] for n in kept]
     own = [2 * rising[n] + d for n in kept for d in (0, 1)]
     covariance = covariance[np.ix_(own, own)]

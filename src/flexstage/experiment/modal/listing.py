@@ -24,6 +24,7 @@ def listed(
     parts: Sequence[Prepared],
     band: tuple[float, float],
     wanted: int | Sequence[float] | None,
+    scale: float,
 ) -> tuple[list[int], dict[str, list[Mode]]]:
     """Tell modes from poles that stand for something else.
 
@@ -41,6 +42,8 @@ def listed(
         Ends of the band [Hz].
     wanted : int or sequence of float, optional
         How many modes were asked for, which are all there are, or near which frequencies [Hz].
+    scale : float
+        Mean square of noise over that of the weights.
 
     Returns
     -------
@@ -75,7 +78,7 @@ def listed(
             reason = "damped too much for a peak"
         elif f.expanded > width:
             reason = "not known within its width"
-        elif _beside(mode, parts, names) < _SEEN:
+        elif _beside(mode, parts, names) < _SEEN * scale:
             reason = "on a single line"
         else:
             kept.append(n)
