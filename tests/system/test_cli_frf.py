@@ -253,6 +253,43 @@ def test_delay_and_lag_of_a_sensor(capsys, folder):
     assert re.search(r"delay 0\.003\d* s", out)
 
 
+def test_guesses_weights_and_complex_modes(capsys, universal):
+    near = found(capsys, universal, "--band", "80:350", "--near", "136,250")
+    check_modes(near)
+    (alone,) = found(capsys, universal, "--band", "80:350", "--near", "250")["modes"]
+    assert alone["frequency_hz"]["value"] == pytest.approx(251.9, rel=1e-3)
+    words = (universal, "--band", "80:350", "--weight", "relative")
+    got = [m["frequency_hz"]["value"] for m in found(capsys, *words)["modes"]]
+    assert got == pytest.approx([f for f, _, _ in MODES], rel=2e-3)
+    late = found(capsys, universal, "--band", "80:350", "--delay", "--complex")
+    check_modes(late, frequency=1e-3, damping=0.1)
+    # modes of any phase leave little to tell the delay by
+    assert abs(late["delay"]["value"]) < 0.5 / RATE
+
+
+def test_a_step_of_few_digits_widens_the_interval(capsys, folder):
+    rng = np.random.default_rng(38)
+    force = hammer(rng)
+    t = 0.000488 * np.arange(force.size)
+    path = folder / "coarse.csv"
+    np.savetxt(
+        path, np.column_stack((t, force, answered(force))), delimiter=",",
+        header="time (s),force (N),a (m/s^2),b (m/s^2)", comments="", fmt="%.9g",
+    )  # fmt: skip
+    words = (path, "--input", "force", "--output", "a,b", "--band", "80:350", "--modes", "2")
+    coarse = found(capsys, *words)
+    (note,) = [note for note in coarse["notes"] if "sample-rate" in note]
+    assert "between 2047.08 and 2051.28 Hz" in note
+    assert "0.1 %" in note
+    for mode, (f0, _, _) in zip(coarse["modes"], MODES, strict=True):
+        low, high = mode["frequency_hz"]["interval"]
+        assert low < f0 < high
+        assert high - low == pytest.approx(2.0 * 1.96 * 0.5 / 488.0 / 3.0**0.5 * f0, rel=0.1)
+    exact = found(capsys, *words, "--sample-rate", str(RATE))
+    assert not any("sample-rate" in note for note in exact["notes"])
+    check_modes(exact)
+
+
 def test_the_response_is_written_and_read_back(capsys, struck, tmp_path):
     for suffix in ("csv", "npz", "h5", "mat"):
         out = tmp_path / f"response.{suffix}"
@@ -372,6 +409,11 @@ def test_bad_options(capsys, struck, tmp_path):
         ("H1", (*named, "--estimator", "H7")),
         ("excitation", (*named, "--excitation", "jackhammer")),
         ("window", (*named, "--excitation", "random", "--window", "shutter")),
+        ("--near must be", (*named, "--near", "300,-2")),
+        ("differ", (*named, "--near", "137,250", "--modes", "3")),
+        ("lie in the band", (*named, "--near", "1900")),
+        ("--weight is one of noise, relative", (*named, "--weight", "inv")),
+        ("--complex is of fits with --delay", (*named, "--complex")),
         ("no file", (tmp_path / "nothing.csv", "--input", "force", "--output", "a")),
         ("--output", (struck, "--ring-down")),
         (

@@ -107,11 +107,34 @@ def frf(
         str,
         typer.Option(metavar="COUNT", help="How many modes to fit, or auto, or 0 for none."),
     ] = "auto",
+    near: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FREQUENCIES",
+            help='Fit modes near these frequencies and no others, such as "365,660" [Hz].',
+        ),
+    ] = None,
+    weight: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What lines count by: noise, theirs or that which the fit leaves; relative, the "
+            "inverse of their magnitude, for responses over decades; uniform, all alike.",
+        ),
+    ] = "noise",
     delay: Annotated[
         bool, typer.Option("--delay", help="Fit a delay of the outputs as well.")
     ] = False,
     lag: Annotated[
         bool, typer.Option("--lag", help="Fit a first-order lag of the outputs as well.")
+    ] = False,
+    complex_modes: Annotated[
+        bool,
+        typer.Option(
+            "--complex",
+            help="With --delay or --lag: leave each mode its own phase, as where damping is not "
+            "proportional; for wide bands.",
+        ),
     ] = False,
     ring_down: Annotated[
         bool,
@@ -159,11 +182,21 @@ def frf(
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,
                            exponential=exponential, delay=delay, lag=lag, out=out,
-                           response=response)  # fmt: skip
+                           response=response, near=near, complex=complex_modes,
+                           weight=None if weight == "noise" else weight)  # fmt: skip
     for path in (out, figure):
         if path is not None:
             require_writable(path.parent)
-    count = _count(modes)
+    if complex_modes and not (delay or lag):
+        raise ModelError(
+            "--complex is of fits with --delay or --lag, which take modes as in phase otherwise; "
+            "without these modes are complex in any case: leave it out"
+        )
+    count, guesses = _count(modes), _frequencies(near)
+    if guesses is not None and count not in (None, len(guesses)):
+        raise ModelError(
+            f"--modes {modes} and --near with {len(guesses)} frequencies differ: leave --modes out"
+        )
     fitted_band = _band(band)
     lines = _hertz(resolution, "--resolution")
     inputs, outputs = _columns(input), _columns(output)
@@ -211,7 +244,17 @@ def frf(
                     "resolution_hz": lines,
                 },
                 exponential=exponential,
-                fit={"band": fitted_band, "count": count, "delay": delay, "lag": lag},
+                fit={
+                    "band": fitted_band,
+                    "count": count,
+                    "frequency_guess": guesses,
+                    "weighting": _weighting(weight),
+                    "delay": delay,
+                    "lag": lag,
+                    # a delay turns the phase as complex modes do: only modes in phase tell the two
+                    # apart
+                    "real_modes": (delay or lag) and not complex_modes,
+                },
             )
     said = (note for record in read for note in record.notes)
     result["notes"] = list(dict.fromkeys((*result["notes"], *said)))
@@ -296,6 +339,21 @@ def _hertz(text: str | None, option: str) -> float | None:
     return value
 
 
+def _frequencies(text: str | None) -> list[float] | None:
+    """Frequencies with commas between."""
+    if text is None:
+        return None
+    return [_hertz(word, "--near") or 0.0 for word in text.split(",")]
+
+
+def _weighting(text: str) -> str:
+    """What the fit calls a weight."""
+    names = {"noise": "variance", "relative": "relative", "uniform": "uniform"}
+    if text not in names:
+        raise ModelError(f"--weight is one of {', '.join(names)}, got '{text}'")
+    return names[text]
+
+
 def _band(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
@@ -333,8 +391,6 @@ def _responded(
     found: ModalFit | None = None
     if fit["count"] != 0:
         wanted = {**fit, "count": "auto" if fit["count"] is None else fit["count"]}
-        # a delay turns the phase as complex modes do: only modes in phase tell the two apart
-        wanted["real_modes"] = fit["delay"] or fit["lag"]
         found = fit_modes(responses, added_damping_rate=added, **wanted)
 
     def draw() -> Any:

@@ -27,6 +27,7 @@ from flexstage.records.sampling import (
     require_uniform,
     resampled,
     selected,
+    step_uncertainty,
     time_jitter,
 )
 from flexstage.records.write import record_bytes, write_record
@@ -60,6 +61,7 @@ __all__ = [
     "responses_in_columns",
     "saturation",
     "selected",
+    "step_uncertainty",
     "time_jitter",
     "write_record",
 ]

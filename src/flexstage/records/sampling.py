@@ -1,5 +1,6 @@
 """Sampling: whether times rise evenly and numbers are complete; parts of a record, even times."""
 
+import math
 from dataclasses import replace
 from typing import Literal
 
@@ -20,6 +21,7 @@ __all__ = [
     "require_uniform",
     "resampled",
     "selected",
+    "step_uncertainty",
     "time_jitter",
 ]
 
@@ -33,6 +35,12 @@ LARGEST_UNEVEN_STEP = 2.5
 _FINEST = 1.05
 #: A rate below this share of that of the samples has several in each new step.
 _COARSE = 0.8
+#: Times that were made by adding a step differ by rounding alone.
+_SAME_STEP = 1e-6
+#: A step of fewer digits is meant, and so is one whose reciprocal has no more than ...
+_FEW, _MANY = 3, 5
+#: What a crystal clock is good for.
+_CRYSTAL = 5e-5
 #: Even times that were rounded when they were written are told from uneven ones by so many.
 _FEWEST = 20
 
@@ -140,6 +148,52 @@ def time_jitter(time: Array) -> float:
     steps = np.diff(time)
     mean = float(time[-1] - time[0]) / steps.size
     return float(np.abs(steps - mean).max() / mean)
+
+
+def step_uncertainty(time: Array) -> float:
+    """Return how far the step of even times is unknown, as it was written with few digits.
+
+    A step such as 0.000977 s is that of 1024 Hz, and of all rates from 1023.0 to 1024.1 Hz: the
+    mean of the steps does not tell, as they are all the same. A step of one or two digits, or one
+    whose reciprocal has no more than five, is taken as meant: 0.3 ms, 0.00128 s of 781.25 Hz.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        Times [s], shape (n,).
+
+    Returns
+    -------
+    float
+        Half a unit of the last digit over the step; 0 where that is below what a crystal promises,
+        50 in a million, or steps differ.
+
+    Validity
+    --------
+    A clock whose period happens to be a number of three or four digits, such as 0.000977 s itself,
+    is taken for a rounded one.
+
+    Examples
+    --------
+    >>> round(step_uncertainty(0.000977 * np.arange(100)), 6), step_uncertainty(np.arange(9) / 1e3)
+    (0.000512, 0.0)
+    """
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    if np.abs(np.diff(time) / step - 1.0).max() > _SAME_STEP:
+        return 0.0
+    digits = _digits(step)
+    if digits < _FEW or _digits(1.0 / step) <= _MANY:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(step)) - digits + 1)
+    share = 0.5 * unit / step
+    return share if share > _CRYSTAL else 0.0
+
+
+def _digits(value: float) -> int:
+    """How many digits a number has, as far as it stands for more than rounding."""
+    return next(
+        (n for n in range(1, 9) if abs(float(f"{value:.{n - 1}e}") / value - 1.0) < 1e-9), 9
+    )
 
 
 def require_uniform(record: Record) -> None:

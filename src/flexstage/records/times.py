@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.record import Channel, column_number
-from flexstage.records.sampling import require_rising, time_jitter
+from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
 from flexstage.records.text_heading import X_VALUE
 
 __all__ = ["timed"]
@@ -67,7 +67,7 @@ def timed(
         given = rate if rate is not None else raw.sample_rate_hz
         where = "given" if rate is not None else f"in {raw.rate_source}"
         _require_same_rate(times, given, names[number], where)
-        return channels, times, notes + _unevenness(times)
+        return channels, times, notes + _unevenness(times) + _coarseness(times)
     size = channels[0].values.size
     own = raw.sample_rate_hz
     if rate is not None and own is not None and abs(own / rate - 1.0) > _SAME_RATE:
@@ -91,13 +91,16 @@ def timed(
                 _require_same_rate(channels[i].values, used, names[i], "given")
         source = "as given" if rate is not None else f"from {raw.rate_source} of the file"
         start = raw.start if own is not None else 0.0
-        return channels, start + np.arange(size) / used, [f"sample rate {used:g} Hz, {source}"]
+        times = start + np.arange(size) / used
+        notes = [f"sample rate {used:g} Hz, {source}"]
+        return channels, times, notes if rate is not None else notes + _coarseness(times)
     number = _own_time(names, sure)
     if number is not None:
         raw.require_numbers(number)
         times = channels[number].values
         require_rising(times, names[number], largest_step)
-        return channels, times, [f"times from column '{names[number]}'", *_unevenness(times)]
+        said = [f"times from column '{names[number]}'", *_unevenness(times), *_coarseness(times)]
+        return channels, times, said
     raise RecordError(_no_time(raw, names, called))
 
 
@@ -155,3 +158,17 @@ def _unevenness(times: NDArray[np.float64]) -> list[str]:
     if jitter <= 1e-3:
         return []
     return [f"steps of time differ from their mean by up to {100.0 * jitter:.3g} %"]
+
+
+def _coarseness(times: NDArray[np.float64]) -> list[str]:
+    """Say between which rates a step of few digits leaves the choice."""
+    share = step_uncertainty(times) if times.size > 1 else 0.0
+    if share == 0.0:
+        return []
+    step = float(times[-1] - times[0]) / (times.size - 1)
+    low, high = 1.0 / step / (1.0 + share), 1.0 / step / (1.0 - share)
+    return [
+        f"the step of time is written as {step:.4g} s, which leaves the sample rate between "
+        f"{low:.6g} and {high:.6g} Hz, and every frequency uncertain by {100.0 * share:.2g} %: say "
+        "the rate by the option sample-rate"
+    ]

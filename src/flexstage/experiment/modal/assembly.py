@@ -9,16 +9,20 @@ from numpy.typing import NDArray
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.covariance import Worth, assess, meat
+from flexstage.experiment.modal.listing import listed, not_listed
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
-from flexstage.experiment.modal.selection import significances
 from flexstage.experiment.modal.shapes import shape_from_residues
+from flexstage.experiment.modal.significance import significances, threshold
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
 __all__ = ["assembled"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+# share of a response that a fit may leave before it is said
+_UNEXPLAINED = 0.2
 
 
 def assembled(
@@ -29,6 +33,8 @@ def assembled(
     band: tuple[float, float],
     stabilisation: Stabilisation | None,
     added_damping_rate: float,
+    wanted: int | Sequence[float] | None,
+    hints: Sequence[str] = (),
 ) -> ModalFit:
     """Make the result of a fit.
 
@@ -46,6 +52,11 @@ def assembled(
         Where the start came from.
     added_damping_rate : float
         Decay rate to be taken off [1/s].
+    wanted : int or sequence of float, optional
+        How many modes were asked for, or near which frequencies [Hz]: where none, poles that are
+        no modes of the stage are left out of the list.
+    hints : sequence of str
+        What was noticed before.
 
     Returns
     -------
@@ -58,14 +69,18 @@ def assembled(
     outputs, inputs = _names(parts)
     values, slopes = _frequencies(basis, theta, added_damping_rate)
     covariance = slopes @ worth.covariance @ slopes.T
-    modes = []
-    for r in range(basis.count):
+    rate = max(part.measured.rate_uncertainty for part in parts)
+    poles = []
+    rising = [int(r) for r in np.argsort(values[::2], kind="stable")]
+    for r in rising:
         residues, matrix = _residues(basis, theta, worth, parts, r, (outputs, inputs))
         shape, spread = shape_from_residues(residues, matrix)
         deviation = np.sqrt(np.maximum(np.diagonal(matrix), 0.0)).reshape(*residues.shape, 2)
-        modes.append(
+        poles.append(
             Mode(
-                frequency_hz=_estimate(values[2 * r], covariance[2 * r, 2 * r], "Hz", worth),
+                frequency_hz=_estimate(
+                    values[2 * r], covariance[2 * r, 2 * r], "Hz", worth, rate * values[2 * r]
+                ),
                 damping_ratio=_estimate(
                     values[2 * r + 1], covariance[2 * r + 1, 2 * r + 1], "1", worth
                 ),
@@ -76,6 +91,10 @@ def assembled(
                 significance=float(strength[r]),
             )
         )
+    kept, others = listed(poles, parts, band, wanted, worth.scale)
+    modes = [poles[n] for n in kept]
+    own = [2 * rising[n] + d for n in kept for d in (0, 1)]
+    covariance = covariance[np.ix_(own, own)]
     size = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     size[size == 0.0] = 1.0
     extra: dict[str, Estimate | None] = {"delay": None, "lag": None}
@@ -89,19 +108,29 @@ def assembled(
                 worth,
             )
             number += 1
+    fitted = _fitted(worth, parts)
+    notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *not_listed(others)]
+    if wanted is not None:
+        needed = threshold(basis, blocks)
+        notes += [
+            f"the mode at {mode.frequency_hz.value:.5g} Hz does not stand out of the noise"
+            for mode in modes
+            if mode.significance < needed
+        ]
     return ModalFit(
         modes=tuple(modes),
+        background=tuple(mode for group in others.values() for mode in group),
         outputs=outputs,
         inputs=inputs,
         band=band,
-        fitted=tuple(_fitted(worth, parts)),
+        fitted=tuple(fitted),
         delay=extra["delay"],
         lag=extra["lag"],
         correlation=covariance / np.outer(size, size),
         reduced_chi_squared=worth.scale,
         line_correlation=float(2.0 * worth.lags.real.sum()),
         stabilisation=stabilisation,
-        notes=tuple(_notes(modes, parts, band, worth)),
+        notes=(*notes, *hints),
         basis=basis,
         theta=theta,
     )
@@ -113,13 +142,16 @@ def _names(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]
     return tuple(outputs), tuple(inputs)
 
 
-def _estimate(value: float, variance: float, unit: str, worth: Worth) -> Estimate:
+def _estimate(
+    value: float, variance: float, unit: str, worth: Worth, clock: float = 0.0
+) -> Estimate:
     noise = Component(
         name="noise",
         uncertainty=math.sqrt(max(float(variance), 0.0)),
         degrees_of_freedom=float(worth.degrees_of_freedom),
     )
-    return Estimate(value=float(value), unit=unit, components=(noise,))
+    components = (noise, Component(name="sample rate", uncertainty=float(clock), kind="B"))
+    return Estimate(value=float(value), unit=unit, components=components[: 1 + (clock > 0.0)])
 
 
 def _frequencies(basis: ModalBasis, theta: Array, rate: float) -> tuple[Array, Array]:
@@ -248,13 +280,25 @@ def _fitted(worth: Worth, parts: Sequence[Prepared]) -> list[FittedResponse]:
 
 
 def _notes(
-    modes: Sequence[Mode], parts: Sequence[Prepared], band: tuple[float, float], worth: Worth
+    modes: Sequence[Mode],
+    parts: Sequence[Prepared],
+    band: tuple[float, float],
+    worth: Worth,
+    fitted: Sequence[FittedResponse],
+    added_damping_rate: float,
 ) -> list[str]:
     notes = []
     if not modes:
         notes.append("no mode stands out of the noise in the band")
     if not any(part.given for part in parts):
         notes.append("no variance was given: it is found from what the fit leaves")
+    largest = max(float(one.residual_rms.max()) for one in fitted)
+    if largest > _UNEXPLAINED and modes:
+        notes.append(
+            f"the fit leaves {100.0 * largest:.2g} % of a response: fit it in a narrower band, "
+            "with a delay, or with complex modes"
+        )
+    windowed = added_damping_rate > 0.0 or any(part.measured.blur > 0.0 for part in parts)
     for mode in modes:
         f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
         width = 2.0 * max(zeta, 0.0) * f
@@ -264,11 +308,12 @@ def _notes(
             )
         if zeta <= 0.0:
             notes.append(f"the mode at {f:.5g} Hz has no damping that could be told from 0")
-        spacing = min(float(np.median(np.diff(p.measured.frequency_hz))) for p in parts)
+        spacing = min(_spacing(part, f) for part in parts)
         if 0.0 < width < 2.0 * spacing:
+            doubt = "that of the window" if windowed else "known badly"
             notes.append(
                 f"the peak at {f:.5g} Hz is {width:.2g} Hz wide, with lines {spacing:.2g} Hz "
-                "apart: its damping may be that of the window"
+                f"apart: its damping may be {doubt}"
             )
     if all(part.given for part in parts) and worth.scale > 2.0:
         notes.append(
@@ -280,3 +325,10 @@ def _notes(
     if any(not np.array_equal(c, np.eye(c.shape[0])) for c in worth.shared):
         notes.append("noise of the responses is correlated: the uncertainties contain that")
     return notes
+
+
+def _spacing(part: Prepared, frequency: float) -> float:
+    """Distance of the lines about a frequency [Hz]."""
+    lines = part.measured.frequency_hz
+    at = int(np.clip(np.searchsorted(lines, frequency), 1, lines.size - 1))
+    return float(lines[at] - lines[at - 1])

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
-from flexstage.experiment.modal.prepare import prepared
+from flexstage.experiment.modal.prepare import Prepared, prepared
+from flexstage.experiment.modal.pruning import cleaned
 from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.modal.search import Found, search, settled
-from flexstage.experiment.modal.sensor import joined, without_sensor
+from flexstage.experiment.modal.search import Found, search, settled, started
+from flexstage.experiment.modal.sensor import joined, likely_delays, steady_phase, without_sensor
+from flexstage.experiment.modal.significance import threshold
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["fit_modes"]
@@ -23,7 +25,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 # how often modes are looked for again, with delay and lag taken off
-_AGAIN = 3
+_AGAIN = 4
 
 
 def fit_modes(
@@ -34,7 +36,7 @@ def fit_modes(
     frequency_guess: Sequence[float] | None = None,
     delay: bool = False,
     lag: bool = False,
-    weighting: Literal["variance", "uniform"] = "variance",
+    weighting: Literal["variance", "uniform", "relative"] = "variance",
     residuals: bool = True,
     real_modes: bool = False,
     added_damping_rate: float = 0.0,
@@ -65,13 +67,14 @@ def fit_modes(
         Number of modes; "auto" or None takes those without which the residual would grow by more
         than noise explains (Schwarz 1978).
     frequency_guess : sequence of float, optional
-        Frequencies near those of the modes [Hz]; as many modes as guesses are fitted.
+        Frequencies near those of the modes [Hz]; of the fit, the modes nearest to them are given.
     delay : bool
         Whether a common delay exp(-i omega tau) of the outputs is fitted too.
     lag : bool
         Whether a common lag 1 / (1 + i omega T) of the outputs is fitted too.
-    weighting : {"variance", "uniform"}
-        Whether lines count by the variance they come with.
+    weighting : {"variance", "uniform", "relative"}
+        Whether lines count by the variance they come with, all alike until the fit shows their
+        noise, or by the inverse of their magnitude, down to where they scatter.
     residuals : bool
         Whether there are terms for modes beyond the band.
     real_modes : bool
@@ -130,6 +133,12 @@ def fit_modes(
         raise ModelError("a modal fit needs one response at least, got none")
     wanted = _wanted(count, frequency_guess)
     edges = _edges(given, band)
+    outside = [g for g in frequency_guess or () if not edges[0] <= g <= edges[1]]
+    if outside:
+        raise ModelError(
+            f"guessed frequencies must lie in the band from {edges[0]:g} to {edges[1]:g} Hz, got "
+            f"{outside[0]:g} Hz"
+        )
     if not 0.0 <= added_damping_rate < math.inf:
         raise ModelError(
             f"the damping that a window adds must be 0 or more, got {added_damping_rate!r} 1/s"
@@ -146,14 +155,16 @@ def fit_modes(
     options: dict[str, Any] = {
         "orders": orders,
         "band": edges,
-        "count": wanted,
+        "count": wanted if frequency_guess is None else None,
         "guess": frequency_guess,
     }
-    found = search(parts, template, **options)
-    basis, theta = found.basis, found.theta
-    if (delay or lag) and basis.count:
-        basis, theta = _with_sensor(found, (real_modes, delay, lag), options)
-    parts, theta = settled(found.parts, basis, theta)
+    if delay or lag:
+        found = _with_sensor(parts, template, (real_modes, delay, lag), options)
+    else:
+        found = search(parts, template, **options)
+    hints = [] if delay else steady_phase(found.shown, template, parts)
+    basis = found.basis
+    parts, theta = settled(found.parts, basis, found.theta)
     return assembled(
         basis,
         theta,
@@ -161,6 +172,8 @@ def fit_modes(
         band=edges,
         stabilisation=found.stabilisation,
         added_damping_rate=added_damping_rate,
+        wanted=wanted if frequency_guess is None else list(frequency_guess),
+        hints=hints,
     )
 
 
@@ -191,25 +204,75 @@ def _edges(
 
 
 def _with_sensor(
-    found: Found, form: tuple[bool, bool, bool], options: dict[str, Any]
-) -> tuple[ModalBasis, Array]:
+    parts: tuple[Prepared, ...],
+    template: ModalBasis,
+    sensor: tuple[bool, bool, bool],
+    options: dict[str, Any],
+) -> Found:
     """Fit delay and lag, and look for the modes once more in the responses without them."""
-    real_modes, delay, lag = form
+    real_modes, delay, lag = sensor
 
     def whole(basis: ModalBasis) -> ModalBasis:
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
-    basis = whole(found.basis)
-    extra = np.zeros(delay + lag)
-    theta, least = joined(basis, np.concatenate([found.theta, extra]), found.parts)
+    # poles that stretches of a response show are there whatever turns its phase
+    _, poles = started(parts, options["orders"], options["band"])
+    first = whole(replace(template, count=poles.size))
+    begins = [first.start(poles)]
+    if delay:
+        begins = likely_delays(first, begins[0], parts)
+    tried = [_searched(first, begin, parts, template, options) for begin in begins]
+    best = min(tried, key=lambda one: one.cost)
+    weighed = tuple(map(_weighed_as, parts, best.found.parts))
+    best = replace(best, cost=math.inf)
+    # as long as the delay was not known, modes needed a phase of their own
+    inner = replace(template, real_modes=real_modes)
     for _ in range(_AGAIN):
-        undone = tuple(without_sensor(basis, theta, part) for part in found.parts)
-        again = search(undone, replace(found.basis, count=0), **options)
-        if not again.basis.count:
+        trial = _searched(best.basis, best.theta, weighed, inner, options)
+        if trial.cost >= best.cost - 1e-6 * abs(best.cost):
             break
-        more = whole(again.basis)
-        trial, total = joined(more, np.concatenate([again.theta, extra]), found.parts)
-        if more.count == basis.count and total >= least * (1.0 - 1e-6):
-            break
-        basis, theta, least = more, trial, total
-    return basis, theta
+        best = trial
+    basis, theta = best.basis, best.theta
+    if options["count"] is None and options["guess"] is None:
+        basis, theta = cleaned(basis, theta, [part.block for part in weighed])
+    return replace(best.found, parts=weighed, basis=basis, theta=theta)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Late:
+    """A fit with delay or lag on the way, and what it costs."""
+
+    found: Found
+    basis: ModalBasis
+    theta: Array
+    cost: float
+
+
+def _searched(
+    basis: ModalBasis,
+    theta: Array,
+    parts: tuple[Prepared, ...],
+    template: ModalBasis,
+    options: dict[str, Any],
+) -> _Late:
+    """Look for modes in responses without the delay and lag that are known; fit all together."""
+    undone = tuple(without_sensor(basis, theta, part) for part in parts)
+    found = search(undone, template, **options)
+    more = replace(basis, count=found.basis.count)
+    start = np.concatenate([found.theta, theta[2 * basis.count :]])
+    trial, total = joined(more, start, parts)
+    return _Late(found=found, basis=more, theta=trial, cost=_cost(more, total, parts))
+
+
+def _cost(basis: ModalBasis, total: float, parts: Sequence[Prepared]) -> float:
+    """Return by how much a model is worse than another, with what its modes must be worth."""
+    blocks = [part.block for part in parts]
+    values = sum(2 * block.values.size for block in blocks)
+    return values * math.log(max(total, 1e-300)) + threshold(basis, blocks) * basis.count
+
+
+def _weighed_as(part: Prepared, other: Prepared) -> Prepared:
+    """Return a response with the weights that one without its delay was given."""
+    return replace(
+        part, deviation=other.deviation, block=replace(part.block, weights=other.block.weights)
+    )

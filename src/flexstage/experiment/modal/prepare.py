@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.modal.polynomial import Lines
 from flexstage.experiment.modal.projection import Block
+from flexstage.experiment.modal.scatter import line_scatter
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 __all__ = ["Prepared", "deviations", "prepared", "reweighted"]
@@ -27,6 +28,12 @@ _KNOWN_WELL = 64.0
 _ALIKE = 4.0 / 9.0
 # a residual this far below the response is rounding
 _ROUNDING = 1e-10
+# gain of the logarithm of the likelihood of a line, from which on noise is not even
+_UNEVEN = 0.1
+# a tenth of squares of noise is above 3.3 of their median
+_REACHED = 6.0
+# share of the response that no model is asked for until it is known what it leaves
+_TRUSTED = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,6 +50,10 @@ class Prepared:
         Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
     given : bool
         Whether the variance was given, so that the factor should be 1.
+    kept : bool
+        Whether the weights stay what they are, given or chosen, whatever the fit leaves.
+    scatter : numpy.ndarray
+        How neighbouring lines scatter, shape (k, outputs, inputs).
     block : Block
         Responses to displacement, one column for each output and input.
     """
@@ -51,6 +62,8 @@ class Prepared:
     powers: tuple[int, ...]
     deviation: Array
     given: bool
+    kept: bool
+    scatter: Array
     block: Block
 
     def lines(self) -> Lines:
@@ -70,7 +83,7 @@ class Prepared:
 def prepared(
     responses: Sequence[MeasuredResponse],
     band: tuple[float, float] | None,
-    weighting: Literal["variance", "uniform"],
+    weighting: Literal["variance", "uniform", "relative"],
     motion: Literal["displacement", "velocity", "acceleration"] | None,
     reference: float,
 ) -> tuple[Prepared, ...]:
@@ -82,8 +95,8 @@ def prepared(
         The responses.
     band : tuple of float, optional
         Ends of the band [Hz].
-    weighting : {"variance", "uniform"}
-        Whether lines count by their variance.
+    weighting : {"variance", "uniform", "relative"}
+        Whether lines count by their variance, all alike, or by the inverse of their magnitude.
     motion : {"displacement", "velocity", "acceleration"}, optional
         What outputs without a unit of motion measure.
     reference : float
@@ -101,8 +114,8 @@ def prepared(
     ModelError
         An option is not a known one.
     """
-    if weighting not in ("variance", "uniform"):
-        raise ModelError(f"weighting is 'variance' or 'uniform', got {weighting!r}")
+    if weighting not in ("variance", "uniform", "relative"):
+        raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
     if motion is not None and motion not in _MOTIONS:
         raise ModelError(f"motion is one of {', '.join(_MOTIONS)}, got {motion!r}")
     out = []
@@ -126,10 +139,11 @@ def prepared(
         if np.any(size == 0.0):
             dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]
             raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
-        deviation = None if weighting == "uniform" else deviations(part)
+        deviation = deviations(part) if weighting == "variance" else None
         given = deviation is not None
+        scatter = line_scatter(part.frequency_hz, part.response)
         if deviation is None:
-            deviation = np.broadcast_to(size, part.response.shape).copy()
+            deviation = _first(part, scatter, size, weighting)
         units = part.output_units or ("",) * len(part.outputs)
         powers = tuple(_POWERS.get(u, _MOTIONS[motion or "displacement"]) for u in units)
         out.append(
@@ -138,17 +152,30 @@ def prepared(
                 powers=powers,
                 deviation=deviation,
                 given=given,
+                kept=given or weighting == "relative",
+                scatter=scatter,
                 block=_block(part, powers, deviation, reference),
             )
         )
     return tuple(out)
 
 
+def _first(part: MeasuredResponse, scatter: Array, size: Array, weighting: str) -> Array:
+    """Return deviations to begin with, where none are given."""
+    if weighting == "uniform":
+        return np.broadcast_to(size, part.response.shape).copy()
+    magnitude = np.abs(part.response)
+    share = 1.0 if weighting == "relative" else _TRUSTED
+    # in proportion, down to the noise
+    return np.maximum(np.hypot(scatter, share * magnitude), _ROUNDING * size)
+
+
 def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -> Prepared:
     """Weight a response by what a fit left: noise of the output, and noise in proportion.
 
     The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
-    the exponential distribution that squares of complex noise have.
+    the exponential distribution that squares of complex noise have; where the noise of the output
+    is of some frequencies, a follows the scatter of the lines.
 
     Parameters
     ----------
@@ -174,14 +201,31 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
         if square.mean() <= floor:
             deviation[:, o, i] = math.sqrt(max(square.mean(), 1e-32 * signal.mean()))
             continue
-        deviation[:, o, i] = np.sqrt(_two_noises(square, signal, left[:, o, i]))
+        deviation[:, o, i] = np.sqrt(
+            _noises(square, signal, part.scatter[:, o, i] ** 2, left[:, o, i])
+        )
     return replace(
         part, deviation=deviation, block=_block(part.measured, part.powers, deviation, reference)
     )
 
 
-def _two_noises(square: Array, signal: Array, left: Array) -> Array:
-    functions = np.stack([np.ones(signal.size), signal / signal.mean()], axis=1)
+def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
+    """Mean square of the noise of each line: even, or as lines scatter where that is likelier."""
+    even = _two_noises(square, signal, np.ones(signal.size), left)
+    shape = np.maximum(scatter, 1e-12 * scatter.max())
+    if shape.max() == 0.0:
+        return even
+    # a window makes lines scatter less, but all alike; what a model lacks is of some lines alone
+    middle, high = np.quantile(square / (shape * left), (0.5, 0.9))
+    if high > _REACHED * middle:
+        return even
+    uneven = _two_noises(square, signal, shape, left)
+    gain = np.mean(np.log(even / uneven) + square / left * (1.0 / even - 1.0 / uneven))
+    return uneven if gain > _UNEVEN else even
+
+
+def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Array:
+    functions = np.stack([shape / shape.mean(), signal / signal.mean()], axis=1)
     constant = np.array([square.mean() / left.mean(), 0.0])
     factors = constant
     for _ in range(20):
@@ -190,13 +234,13 @@ def _two_noises(square: Array, signal: Array, left: Array) -> Array:
         trial = np.linalg.lstsq(functions.T @ (weighted * (left**2)[:, None]),
                                 weighted.T @ (left * square))[0]  # fmt: skip
         if trial[1] <= 0.0:
-            trial = constant.copy()
+            trial = np.array([float(np.mean(square / (left * functions[:, 0]))), 0.0])
         # noise in proportion alone would leave its least lines without any
         trial[0] = max(trial[0], 1e-4 * constant[0])
         if np.allclose(trial, factors, rtol=1e-3, atol=0.0):
             break
         factors = trial
-    return functions @ factors
+    return np.asarray(functions @ factors, dtype=np.float64)
 
 
 def deviations(part: MeasuredResponse) -> Array | None:

@@ -13,6 +13,7 @@ __all__ = [
     "Block",
     "Eliminated",
     "Projected",
+    "deviations_of",
     "eliminate",
     "gram_of",
     "minimise",
@@ -24,10 +25,15 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _ITERATIONS = 60
+# as many more are given to what is hardly told apart, as long as the sum falls by more than this,
+# over the mean square of noise: 0.01 of a standard uncertainty of one parameter
+_MORE, _WORTH = 240, 1e-4
 _STEP = 1e-12
 # least relative fall of the sum of squares that another iteration is worth
 _FALL = 1e-11
 _ROUGH = 1e-6
+# two real poles may stand for what a stage is not: their ratio is then some 4 zeta^2
+_MOST_DAMPING = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -266,6 +272,34 @@ def _normal(
     return gradient, square
 
 
+def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
+    """Return the standard uncertainty of each parameter over the rms of noise.
+
+    Parameters
+    ----------
+    basis : ModalBasis
+        The model.
+    theta : numpy.ndarray
+        Its parameters, shape (p,).
+    blocks : sequence of Block
+        The responses.
+
+    Returns
+    -------
+    numpy.ndarray
+        By the linearised fit, shape (p,).
+    """
+    now = [eliminate(basis, theta, block) for block in blocks]
+    square = _normal(basis, theta, blocks, now)[1]
+    diagonal = np.diagonal(square)
+    # what nothing depends on has no uncertainty that ends
+    felt = diagonal > 1e-14 * diagonal.max()
+    scale = np.sqrt(np.where(felt, diagonal, 1.0))
+    scaled = np.where(np.outer(felt, felt), square / np.outer(scale, scale), 0.0)
+    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    return np.where(felt, np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / scale, np.inf)
+
+
 def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) -> Array:
     """Return the share of the noise of each line that a fit leaves in its residual.
 
@@ -332,9 +366,12 @@ def minimise(
     """
     now = [eliminate(basis, theta, block) for block in blocks]
     total = sum(one.total for one in now)
+    if not basis.size:
+        return theta, total
     gradient, square = _normal(basis, theta, blocks, now)
     damping = 1e-6
-    for _ in range(_ITERATIONS):
+    values = sum(2 * block.values.size for block in blocks)
+    for iteration in range(_ITERATIONS if rough else _ITERATIONS + _MORE):
         diagonal = np.diagonal(square).copy()
         diagonal[diagonal <= 0.0] = 1.0
         scale = np.sqrt(diagonal)
@@ -358,6 +395,7 @@ def minimise(
         fall = total - value
         small = fall <= _FALL * total and np.abs(step).max() <= 1e-6
         small = small or (rough and fall <= _ROUGH * total)
+        small = small or (iteration >= _ITERATIONS and fall * values <= _WORTH * total)
         theta, total = trial, value
         if small:
             return theta, total
@@ -365,16 +403,17 @@ def minimise(
         damping = max(0.1 * damping, 1e-14)
     if rough:
         return theta, total
+    poles = f"{basis.count} pole{'s' * (basis.count != 1)}"
     raise ConvergenceError(
-        f"the fit of {basis.count} modes did not settle in {_ITERATIONS} iterations: fit fewer, or "
-        "narrow the band"
+        f"the fit of {poles} did not settle in {_ITERATIONS + _MORE} iterations: say about where "
+        "the modes are by the option near, or fit them in a narrower band"
     )
 
 
 def _sane(basis: ModalBasis, trial: Array, theta: Array) -> bool:
-    """Whether a step leaves frequencies positive, damping below critical, and is no leap."""
+    """Whether a step leaves frequencies positive, damping within reason, and is no leap."""
     w, zeta = trial[: 2 * basis.count].reshape(-1, 2).T
     old = theta[: 2 * basis.count : 2]
-    if np.any(w < 0.7 * old) or np.any(w > 1.4 * old) or np.any(np.abs(zeta) >= 1.0):
+    if np.any(w < 0.7 * old) or np.any(w > 1.4 * old) or np.any(np.abs(zeta) >= _MOST_DAMPING):
         return False
     return not (basis.lag and trial[-1] < -0.9)

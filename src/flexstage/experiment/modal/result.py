@@ -100,6 +100,8 @@ class ModalFit:
     ----------
     modes : tuple of Mode
         The modes, rising in frequency; none where nothing stands out of the noise.
+    background : tuple of Mode
+        Poles of an automatic fit that are no modes of the stage in the band: the fit needs them.
     outputs, inputs : tuple of str
         What shapes and residues go over.
     band : tuple of float
@@ -127,6 +129,7 @@ class ModalFit:
     """
 
     modes: tuple[Mode, ...]
+    background: tuple[Mode, ...]
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
     band: tuple[float, float]

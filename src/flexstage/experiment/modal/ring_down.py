@@ -13,7 +13,7 @@ from flexstage.experiment.modal.decay_model import DecayFit, fit_decay, project_
 from flexstage.experiment.modal.decay_start import decay_start, highest_frequency, subspace_poles
 from flexstage.experiment.modal.decay_worth import decay_covariance, noise_ratios
 from flexstage.experiment.modal.selection import distinct
-from flexstage.records import Record, require_complete, require_uniform
+from flexstage.records import Record, require_complete, require_uniform, step_uncertainty
 
 __all__ = ["DecayMode", "RingDown", "ring_down"]
 
@@ -176,7 +176,9 @@ def ring_down(
     offset = 0.5 * (times - 1) / rate
     clock = np.arange(values.shape[0]) * times / rate
     fit = _fitted(clock, values, rate / times, count, band)
-    modes = [_mode(r, fit, times, rate) for r in range(fit.theta.size // 2)] if fit else []
+    # all rates that the digits leave are as likely as the others
+    share = step_uncertainty(record.time) / math.sqrt(3.0)
+    modes = [_mode(r, fit, times, rate, share) for r in range(fit.theta.size // 2)] if fit else []
     residual = fit.residual if fit else values - values.mean(axis=0)
     return RingDown(
         modes=tuple(modes),
@@ -268,7 +270,7 @@ def _weights(fit: DecayFit) -> Array:
     return 1.0 / np.maximum(rms, 1e-13 * size)
 
 
-def _mode(r: int, fit: DecayFit, times: int, rate: float) -> DecayMode:
+def _mode(r: int, fit: DecayFit, times: int, rate: float, share: float) -> DecayMode:
     sigma, omega = fit.theta[2 * r : 2 * r + 2]
     size = math.hypot(sigma, omega)
     amplitudes = fit.factors[2 * r] + 1j * fit.factors[2 * r + 1]
@@ -292,13 +294,16 @@ def _mode(r: int, fit: DecayFit, times: int, rate: float) -> DecayMode:
         square = np.einsum("ap,pq,aq->a", rows, covariance[2:, 2:], rows)
         spread[c] = np.sqrt(np.maximum(square, 0.0))
 
-    def estimate(value: float, uncertainty: float, unit: str, known: float) -> Estimate:
-        noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=known)
-        return Estimate(value=value, unit=unit, components=(noise,))
+    def estimate(value: float, uncertainty: float, unit: str, own: float = 0.0) -> Estimate:
+        noise = Component(name="noise", uncertainty=uncertainty, degrees_of_freedom=freedom)
+        both = (noise, Component(name="sample rate", uncertainty=own, kind="B"))
+        return Estimate(value=value, unit=unit, components=both[: 1 + (own > 0.0)])
+
+    frequency = size / (2.0 * math.pi)
 
     return DecayMode(
-        frequency_hz=estimate(size / (2.0 * math.pi), float(pair[0]), "Hz", freedom),
-        damping_ratio=estimate(sigma / size, float(pair[1]), "1", freedom),
+        frequency_hz=estimate(frequency, float(pair[0]), "Hz", share * frequency),
+        damping_ratio=estimate(sigma / size, float(pair[1]), "1"),
         # of the first sample, not of the average that begins with it
         amplitudes=amplitudes / np.exp(complex(-sigma, omega) / rate * np.arange(times)).mean(),
         shape=shape,

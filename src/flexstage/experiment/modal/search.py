@@ -11,16 +11,19 @@ from flexstage.errors import ModelError
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared, reweighted
 from flexstage.experiment.modal.projection import eliminate, minimise, remaining
-from flexstage.experiment.modal.selection import distinct, extended, pruned, selected
+from flexstage.experiment.modal.pruning import cleaned, nearest_pole, pruned, selected
+from flexstage.experiment.modal.scatter import local_poles
+from flexstage.experiment.modal.selection import distinct, extended
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
 
-__all__ = ["Found", "search", "settled"]
+__all__ = ["Found", "search", "settled", "started"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# how far from a guess a pole may be to be the one that is meant
-_NEAR = 0.05
+# a pole that a window shows ranks with one that half of the orders have where it is this much
+# likelier than none
+_SURE = 100.0
 # damping that a guessed frequency starts from where no pole is near
 _GUESSED_DAMPING = 0.01
 
@@ -35,6 +38,8 @@ class Found:
         The responses, with the weights that they have now.
     stabilisation : Stabilisation
         Where the poles come from.
+    shown : numpy.ndarray
+        Poles that the search began with [rad/s], shape (p,).
     basis : ModalBasis
         The model.
     theta : numpy.ndarray
@@ -43,6 +48,7 @@ class Found:
 
     parts: tuple[Prepared, ...]
     stabilisation: Stabilisation
+    shown: Complex
     basis: ModalBasis
     theta: Array
 
@@ -71,7 +77,7 @@ def search(
     count : int, optional
         Number of modes; as many as are significant where not given.
     guess : sequence of float, optional
-        Frequencies near those of the modes [Hz].
+        Frequencies [Hz] near which there are to be modes, significant or not.
 
     Returns
     -------
@@ -83,16 +89,12 @@ def search(
     ModelError
         Fewer modes are found than were asked for.
     """
-    diagram, start = _start(parts, orders, band, guess)
+    diagram, start = started(parts, orders, band)
     blocks = [part.block for part in parts]
-    if guess is not None:
-        basis = replace(template, count=start.size)
-        theta = minimise(basis, basis.start(start), blocks, rough=True)[0]
-        return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
-    basis, theta = selected(template, start, blocks, count)
+    basis, theta = selected(template, start, blocks, count, guess or ())
     # noise in proportion to the response looks like modes until it is known, and two modes that are
     # taken for one look like such noise: so by turns
-    known = count is not None or all(part.given for part in parts)
+    known = count is not None or all(part.kept for part in parts)
     for _ in range(1 if known else 2):
         if not known:
             parts = _reweighted(parts, basis, theta)
@@ -101,13 +103,17 @@ def search(
         basis, theta = extended(basis, theta, blocks, others, count)
     if not known:
         parts = _reweighted(parts, basis, theta)
-        basis, theta = pruned(basis, theta, [part.block for part in parts], None)
+        basis, theta = pruned(basis, theta, [part.block for part in parts], None, guess or ())
+    if count is None and guess is None:
+        basis, theta = cleaned(basis, theta, [part.block for part in parts])
+    for frequency in guess or ():
+        basis, theta = _with_guess(basis, theta, parts, frequency)
     if count is not None and basis.count < count:
         raise ModelError(
             f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
             f"{band[1]:g} Hz: ask for fewer, or guess their frequencies"
         )
-    return Found(parts=parts, stabilisation=diagram, basis=basis, theta=theta)
+    return Found(parts=parts, stabilisation=diagram, shown=start, basis=basis, theta=theta)
 
 
 def settled(
@@ -129,7 +135,7 @@ def settled(
     tuple
         The responses with their weights, and the parameters.
     """
-    turns = 1 if all(part.given for part in parts) else 3
+    turns = 1 if all(part.kept for part in parts) else 3
     for turn in range(turns):
         if basis.size:
             blocks = [part.block for part in parts]
@@ -139,12 +145,27 @@ def settled(
     return parts, theta
 
 
-def _start(
+def started(
     parts: Sequence[Prepared],
     orders: Sequence[int] | None,
     band: tuple[float, float],
-    guess: Sequence[float] | None,
 ) -> tuple[Stabilisation, Complex]:
+    """Return poles to start from: stable ones, and those that stretches of a response show.
+
+    Parameters
+    ----------
+    parts : sequence of Prepared
+        The responses.
+    orders : sequence of int, optional
+        Orders of the polynomials.
+    band : tuple of float
+        Ends of the band [Hz].
+
+    Returns
+    -------
+    tuple of Stabilisation and numpy.ndarray
+        The diagram, and poles [rad/s], shape (p,).
+    """
     lines = [part.lines() for part in parts]
     if len({part.measured.inputs for part in parts}) > 1:
         # each input by itself, as they share no more than the poles
@@ -154,9 +175,12 @@ def _start(
             for i in range(one.response.shape[2])
         ]
     diagram = stabilised(lines, orders=orders, band=band)
-    poles = distinct(diagram.poles, diagram.persistence)
-    if guess is not None:
-        return diagram, _nearest(poles, guess)
+    shown, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
+    likelier = np.concatenate(gains)
+    poles = distinct(
+        np.concatenate([diagram.poles, *shown]),
+        np.concatenate([diagram.persistence, likelier / (likelier + _SURE)]),
+    )
     return diagram, poles
 
 
@@ -170,23 +194,24 @@ def _others(diagram: Stabilisation, poles: Complex) -> Complex:
     return apart[~np.isin(apart, poles)]
 
 
-def _nearest(poles: Complex, guess: Sequence[float]) -> Complex:
-    chosen, free = [], list(poles)
-    for frequency in sorted(guess):
-        omega = 2.0 * math.pi * frequency
-        distance = [abs(abs(pole) / omega - 1.0) for pole in free]
-        if distance and min(distance) < _NEAR:
-            chosen.append(complex(free.pop(int(np.argmin(distance)))))
-        else:
-            zeta = _GUESSED_DAMPING
-            chosen.append(omega * complex(-zeta, math.sqrt(1.0 - zeta * zeta)))
-    return np.array(chosen, dtype=np.complex128)
+def _with_guess(
+    basis: ModalBasis, theta: Array, parts: Sequence[Prepared], frequency: float
+) -> tuple[ModalBasis, Array]:
+    """Return the model with a mode near a frequency, where it has none yet."""
+    omega = 2.0 * math.pi * frequency
+    if nearest_pole(basis, theta, frequency) is not None:
+        return basis, theta
+    start = omega * complex(-_GUESSED_DAMPING, math.sqrt(1.0 - _GUESSED_DAMPING**2))
+    single = replace(basis, count=1).start(np.array([start]))
+    more = replace(basis, count=basis.count + 1)
+    blocks = [part.block for part in parts]
+    return more, minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
 
 
 def _reweighted(
     parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
 ) -> tuple[Prepared, ...]:
-    return tuple(part if part.given else _weighted(part, basis, theta) for part in parts)
+    return tuple(part if part.kept else _weighted(part, basis, theta) for part in parts)
 
 
 def _weighted(part: Prepared, basis: ModalBasis, theta: Array) -> Prepared:

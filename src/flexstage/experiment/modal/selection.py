@@ -1,6 +1,5 @@
-"""Which of the poles that a stabilisation diagram offers are modes: those the data cannot spare."""
+"""Which poles may be modes: candidates that are apart, and those that the residual shows."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,16 +7,20 @@ from numpy.typing import NDArray
 
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.projection import Block, eliminate, gram_of, minimise
+from flexstage.experiment.modal.significance import (
+    LEAST_DAMPING,
+    MOST_DAMPING,
+    rising,
+    rounding_level,
+    significances,
+    threshold,
+)
 
-__all__ = ["distinct", "extended", "pruned", "selected", "significances", "threshold"]
+__all__ = ["distinct", "extended"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# damping of what may pass for a mode
-_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 0.95
-# what noise is of the response, at least, in anything measured
-_DYNAMIC_RANGE = 1e-8
 # damping that a peak of the residual is tried with
 _PEAK_DAMPING = 0.005
 # how many candidates are tried before it is believed that there is no other mode
@@ -45,146 +48,6 @@ def distinct(poles: Complex, rank: Array) -> Complex:
         if all(abs(pole - k) > 0.5 * max(-pole.real, -k.real) for k in kept):
             kept.append(pole)
     return np.array(sorted(kept, key=abs), dtype=np.complex128)
-
-
-def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the mean square of noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    numpy.ndarray
-        The fall of the sum of squares that each mode makes with the poles of the others as they
-        are, shape (count,).
-    """
-    falls = np.zeros(basis.count)
-    total, lagged, counted = 0.0, 0.0, 0
-    for block in blocks:
-        now = eliminate(basis, theta, block)
-        noise = now.residual * block.weights
-        total += now.total
-        lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
-        counted += 2 * noise.size - basis.linear * noise.shape[1]
-        for r in range(basis.count):
-            own = slice(basis.per_mode * r, basis.per_mode * (r + 1))
-            factors = now.factors[own].T[:, :, None]
-            falls[r] += float(np.sum(factors * np.linalg.solve(now.inverse[:, own, own], factors)))
-    level = max(total / max(counted - basis.size, 1), _rounding(blocks))
-    # noise that neighbouring lines share forms peaks as wide as they are
-    wide = 1.0 + 2.0 * max(lagged / max(total, 1e-300), 0.0)
-    return falls / (level * wide)
-
-
-def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
-    """Return the fall of the sum of squares that a mode must make.
-
-    Number of parameters times logarithm of the number of values (Schwarz 1978), and twice the
-    logarithm of the number of lines, as the place of a mode is the best of so many.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    float
-        The fall, over the mean square of noise.
-    """
-    values = sum(2 * block.values.size for block in blocks)
-    lines = sum(block.values.shape[0] for block in blocks)
-    columns = sum(block.values.shape[1] for block in blocks)
-    return (basis.per_mode * columns + 2) * math.log(values) + 2.0 * math.log(lines)
-
-
-def selected(
-    template: ModalBasis, poles: Complex, blocks: Sequence[Block], count: int | None
-) -> tuple[ModalBasis, Array]:
-    """Refine poles, and take away one by one those that the data can spare.
-
-    Parameters
-    ----------
-    template : ModalBasis
-        The form of the model.
-    poles : numpy.ndarray
-        Poles to start from [rad/s], shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
-    from dataclasses import replace
-
-    basis = replace(template, count=poles.size)
-    theta = basis.start(poles)
-    basis, theta = _thinned(basis, theta, blocks)
-    return pruned(basis, theta, blocks, count)
-
-
-def pruned(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], count: int | None
-) -> tuple[ModalBasis, Array]:
-    """Refine modes, and take away one by one those that are not significant.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, without delay and lag.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
-    while basis.count:
-        theta = minimise(basis, theta, blocks, rough=True)[0]
-        strength = significances(basis, theta, blocks)
-        zeta = theta[1 : 2 * basis.count : 2]
-        strength[(zeta < _LEAST_DAMPING) | (zeta > _MOST_DAMPING)] = -1.0
-        weakest = int(np.argmin(strength))
-        weak = strength[weakest] <= threshold(basis, blocks)
-        if not weak and (count is None or basis.count <= count):
-            break
-        basis, theta = without(basis, theta, [weakest])
-    return basis, _ordered(theta)
-
-
-def _ordered(theta: Array) -> Array:
-    pairs = theta.reshape(-1, 2)
-    return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()
-
-
-def _thinned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[ModalBasis, Array]:
-    """Take away what is far from significant even before it is refined."""
-    while basis.count:
-        strength = significances(basis, theta, blocks)
-        weak = np.flatnonzero(strength < 0.25 * threshold(basis, blocks))
-        if not weak.size:
-            break
-        weak = weak[np.argsort(strength[weak], kind="stable")]
-        basis, theta = without(basis, theta, [int(n) for n in weak[: (weak.size + 1) // 2]])
-    return basis, theta
 
 
 def extended(
@@ -230,7 +93,7 @@ def extended(
         if more is None:
             break
         basis, theta = more
-    return basis, _ordered(theta)
+    return basis, rising(theta)
 
 
 def _added(
@@ -245,7 +108,7 @@ def _added(
         trial = minimise(more, np.concatenate([theta, single]), blocks, rough=True)[0]
         zeta = trial[1::2]
         if (
-            np.all((zeta > _LEAST_DAMPING) & (zeta < _MOST_DAMPING))
+            np.all((zeta > LEAST_DAMPING) & (zeta < MOST_DAMPING))
             and significances(more, trial, blocks).min() > needed
         ):
             return more, trial
@@ -305,33 +168,4 @@ def _falls(
             # a candidate like one that is there has nothing of its own
             lifted = left + 1e-9 * own * np.eye(own.shape[1])
             falls[n] += float(np.sum(right * np.linalg.solve(lifted, right)))
-    return falls, max(total / max(values - basis.size, 1), _rounding(blocks))
-
-
-def _rounding(blocks: Sequence[Block]) -> float:
-    """Least mean square of noise that is believed: a smaller one is the computer's."""
-    power = [np.sum((block.weights * np.abs(block.values)) ** 2) for block in blocks]
-    return float(_DYNAMIC_RANGE**2 * sum(power) / sum(2 * block.values.size for block in blocks))
-
-
-def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[ModalBasis, Array]:
-    """Leave modes out of a model.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    modes : sequence of int
-        Numbers of the modes to leave out.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The rest.
-    """
-    from dataclasses import replace
-
-    gone = [2 * m + d for m in modes for d in (0, 1)]
-    return replace(basis, count=basis.count - len(modes)), np.delete(theta, gone)
+    return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))

@@ -1,5 +1,6 @@
 """What records must be for a frequency response: sampled evenly, complete, alive, not cut off."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -7,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records import Record, require_complete, require_uniform, saturation
+from flexstage.records import (
+    Record,
+    require_complete,
+    require_uniform,
+    saturation,
+    step_uncertainty,
+)
 
 __all__ = ["COMPILED", "Extremes", "Signals", "all_extremes", "gathered", "require_sound"]
 
@@ -111,6 +118,8 @@ class Signals:
         Samples in a second [Hz].
     sources : tuple of str
         What each record is called in a message.
+    rate_uncertainty : float
+        Standard uncertainty of the sample rate over it [1], by the digits of the times.
     """
 
     channels: tuple[tuple[Array, ...], ...]
@@ -120,6 +129,7 @@ class Signals:
     inputs: int
     sample_rate_hz: float
     sources: tuple[str, ...]
+    rate_uncertainty: float
 
     @property
     def outputs(self) -> int:
@@ -192,6 +202,8 @@ def gathered(
         inputs=len(inputs),
         sample_rate_hz=first.sample_rate_hz,
         sources=tuple(sources),
+        # all rates that the digits leave are as likely as the others
+        rate_uncertainty=max(step_uncertainty(r.time) for r in records) / math.sqrt(3.0),
     )
 
 

@@ -321,4 +321,5 @@ def _measured(
         estimator=estimator,
         source=", ".join(s.strip("'") for s in signals.sources),
         notes=tuple(notes),
+        rate_uncertainty=signals.rate_uncertainty,
     )

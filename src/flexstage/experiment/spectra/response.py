@@ -45,6 +45,8 @@ class MeasuredResponse:
     blur : float
         By how much a window has mixed neighbouring lines: second moment of its kernel, in squares
         of their distance [1]. 1/3 of a Hann window on noise, 0 of whole periods and of transients.
+    rate_uncertainty : float
+        Standard uncertainty of the sample rate over it [1], which all frequencies share.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class MeasuredResponse:
     source: str = ""
     notes: tuple[str, ...] = ()
     blur: float = 0.0
+    rate_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         f = self.frequency_hz

@@ -1,0 +1,149 @@
+"""What single stretches of a frequency response show by themselves: its noise, and resonances."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["line_scatter", "local_poles"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# lines of a window, and coefficients of the rational function through them: a parabola over a line
+_WINDOW, _COEFFICIENTS = 9, 4
+# windows that a median is taken over, so that two poles in one window do not count as noise
+_SMOOTH = 11
+# what the median of a chi-square of 2 (9 - 4) degrees of freedom is of its mean
+_MEDIAN = 0.934
+# windows in which poles are looked for: as many lines as a peak may be wide
+_WINDOWS = (9, 17, 33, 65, 129)
+# twice the logarithm of the likelihood by which a pole must be better than a cubic, beside that for
+# the number of windows
+_BETTER = 12.0
+
+
+def line_scatter(frequency_hz: Array, response: Complex) -> Array:
+    """Return the rms of the noise of each line, by what a smooth function leaves of its neighbours.
+
+    Through each line and four on either side goes a parabola over a straight line, which follows a
+    resonance that is as sharp as two lines (local rational method: McKelvey and Guerin, 2012, IFAC
+    Proceedings 45); what it leaves is noise.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Frequencies, rising, not necessarily evenly [Hz], shape (k,).
+    response : numpy.ndarray
+        The response, shape (k, ...).
+
+    Returns
+    -------
+    numpy.ndarray
+        Root of the expected square of the complex error, shape (k, ...).
+    """
+    lines = frequency_hz.size
+    columns = response.reshape(lines, -1)
+    width = min(_WINDOW, lines)
+    first = np.clip(np.arange(lines) - width // 2, 0, lines - width)
+    rows = first[:, None] + np.arange(width)
+    x = frequency_hz[rows] - frequency_hz[:, None]
+    x = x / np.abs(x).max(axis=1, keepdims=True)
+    out = np.empty(columns.shape)
+    for column in range(columns.shape[1]):
+        left = _rational(x, columns[rows, column], 1, 2)[0] / max(width - _COEFFICIENTS, 1)
+        out[:, column] = np.sqrt(_medians(left, min(_SMOOTH, lines)) / _MEDIAN)
+    return out.reshape(response.shape)
+
+
+def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]:
+    """Return poles that windows of some lines show, whatever the response is elsewhere.
+
+    In each window a pole with a parabola is compared with a cubic, which has as many coefficients;
+    it counts where it is likelier by far, decays, and lies in the middle of the window.
+
+    Parameters
+    ----------
+    frequency_hz : numpy.ndarray
+        Frequencies, rising [Hz], shape (k,).
+    response : numpy.ndarray
+        The response, shape (k, ...).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Poles [rad/s], and twice the logarithm by which each is likelier, shape (p,).
+    """
+    lines = frequency_hz.size
+    columns = response.reshape(lines, -1)
+    poles: list[Complex] = [np.zeros(0, dtype=np.complex128)]
+    gains: list[Array] = [np.zeros(0)]
+    for width in _WINDOWS:
+        if width > lines:
+            break
+        rows = np.arange(0, lines - width + 1, max(width // 8, 1))[:, None] + np.arange(width)
+        middle = frequency_hz[rows[:, width // 2]]
+        x = frequency_hz[rows] - middle[:, None]
+        scale = np.abs(x).max(axis=1)
+        x = x / scale[:, None]
+        for h in columns.T[:, rows]:
+            floor = 1e-24 * np.sum(np.abs(h) ** 2, axis=1) + 1e-300
+            for count in (1, 2):
+                total = _COEFFICIENTS + 2 * (count - 1)
+                if width < 2 * total:
+                    continue
+                fewer = _rational(x, h, count - 1, total - count)[0]
+                more, roots = _rational(x, h, count, total - count - 1)
+                gain = 2.0 * (width - total) * np.log((fewer + floor) / (more + floor))
+                shown = gain > _BETTER + 2.0 * math.log(lines)
+                for at in roots.T:
+                    f = middle + scale * at
+                    good = shown & (np.abs(at.real) < 0.5) & (at.imag > 0.0) & (at.imag < 0.5)
+                    good &= f.real > 0.0
+                    poles.append(2.0 * math.pi * (1j * f.real[good] - f.imag[good]))
+                    gains.append(gain[good])
+    return np.concatenate(poles), np.concatenate(gains)
+
+
+def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Complex]:
+    """Fit h (1 + d x + ...) = n in each window: sum of squares left, and poles."""
+    denominator = np.ones(h.shape, dtype=np.complex128)
+    below = np.zeros((h.shape[0], count), dtype=np.complex128)
+    left = h
+    powers = [x**n for n in range(max(degree, count) + 1)]
+    # the equation is divided by the denominator that it gave before
+    for _ in range(3 if count else 1):
+        weight = 1.0 / denominator
+        columns = [p * weight for p in powers[: degree + 1]]
+        columns += [-p * h * weight for p in powers[1 : count + 1]]
+        q, r = np.linalg.qr(np.stack(columns, axis=2))
+        right = h * weight
+        along = np.einsum("kwc,kw->kc", q.conj(), right)
+        left = right - np.einsum("kwc,kc->kw", q, along)
+        diagonal = np.abs(np.einsum("kcc->kc", r))
+        sure = (diagonal > 1e-10 * diagonal.max(axis=1, keepdims=True)).all(axis=1)
+        r = np.where(sure[:, None, None], r, np.eye(r.shape[1]))
+        found = np.linalg.solve(r, along[:, :, None])[:, degree + 1 :, 0]
+        below = np.where(sure[:, None], found, 0.0)
+        denominator = 1.0 + sum((below[:, n, None] * powers[n + 1] for n in range(count)), 0.0)
+        # a pole on a line itself would weigh it without end
+        denominator = np.where(np.abs(denominator) < 1e-3, 1e-3, denominator)
+    return np.sum(np.abs(left) ** 2, axis=1), _roots(below)
+
+
+def _roots(below: Complex) -> Complex:
+    """Zeros of 1 + d x + e x^2, far away where there is none."""
+    if below.shape[1] < 1:
+        return below
+    d, *others = np.where(below == 0.0, 1e-12 + 0.0j, below).T
+    if not others:
+        return np.asarray(-1.0 / d[:, None], dtype=np.complex128)
+    root = np.sqrt(d * d - 4.0 * others[0])
+    both = np.stack((-d + root, -d - root), axis=1) / (2.0 * others[0][:, None])
+    return np.asarray(both, dtype=np.complex128)
+
+
+def _medians(values: Array, width: int) -> Array:
+    half = width // 2
+    padded = np.pad(values, half, mode="reflect") if half else values
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
