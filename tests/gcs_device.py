@@ -296,7 +296,10 @@ class FormulaDevice:
             refuse(Refusal.WAVE_RUNNING)
         self.state[axis].cycles = cycles
 
-    def start_waves(self, axes):
+    def largest_speed(self, axis):
+        return self.axes[axis].limits.speed
+
+    def start_waves(self, axes, onward=()):
         for name in axes:
             state, limits = self.state[name], self.axes[name].limits
             table = self.wave(state.choice[0])
