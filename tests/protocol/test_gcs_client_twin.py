@@ -32,12 +32,12 @@ def _made(seed: int, number: int):
     return virtual_stage(STAGE, model="lumped", seed=seed)
 
 
-def interpreter(seed: int, number: int = 0) -> Interpreter:
+def interpreter(seed: int, number: int = 0, *, hold: bool = False) -> Interpreter:
     """Return a controller; the stage is made once for each number, and relaxed again."""
     stage = _made(seed, number)
     stage.reset()
     device = VirtualController(cast("VirtualStage", stage))
-    return Interpreter(device, FastTime(device))
+    return Interpreter(device, FastTime(device), hold=hold)
 
 
 @pytest.fixture
@@ -236,15 +236,15 @@ def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
 
 
 def test_a_second_client_may_look_and_stop_and_not_move():
-    made = interpreter(5)
+    made = interpreter(5, hold=True)
     links = [InProcess(open_session(made)) for _ in range(2)]
     first, second = (PiController.open(link, STAGE, wire=LONG) for link in links)
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
-        with pytest.raises(ControllerError, match="control of somebody else") as info:
+        with pytest.raises(ControllerError, match="holds control") as info:
             second.axes["x"].set_voltage(0.0)
-        assert info.value.code == 51
+        assert info.value.code == 1005
         first.axes["x"].set_closed_loop(True)
         first.axes["x"].move_to(50e-6, wait=False)
         second.stop()

@@ -101,7 +101,7 @@ SENTENCES = MappingProxyType(
         603: "it is too hot: switch it off and let it cool",
         604: "the axis is too far from its target",
         606: "an input is out of range",
-        1005: "it is busy: wait until it has ended what it does",
+        1005: "it is busy, or another program holds control of it: wait until that has ended",
         1008: "a macro is running: stop it first",
     }
 )

@@ -10,7 +10,7 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, number, one, pairs, printed, switch
 
-__all__ = ["MOTION", "halt", "moving_bits", "of_axes"]
+__all__ = ["MOTION", "halt", "moving_bits", "of_axes", "of_inputs"]
 
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
@@ -152,12 +152,30 @@ def _of_outputs(value: Callable[[ControllerState, str], float]) -> Run:
     return run
 
 
-def _sensors(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    channels = chosen(words, state.channels, code.UNKNOWN_CHANNEL)
-    return [
-        f"{name}={printed(state.device.channel(channel.number) / MICRO)}"
-        for name, channel in channels
-    ]
+def of_inputs(value: Callable[[ControllerState, int], str]) -> Run:
+    """Return a command that tells something of each input that is named, or of those listed.
+
+    Parameters
+    ----------
+    value : callable
+        Tells it, given state and number of the input.
+
+    Returns
+    -------
+    callable
+        Carries the command out.
+    """
+
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        names = words or list(state.channels)[: state.model.inputs]
+        channels = chosen(names, state.channels, code.UNKNOWN_CHANNEL)
+        return [f"{name}={value(state, channel.number)}" for name, channel in channels]
+
+    return run
+
+
+def _input(state: ControllerState, number_of_input: int) -> str:
+    return printed(state.device.channel(number_of_input) / MICRO)
 
 
 def _micro(value: Callable[[ControllerState, str], float]) -> Callable[[ControllerState, str], str]:
@@ -226,7 +244,12 @@ MOTION = (
     _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
     _question("TMN?", "Get Minimum Commandable Position", of_axes(_micro(_low))),
     _question("TMX?", "Get Maximum Commandable Position", of_axes(_micro(_high))),
-    Command(name="TSP?", arguments="[{<InputID>}]", text="Get Input Signal Position", run=_sensors),
+    Command(
+        name="TSP?",
+        arguments="[{<InputID>}]",
+        text="Get Input Signal Position",
+        run=of_inputs(_input),
+    ),
     _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
     _question("VEL?", "Get Velocity", of_axes(_micro(_speed))),
     Command(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.command import Client, Command, Reply
 from flexstage.instruments.twin.commands_identity import nothing
-from flexstage.instruments.twin.commands_motion import of_axes
+from flexstage.instruments.twin.commands_motion import of_axes, of_inputs
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, printed, unsigned
@@ -18,6 +18,8 @@ _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
 _DIGITS = (1 << 17) - 1
 #: What an input that has no range of its own reads at most [um, or urad].
 _FULL_SCALE = 100.0
+#: Range of an axis's sensor over that of its positions; a stage at rest is below them.
+_SENSOR_SPAN = 1.5
 #: Part of the range of the voltage that is no way to its end.
 _AT_END = 1e-6
 
@@ -76,18 +78,11 @@ def _normalized(state: ControllerState, channel: int) -> float:
     if channel > len(axes):
         return 100.0 * reading / _FULL_SCALE
     low, high = (end / MICRO for end in state.position_range(axes[channel - 1]))
-    return 100.0 * (2.0 * reading - high - low) / (high - low)
+    return 100.0 * (2.0 * reading - high - low) / (_SENSOR_SPAN * (high - low))
 
 
-def _normalized_inputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    channels = chosen(words, state.channels, code.UNKNOWN_CHANNEL)
-    return [f"{name}={printed(_normalized(state, c.number))}" for name, c in channels]
-
-
-def _digits(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    channels = chosen(words, state.channels, code.UNKNOWN_CHANNEL)
-    numbers = {name: round(_DIGITS * _normalized(state, c.number) / 100.0) for name, c in channels}
-    return [f"{name}={max(-_DIGITS, min(_DIGITS, n))}" for name, n in numbers.items()]
+def _digits(state: ControllerState, channel: int) -> str:
+    return str(max(-_DIGITS, min(_DIGITS, round(_DIGITS * _normalized(state, channel) / 100.0))))
 
 
 def _interfaces(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -137,13 +132,13 @@ STATUS = (
         name="TAD?",
         arguments="[{<InputID>}]",
         text="Get ADC Value Of Input Signal",
-        run=_digits,
+        run=of_inputs(_digits),
     ),
     Command(
         name="TNS?",
         arguments="[{<InputID>}]",
         text="Get Normalized Input Signal Value",
-        run=_normalized_inputs,
+        run=of_inputs(lambda s, n: printed(_normalized(s, n))),
     ),
     Command(
         name="TRS?", arguments="[{<AxisID>}]", text="Indicate Reference Switch",

@@ -36,12 +36,15 @@ class ControllerModel:
         Version of the command set, as ``CSV?`` tells it.
     unit : str
         Unit of positions, as it is written.
+    inputs : int, optional
+        How many inputs it lists where none is named; all of them where not given.
     """
 
     name: str
     lacks: frozenset[str] = frozenset()
     syntax: str = "2.0"
     unit: str = "um"
+    inputs: int | None = None
 
     @property
     def one_line(self) -> bool:
@@ -63,8 +66,8 @@ MODELS = {
         ControllerModel(name="E-709", lacks=_DIGITAL_PIEZO),
         ControllerModel(name="E-712", lacks=_ANALOGUE),
         ControllerModel(name="E-725", lacks=_DIGITAL_PIEZO),
-        ControllerModel(name="E-753", lacks=_DIGITAL_PIEZO | {"HLT"}, unit="\xb5M"),
-        ControllerModel(name="E-754", lacks=_DIGITAL_PIEZO),
+        ControllerModel(name="E-753", lacks=_DIGITAL_PIEZO | {"HLT"}, unit="\xb5M", inputs=2),
+        ControllerModel(name="E-754", lacks=_DIGITAL_PIEZO, inputs=3),
         ControllerModel(name="E-516", lacks=_AMPLIFIER, syntax="1.0"),
         ControllerModel(name="E-517", lacks=_AMPLIFIER),
     )

@@ -42,7 +42,7 @@ def listing(state: ControllerState) -> list[str]:
             kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
             writable = parameter.set is not None or parameter.edit is not None
             words = (0 if writable else 9, len(items), kind, parameter.group, parameter.name)
-            lines.append(f"0x{identifier:08X}=" + "\t".join(str(word) for word in words))
+            lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
     return [*lines, "end of help"]
 
 
