@@ -1,8 +1,8 @@
 """What drivers that others wrote send, byte for byte, and what of the answers they rely on.
 
 The lines are facts of Odemis' pigcs.py, EPICS motorPIGCS2, ESRF Bliss' pi_*.py, PIPython, pylablib,
-Micro-Manager's PI_GCS_2 and the E-753 adaptor of A. Millett-Sikking; none of their code is here.
-`docs/explanation/clients.md` says which versions were run themselves.
+Micro-Manager's PI_GCS_2 and an adaptor for the E-753; none of their code is here.
+`docs/explanation/twin.md` says which versions were run themselves.
 """
 
 import re
