@@ -50,6 +50,8 @@ GOOD = {
     "VCO 1 0\nVCO?\nVEL 1 5\nVEL? 1\nVCO 1 1\nVEL? 1": f"1=0 \n2=1\n1={E(5)}\n1={E(5)}\n",
     "VMA 1 90\nVMI 1 2\nVMA? 1\nVMI?": f"1={E(90)}\n1={E(2)} \n2={E(0)}\n",
     "WOS 1 -2.5\nWOS?": f"1={E(-2.5)} \n2={E(0)}\n",
+    "MAC?": "\n",
+    "RMC?": "\n",
     "ERR?": "0\n",
     "FRF? 1": "1=1\n",
     "HLT 1": "",
@@ -125,6 +127,17 @@ BAD = {
     "HDR? 1": 24,
     "ERR? 1": 24,
     "IDN? 1": 24,
+    "MAC": 24,
+    "MAC BEG": 24,
+    "MAC BEG A-B": 18,
+    "MAC DEL A": 20,
+    "MAC START A": 20,
+    "MAC END": 1002,
+    "MAC END A": 24,
+    "MAC XYZ A": 1003,
+    "MAC? A": 20,
+    "MAC? A B": 24,
+    "RMC? A": 24,
     "SSN? 1": 24,
     "TWC 1": 24,
     **{f"{name}? 3": 15 for name in ("AOS", "ATZ", "DCO", "EAX", "LIM", "OVF", "RON", "TRS")},
@@ -364,7 +377,7 @@ def test_bad_arguments(line):
 def test_every_command_has_a_good_and_a_bad_example():
     names = set(controller().commands)
     elsewhere = {"VER?", "HLP?", "HPA?", "HDR?", "SPA?", "DRR?", "GWD?", "WGO", "WGR", "IMP", "MOV"}
-    elsewhere |= {"FNL", "FPL", "FRF", "SRG?"}
+    elsewhere |= {"FNL", "FPL", "FRF", "MAC", "SRG?"}
     good = {line.split(" ")[0] for lines in GOOD for line in lines.strip().upper().split("\n")}
     bad = {line.split(" ")[0] for line in BAD if line.strip()}
     assert names - elsewhere - good == set()
@@ -540,3 +553,47 @@ def test_a_recording_that_a_client_started_goes_on_while_a_wave_starts():
     before = device.recorded()
     assert talk(session, "WGO 1 1")[1] == 0
     assert device.recorded() == 10 < before
+
+
+def test_a_macro_is_its_writers_until_it_ends():
+    interpreter = controller()
+    first, second = Session(interpreter), Session(interpreter)
+    first.feed(b"SVO 1 1\nMAC BEG GO\nMOV 1 5\n")
+    assert first.feed(b"ERR?\nPOS?\n") == b""  # lines of the macro, ERR? too
+    assert second.feed(b"MOV? 1\nMAC BEG X\nERR?\n") == b"1=0.000000000e+00\n1001\n"
+    first.feed(b"MAC END\n")
+    assert first.feed(b"MAC? GO\nMOV? 1\n") == b"MOV 1 5 \nERR? \nPOS?\n1=0.000000000e+00\n"
+    assert second.feed(b"MAC START GO\nMOV? 1\n") == b"1=5.000000000e+00\n"
+    # what was begun and not ended goes with its writer
+    first.feed(b"MAC BEG X\nMOV 1 9\n")
+    first.close()
+    assert second.feed(b"MAC?\nMAC BEG X\nMAC END\nERR?\n") == b"GO\n0\n"
+
+
+def test_macros_are_kept_started_with_values_and_deleted():
+    session = opened()
+    session.feed(b"SVO 1 1\nMAC BEG up\nMVR 1 $1\nSVO? 1\nMAC END\n")
+    assert session.feed(b"MAC?\nMAC? UP\nERR?\n") == b"UP\nMVR 1 $1 \nSVO? 1\n0\n"
+    assert session.feed(b"MAC START UP 2.5\nMAC START up 1\nMOV? 1\n") == b"1=3.500000000e+00\n"
+    assert session.feed(b"MAC START UP 2.5 7\nMAC START UP\nERR?\n") == b"25\n"
+    assert session.feed(b"MAC DEL UP\nMAC?\nERR?\n") == b"\n0\n"
+
+
+def test_macros_that_start_each_other_end():
+    session = opened()
+    session.feed(b"MAC BEG A\nMAC START A\nMAC END\nMAC START A\n")
+    assert session.feed(b"ERR?\nCSV?\n") == b"1000\n2.0\n"
+
+
+def test_macros_do_not_grow_without_end():
+    session = opened()
+    session.feed(b"MAC BEG A\n" + (b"MOV 1 " + b"1" * 1000 + b"\n") * 100 + b"MAC END\n")
+    assert session.feed(b"ERR?\n") == b"309\n"
+    assert len(session.feed(b"MAC? A\n")) < 70_000
+
+
+def test_a_macro_that_was_stopped_starts_no_motion():
+    session = opened()
+    session.feed(b"SVO 1 1\nMAC BEG A\nMOV 1 9\nMAC END\n")
+    session.feed(b"MAC START A\n\x18")
+    assert session.feed(b"ERR?\nMOV? 1\n") == b"10\n1=0.000000000e+00\n"

@@ -16,12 +16,14 @@ from flexstage.instruments.twin.commands_waves import WAVES, running_bits
 from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import Device, RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
+from flexstage.instruments.twin.macros import Macros
 from flexstage.instruments.twin.state import ControllerState
 
 __all__ = ["Interpreter"]
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
+_COMMANDS = (*IDENTITY, *MOTION, *RECORDER, *SETUP, *STATUS, *TRIGGERS, *WAVES)
 #: Commands that need an axis with a voltage.
 _OF_VOLTAGES = frozenset(
     {"ATZ", "ATZ?", "DCO", "DCO?", "ONL", "ONL?", "SVA", "SVA?", "SVR", "VMA", "VMA?", "VMI",
@@ -69,10 +71,9 @@ class Interpreter:
         help_command = Command(
             name="HLP?", arguments="", text="Get List Of Available Commands", run=self._help
         )
-        commands = sorted(
-            (help_command, *IDENTITY, *MOTION, *RECORDER, *SETUP, *STATUS, *TRIGGERS, *WAVES),
-            key=lambda c: c.name,
-        )
+        self._macros = Macros(self.line)
+        macros = self._macros.commands()
+        commands = sorted((help_command, *macros, *_COMMANDS), key=lambda c: c.name)
         # a controller of motors does not know the commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
         self._commands: Mapping[str, Command] = {
@@ -132,6 +133,7 @@ class Interpreter:
         """
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
+            self._macros.leave(client)
             self._commanding = [other for other in self._commanding if other is not client]
 
     def stop(self, client: Client) -> None:
@@ -189,6 +191,8 @@ class Interpreter:
         if "" in words:
             words = [word for word in words if word]
         if not words:
+            return None
+        if self._macros.takes(client, words):
             return None
         command = self._commands.get(words[0].upper())
         if command is None:
