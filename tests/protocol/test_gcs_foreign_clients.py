@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from flexstage.instruments.gcs.profile import parse_identity
+from flexstage.instruments.twin.clock import Pacemaker
 from flexstage.instruments.twin.controller_models import MODELS
+from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.server import GcsServer
-from tests.gcs_device import RATE, controller, opened
+from flexstage.instruments.twin.session import Session
+from tests.gcs_device import RATE, FormulaDevice, controller, opened
 
 NUMBER = rb"-?\d\.\d{9}e[+-]\d\d"
 #: By client and the controller that it takes the twin for: what is sent, what must be answered.
@@ -206,6 +209,21 @@ def test_a_soft_limit_holds_a_waveform_too():
     session = opened()
     session.feed(b"SVO 1 1\nPLM 1 8\nWAV 1 X LIN 10 9 0 10 0 0\nWSL 1 1\n")
     assert session.feed(b"WGO 1 1\nERR?\nWGO?\n") == b"7\n1=0 \n2=0\n"
+
+
+def test_an_axis_on_its_way_to_its_zero_says_so():
+    device = FormulaDevice()
+    interpreter = Interpreter(device, Pacemaker(device))  # nothing passes but by hand
+    session = Session(interpreter)
+    device.set_commands({"1": 100.0, "2": 50.0})
+    device.advance(1.0)
+    assert session.feed(b"ATZ\nATZ?\n\x05SVO?\n") == b"1=0 \n2=0\n3\n1=0 \n2=0\n"
+    device.advance(1.0)
+    assert session.feed(b"ATZ?\nVOL?\n\x05") == (
+        b"1=1 \n2=1\n1=0.000000000e+00 \n2=0.000000000e+00\n0\n"
+    )
+    # another ramp of the voltage is none to the zero
+    assert session.feed(b"SVA 1 90\nATZ? 1\n\x05") == b"1=1\n1\n"
 
 
 @pytest.mark.parametrize(

@@ -33,12 +33,15 @@ def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     for axis in lowest:
         state.device.set_servo(axis, False)
     state.device.set_commands(lowest)
+    state.zeroing |= lowest.keys()
     return None
 
 
 def _zeroed(state: ControllerState, axis: str) -> str:
-    """Say whether the zero of an axis is set; as delivered it is."""
-    return str(int(state.device.servo_on(axis) or not state.device.moving(axis)))
+    """Say whether the zero of an axis is set, as it is when delivered, or it still goes there."""
+    if axis in state.zeroing and not state.device.moving(axis):
+        state.zeroing.discard(axis)
+    return str(int(axis not in state.zeroing))
 
 
 def _soft_limit(of_voltage: bool, high: bool) -> Run:
