@@ -24,6 +24,7 @@ def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         else number(word)
         for axis, word in given
     }
+    state.require_ready(lowest, voltages=True)
     for axis, voltage in lowest.items():
         low, high = state.voltage_range(axis)
         if not low <= voltage <= high:
