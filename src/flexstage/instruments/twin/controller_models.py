@@ -1,8 +1,8 @@
 """Controllers that the simulated one can answer as: what they call themselves, what they know.
 
 Clients choose their own driver by the model in ``*IDN?``, and by what ``HLP?`` lists. What is known
-here of a model is what its manual and the drivers of others say of it; where they say nothing of a
-command, the controller knows it.
+here of a model is what drivers that others wrote say of it, and else what its kind is: digital
+piezo controllers, stepping drives, analogue amplifiers. No list of commands of its maker was used.
 """
 
 from dataclasses import dataclass
