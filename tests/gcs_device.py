@@ -8,6 +8,7 @@ from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Identity
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.clock import FastTime
+from flexstage.instruments.twin.controller_models import OWN
 from flexstage.instruments.twin.device import (
     AxisDescription,
     ChannelDescription,
@@ -296,7 +297,10 @@ class FormulaDevice:
             refuse(Refusal.WAVE_RUNNING)
         self.state[axis].cycles = cycles
 
-    def start_waves(self, axes):
+    def largest_speed(self, axis):
+        return self.axes[axis].limits.speed
+
+    def start_waves(self, axes, onward=()):
         for name in axes:
             state, limits = self.state[name], self.axes[name].limits
             table = self.wave(state.choice[0])
@@ -368,10 +372,10 @@ class FormulaDevice:
         self.trigger("wave")
 
 
-def controller(kind="piezo"):
+def controller(kind="piezo", *, model=OWN, hold=False):
     """A controller on the device by formula, whose time passes with commands."""
     device = FormulaDevice(kind)
-    return Interpreter(device, FastTime(device))
+    return Interpreter(device, FastTime(device), model=model, hold=hold)
 
 
 def talk(session, text):
@@ -383,6 +387,6 @@ def talk(session, text):
     return answers.decode("latin-1"), [e for e in errors if e] or 0
 
 
-def opened(kind="piezo"):
+def opened(kind="piezo", *, model=OWN):
     """A session of a controller of its own."""
-    return Session(controller(kind))
+    return Session(controller(kind, model=model))

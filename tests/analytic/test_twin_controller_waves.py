@@ -55,6 +55,36 @@ def test_straight_lines_join_the_samples(divider: int, cycles: int) -> None:
     assert run.last == (13 + cycles * n * divider - 1 if cycles else None)
 
 
+@pytest.mark.parametrize("divider", [1, 2, 3, 7])
+@pytest.mark.parametrize("cycles", [2, 4, 0])
+def test_cycles_that_go_on_where_the_last_has_ended(divider: int, cycles: int) -> None:
+    shift = TABLE[-1] - TABLE[0]
+    run = WaveRun(first=13, table=TABLE, divider=divider, cycles=cycles, shift=shift)
+    k = np.arange(6 * TABLE.size * divider)
+    going = np.concatenate([TABLE + shift * cycle for cycle in range(cycles or 7)])
+    expected = np.interp(k / divider, np.arange(going.size), going)
+    assert_allclose(run.values(13, k.size), expected, rtol=0, atol=1e-14)
+    assert run.end == pytest.approx(TABLE[-1] + shift * max(cycles - 1, 0), abs=1e-14)
+
+
+def test_an_axis_climbs_by_steps_that_go_on(device: VirtualController, stage: SimpleStage) -> None:
+    load(device, "2", 5, [3.0, 3.5, 5.0])
+    device.set_wave_cycles("2", 3)
+    device.start_waves(["2"], onward=["2"])
+    device.advance(0.01)
+    climbed = [3.0, 3.5, 5.0, 5.0, 5.5, 7.0, 7.0, 7.5, 9.0, 9.0]
+    assert_allclose(stage.commands[1, 101:111], climbed, rtol=1e-12)
+    assert device.command("2") == pytest.approx(9.0, rel=1e-12)
+    # the last cycle must be within the limits, and there must be a last one
+    device.set_commands({"2": 3.0})
+    device.advance(0.01)
+    device.set_wave_cycles("2", 1000)
+    assert refusal(device.start_waves, ["2"], ["2"]).reason is Refusal.OUT_OF_LIMITS
+    device.set_wave_cycles("2", 0)
+    assert refusal(device.start_waves, ["2"], ["2"]).reason is Refusal.OUT_OF_LIMITS
+    assert not device.wave_running("2")
+
+
 def test_a_waveform_in_open_loop_reaches_the_drive_sample_by_sample(
     device: VirtualController, stage: SimpleStage
 ) -> None:

@@ -17,6 +17,7 @@ from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.controller_models import MODELS, OWN, ControllerModel
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.loopback import open_session
 from flexstage.instruments.twin.server import GcsServer
@@ -32,12 +33,14 @@ def _made(seed: int, number: int):
     return virtual_stage(STAGE, model="lumped", seed=seed)
 
 
-def interpreter(seed: int, number: int = 0) -> Interpreter:
+def interpreter(
+    seed: int, number: int = 0, *, hold: bool = False, model: ControllerModel = OWN
+) -> Interpreter:
     """Return a controller; the stage is made once for each number, and relaxed again."""
     stage = _made(seed, number)
     stage.reset()
     device = VirtualController(cast("VirtualStage", stage))
-    return Interpreter(device, FastTime(device))
+    return Interpreter(device, FastTime(device), hold=hold, model=model)
 
 
 @pytest.fixture
@@ -236,20 +239,42 @@ def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
 
 
 def test_a_second_client_may_look_and_stop_and_not_move():
-    made = interpreter(5)
+    made = interpreter(5, hold=True)
     links = [InProcess(open_session(made)) for _ in range(2)]
     first, second = (PiController.open(link, STAGE, wire=LONG) for link in links)
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
-        with pytest.raises(ControllerError, match="control of somebody else") as info:
+        with pytest.raises(ControllerError, match="holds control") as info:
             second.axes["x"].set_voltage(0.0)
-        assert info.value.code == 51
+        assert info.value.code == 1005
         first.axes["x"].set_closed_loop(True)
         first.axes["x"].move_to(50e-6, wait=False)
         second.stop()
         with pytest.raises(ControllerError, match="it was stopped, or somebody else"):
             first.axes["x"].wait()
+
+
+@pytest.mark.parametrize("name", [name for name, m in MODELS.items() if not m.one_line])
+def test_every_model_of_controller_is_driven(name):
+    """The client goes by what a controller lists, and writes its unit as that does."""
+    made = interpreter(5, model=MODELS[name])
+    link = InProcess(open_session(made))
+    with closing(PiController.open(link, STAGE, wire=LONG)) as controller:
+        assert (controller.identity.model, controller.identity.simulated) == (name, True)
+        axis = controller.axes["x"]
+        axis.set_closed_loop(True)
+        axis.move_to(30e-6)
+        assert axis.position() == pytest.approx(30e-6, abs=0.1e-6)
+        controller.recorder.configure(
+            [Signal(kind="position", source="x", name="p", unit="m")], 1e3, 50
+        )
+        controller.recorder.start()
+        controller.pause(0.1)
+        assert controller.recorder.read(0, 50).channel("p").values == pytest.approx(
+            np.full(50, 30e-6), abs=0.2e-6
+        )
+        assert Capability.WAVE_GENERATOR in controller.capabilities
 
 
 def test_a_restart_is_noticed():

@@ -18,12 +18,19 @@ from tests.tiers import sizes
 
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
 PAIRS = re.compile(rf" *(MOV|MVR|SVA|SVR)((?: +[12] +{NUMBER})+) *\r?", re.IGNORECASE)
+#: How a waveform is started or stopped, and the way to the zero of the sensors.
+MODE = r"(?:0*(?:0|1|257)|0x0*(?:0|1|101))"
+ZERO = rf" *ATZ(?: +[12] +(?:NAN|{NUMBER}))* *\r?"
 OTHERS = {
-    "waves": re.compile(r" *WGO(?: +[12] +0*[01])+ *\r?", re.IGNORECASE),
-    "servo": re.compile(r" *SVO(?: +[12] +0*[01])+ *\r?", re.IGNORECASE),
+    "waves": re.compile(rf" *WGO(?: +[12] +{MODE})+ *\r?", re.IGNORECASE),
+    "servo": re.compile(rf" *SVO(?: +[12] +0*[01])+ *\r?|{ZERO}", re.IGNORECASE),
     "reboot": re.compile(r" *RBT *\r?", re.IGNORECASE),
     "strike": re.compile(r" *IMP +[12] *\r?", re.IGNORECASE),
-    "stop": re.compile(r" *(?:STP|HLT(?: +[12])*|WGO(?: +[12] +0*[01])+) *\r?", re.IGNORECASE),
+    # whoever says STP wants it to stop, whatever else is said
+    "stop": re.compile(
+        rf" *(?:STP(?: .*)?|HLT(?: +[12])*|WGO(?: +[12] +{MODE})+|EAX(?: +[12] +0*[01])+) *\r?",
+        re.IGNORECASE,
+    ),
 }
 EXAMPLES = """\
 *IDN?|CSV?|VER?|HLP?|HPA?|SPA?|SAI? ALL|TPC?|TSC?|ERR?|STP|HLT 1|SVO 1 1 2 1|SVO 2 0|SVO?
@@ -36,7 +43,10 @@ WAV 4 X PNT 1 1 3|WAV?|WCL 2|WSL 1 1 2 3|WSL 1 4|WSL?|WGC 1 2|WGC 1 0|WGC?|WGO 1
 WGO 1 1 2 1|WGO 1 0|WGO?|WGR|WTR 0 3 1|WTR?|WMS?|TWG?|GWD? 1 5 2|GWD?|TSP? 3|CST?
 CCL 1 advanced|CCL?|SEP?|SPA 1 0x07000300 3|SPA 1 0x08000100 700 1 0x08000200 .1
 SPA? 1 369099265|SPA 1 0x7F000003 1|SPA 1 0x7F000003 0|IMP 1|RBT|SPA 2 0x7F000011 3
-SPA 1 0x7F000001 0.01"""
+SPA 1 0x7F000001 0.01|STP 1|ATZ|ATZ 1 NAN 2 5|ATZ?|WGO 1 0x101|WGO 2 257|WOS 1 2.5|WOS?|OVF?
+SRG? 1 1|TAD?|TNS? 3|IFC?|IFC? IPADR|SSN?|IDN?|AOS?|LIM?|TRS?|ONL 1 0|ONL 1 1 2 1|ONL?|EAX 1 0
+EAX 1 1|EAX?|FRF 1|FNL|FPL 2|RON 1 0|RON?|DCO 1 1|DCO?|VCO 1 0|VCO 1 1|VCO?|VMA 1 90|VMI 1 2
+NLM 1 3|PLM 1 55|TWC|TWS 1 10 1|TWS?|CTO 1 3 4|CTO?|DRT 1 1 0 2 1 0|SPA 1 0x16000300 2"""
 SEEDS = [line.encode() for line in EXAMPLES.replace("\n", "|").split("|")]
 WORDS = [
     b"1",
@@ -70,7 +80,7 @@ def mutated(rng):
             del line[at % len(line)]
         elif kind == 1:
             line[at:at] = bytes(
-                [rng.choice(b" 0123456789.-+eE?*#XxMOVSAWGD\r\x00\x05\x07\x09\xff")]
+                [rng.choice(b" 0123456789.-+eE?*#XxMOVSAWGD\r\x00\x04\x05\x06\x07\x09\xff")]
             )
         elif kind == 2 and line:
             line[at % len(line)] = rng.randrange(32, 127)
@@ -87,7 +97,7 @@ def mutated(rng):
 
 def plain(line):
     """A line without the characters that are commands of their own; None where it is not ASCII."""
-    text = line.translate(None, b"\x05\x07\x09")
+    text = line.translate(None, b"\x04\x05\x07\x09").lstrip(bytes(range(32)))
     text = text.removesuffix(b"\r")
     return text.decode("ascii") if all(32 <= byte < 127 for byte in text) else None
 
@@ -100,6 +110,8 @@ def allowed(line, call, before, running):
     kind = call if isinstance(call, str) else call[0]
     if kind in OTHERS:
         return OTHERS[kind].fullmatch(text) is not None
+    if kind == "commands" and re.fullmatch(ZERO, text, re.IGNORECASE):
+        return True
     found = PAIRS.fullmatch(text)
     if found is None:
         return False

@@ -37,7 +37,7 @@ def test_versions_are_lines_of_name_and_number(session):
 def test_start_up(session):
     """What a client sends after it has connected: help, stop, position control, status."""
     help_text = session.feed(b"HLP?\n")
-    assert help_text.startswith(b"The following commands are valid: \n#5 ")
+    assert help_text.startswith(b"The following commands are valid: \n#4 ")
     assert help_text.endswith(b" \nend of help\n")
     assert exchange(session, b"\x18", b"ERR?", b"ERR?") == [b"", b"10\n", b"0\n"]
     assert exchange(session, b"SVO 1 1 2 1", b"ERR?", b"SVO?") == [b"", b"0\n", b"1=1 \n2=1\n"]
@@ -102,7 +102,7 @@ def test_data_recorder(session):
     )
     assert exchange(session, *lines) == [
         b"",
-        b"1 0x16000201=2000\n",
+        b"1 369099265=2000\n",
         b"1 0x16000200=6000\n",
         b"1 0x16000300=3 \n1 0x0E000200=1.000000000e-04\n",
         b"",
@@ -116,7 +116,7 @@ def test_data_recorder(session):
         b"0\n",
     ]
     assert session.feed(b"DRR? 1 3 1 2\n") == (
-        b"# REM flexstage, formula (simulated), 7, 1.2 \n"
+        b"# REM = flexstage, formula (simulated), 7, 1.2 \n"
         b"# VERSION = 1 \n"
         b"# TYPE = 1 \n"
         b"# SEPARATOR = 32 \n"

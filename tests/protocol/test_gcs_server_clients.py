@@ -14,11 +14,11 @@ from tests.gcs_device import FormulaDevice, controller, opened, talk
 
 @pytest.fixture
 def two():
-    interpreter = controller()
+    interpreter = controller(hold=True)
     return interpreter, Session(interpreter), Session(interpreter)
 
 
-def test_the_first_that_changes_something_is_in_control(two):
+def test_the_first_that_changes_something_holds_control(two):
     interpreter, first, second = two
     assert talk(second, "POS?\nHPA?\nSPA? 1 0x07000300")[1] == 0
     assert interpreter.in_control is None
@@ -27,7 +27,7 @@ def test_the_first_that_changes_something_is_in_control(two):
     lines = (
         "MOV 1 5\nSVO 1 0\nSVA 2 5\nWAV 1 X PNT 1 1 0\nDRC 1 1 1\nVEL 1 5\nSPA 1 0x07000300 1\nRBT"
     )
-    assert talk(second, lines) == ("", [51] * 8)
+    assert talk(second, lines) == ("", [1005] * 8)
     assert interpreter.device.calls == [("servo", "1", True)]
     # reading is always allowed
     assert talk(second, "SVO? 1\nDRL? 1\nWAV? 1\nERR?") == ("1=1\n1=0\n1 1=0\n0\n", 0)
@@ -49,6 +49,58 @@ def test_a_client_that_leaves_does_not_free_the_control_of_another(two):
     talk(first, "SVO 1 1")
     second.close()
     assert interpreter.in_control is first
+
+
+def test_all_clients_may_command_as_at_a_real_controller():
+    interpreter = controller()
+    first, second = Session(interpreter), Session(interpreter)
+    assert talk(first, "SVO 1 1 2 1\nMOV 1 5") == ("", 0)
+    assert talk(second, "MOV 1 7 2 3\nONT?\nONT?\nMOV?")[1] == 0
+    assert interpreter.in_control is None
+    assert first.feed(b"MOV? 1\n") == b"1=7.000000000e+00\n"
+    # a stop is told to all who have given commands, and to nobody who has only looked
+    looking = Session(interpreter)
+    first.feed(b"MOV 1 50\n")
+    assert looking.feed(b"POS?\n\x18")[-1:] == b"\n"
+    assert [s.feed(b"ERR?\n") for s in (first, second, looking)] == [b"10\n"] * 3
+    first.feed(b"STP\n")
+    assert [s.feed(b"ERR?\n") for s in (first, second, looking)] == [b"10\n", b"10\n", b"0\n"]
+
+
+@pytest.mark.parametrize("line", ["STP 1", "STP 1 2", "STP x y z"])
+def test_a_stop_with_too_many_words_stops_and_then_complains(line):
+    interpreter = controller()
+    first, second = Session(interpreter), Session(interpreter)
+    first.feed(b"SVO 1 1 2 1\nMOV 1 50 2 30\nPOS?\n")
+    assert second.feed(line.encode() + b"\nERR?\nERR?\n") == b"24\n0\n"
+    assert first.feed(b"ERR?\n\x05") == b"10\n0\n"
+    place = interpreter.device.position("1"), interpreter.device.position("2")
+    assert 0.0 < place[0] < 10e-6
+    assert 0.0 < place[1] < 10e-6
+    interpreter.device.advance(1.0)
+    assert (interpreter.device.position("1"), interpreter.device.position("2")) == place
+
+
+@pytest.mark.parametrize("byte", [0, 1, 3, 6, 8, 11, 17, 27, 31])
+def test_a_control_character_that_is_no_command_spoils_only_a_line_that_has_begun(byte):
+    session = opened()
+    assert session.feed(bytes([byte]) + b"CSV?\nERR?\n") == b"2.0\n0\n"
+    assert session.feed(bytes([byte])) == b""
+    assert session.feed(b"CSV?\nERR?\n") == b"2.0\n0\n"
+    # cut out of a line it would make another one of it: that is refused
+    session.feed(b"SVO 1 1\n")
+    assert session.feed(b"MOV 1 1" + bytes([byte]) + b"0\nERR?\nMOV? 1\n") == (
+        b"1\n1=0.000000000e+00\n"
+    )
+
+
+def test_the_status_register_tells_each_axis():
+    session = opened()
+    assert session.feed(b"\x04") == b"0x80008000\n"
+    session.feed(b"SVO 1 1\nVEL 1 20\nMOV 1 50\n")
+    assert session.feed(b"\x04SRG? 1 1 2 1\n") == b"0x30008000\n1 1=0x3000 \n2 1=0x8000\n"
+    session.feed(b"ONT?\n" * 12)
+    assert session.feed(b"\x04SRG? 1 1\n") == b"0x90008000\n1 1=0x9000\n"
 
 
 def test_errors_are_each_clients_own(two):
@@ -182,7 +234,7 @@ def test_simulated_time_is_not_led_on_where_it_is_real():
 
 
 def test_link_in_memory():
-    link = open_session(controller())
+    link = open_session(controller(hold=True))
     assert link.receive(0.0) == b""
     link.send(b"CSV?\nSVO? ")
     assert link.receive(1.0) == b"2.0\n"
@@ -192,7 +244,7 @@ def test_link_in_memory():
     other = link.another()
     link.send(b"SVO 1 1\n")
     other.send(b"SVO 1 0\nERR?\n")
-    assert other.receive(1.0) == b"51\n"
+    assert other.receive(1.0) == b"1005\n"
     link.close()
     link.close()
     other.send(b"SVO 1 0\nERR?\n")

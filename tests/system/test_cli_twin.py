@@ -1,6 +1,7 @@
 """`flexstage twin`: the process of a user, its signals, and what it says about bad input."""
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -71,10 +72,35 @@ def refused(capsys, *words):
     return ended.value.code, said.err
 
 
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+@POSIX
+def test_the_port_opens_when_it_can_answer():
+    """A client that tries again where it is refused is answered within its time-out of a second."""
+    port = free_port()
+    command = [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--fast"]
+    with subprocess.Popen([*command, "--port", str(port)], stdout=subprocess.PIPE) as process:
+        try:
+            for _ in range(int(TIMEOUT / 0.01)):
+                try:
+                    link = socket.create_connection(("127.0.0.1", port), timeout=1.0)
+                except ConnectionRefusedError:
+                    threading.Event().wait(0.01)
+                    continue
+                break
+            with link:
+                assert ask(link, b"*IDN?\nPOS?\n", b"\n").count("\n") >= 1
+        finally:
+            process.send_signal(signal.SIGTERM)
+
+
 @POSIX
 def test_a_conversation_with_a_process(start):
     twin = start("vgtu-piezo", "--port", "0", "--fast", "--seed", "4", "--serial-number", "A-17",
-                 "--json")  # fmt: skip
+                 "--identity", "flexstage", "--json")  # fmt: skip
     said = json.loads(twin.line)
     assert said["stage"] == "vgtu-piezo"
     assert said["address"] == f"gcs://127.0.0.1:{said['port']}"
@@ -88,7 +114,27 @@ def test_a_conversation_with_a_process(start):
         # within the window of arrival and the noise of the sensor
         assert float(ask(link, b"POS? 1\n").split("=")[1]) == pytest.approx(20.0, abs=0.06)
         assert ask(link, b"ERR?\n") == "0\n"
+        # another program may command, too
+        with socket.create_connection(("127.0.0.1", said["port"]), timeout=TIMEOUT) as other:
+            assert ask(other, b"MOV 1 25\nERR?\n") == "0\n"
     assert twin.end(signal.SIGTERM) == (0, "", "")
+
+
+@POSIX
+def test_control_is_held_where_it_is_asked_for(start):
+    twin = start("vgtu-mechanical", "--port", "0", "--fast", "--hold-control", "--json")
+    where = ("127.0.0.1", json.loads(twin.line)["port"])
+    with socket.create_connection(where, timeout=TIMEOUT) as first:
+        # as what it answers where nothing else is said, and where it is reached
+        assert re.fullmatch(
+            r"Simulated Physik Instrumente \(flexstage\), E-727, twin-0, .*\n",
+            ask(first, b"*IDN?\n"),
+        )
+        assert ask(first, b"IFC? IPADR\n") == f"IPADR={where[0]}:{where[1]}\n"
+        assert ask(first, b"MOV 1 100\nERR?\n") == "0\n"
+        with socket.create_connection(where, timeout=TIMEOUT) as second:
+            assert ask(second, b"MOV 1 0\nERR?\n") == "1005\n"
+    assert twin.end()[0] == 0
 
 
 @POSIX
@@ -134,6 +180,7 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-pieso"], "did you mean 'vgtu-piezo'?"),
         (["vgtu-piezo", "--model", "solid"], "lumped or superelement, got 'solid'"),
         (["vgtu-piezo", "--amplifier", "x"], "voltage or charge, got 'x'"),
+        (["vgtu-piezo", "--identity", "C-863"], "E-516, E-517 or flexstage, got 'C-863'"),
         (["vgtu-piezo", "--port", "70000"], "--port must be 0 to 65535, got 70000"),
         (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--rate", "1 Hz"], "1 kHz to 50 kHz, got '1 Hz'"),

@@ -22,6 +22,7 @@ __all__ = ["twin"]
 
 _MODELS = ("lumped", "superelement")
 _AMPLIFIERS = ("voltage", "charge")
+_IDENTITIES = ("E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E-517", "flexstage")
 _PORTS = 65535
 
 
@@ -63,14 +64,31 @@ def twin(
             "--fast", help="Let simulated time pass with commands, not in step with real time."
         ),
     ] = False,
+    identity: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_IDENTITIES),
+            help="Controller that it answers as, by which programs choose their driver; flexstage: "
+            "its own name, and every command.",
+        ),
+    ] = _IDENTITIES[0],
     serial_number: Annotated[
         str, typer.Option(metavar="TEXT", help="What the controller tells; twin-SEED if not given.")
     ] = "",
+    hold_control: Annotated[
+        bool,
+        typer.Option(
+            "--hold-control",
+            help="The first program that moves or changes something keeps control until it leaves; "
+            "else all may, as at a real controller.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a simulated stage with its controller, which understands GCS 2.0, until interrupted."""
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
+    _check("--identity", identity, _IDENTITIES)
     if not 0 <= port <= _PORTS:
         raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
     if not (serial_number.isascii() and serial_number.isprintable()):
@@ -78,10 +96,11 @@ def twin(
     loop_rate = _rate(rate)
     described = load_stage(stage)
 
-    with _ended_by_signals() as ended, _listening(host, port) as listener:
+    with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.twin.build import virtual_stage
         from flexstage.instruments.twin.clock import FastTime, Pacemaker
         from flexstage.instruments.twin.controller import VirtualController
+        from flexstage.instruments.twin.controller_models import MODELS, OWN
         from flexstage.instruments.twin.interpreter import Interpreter
         from flexstage.instruments.twin.server import GcsServer
 
@@ -94,10 +113,16 @@ def twin(
         )
         device = VirtualController(made, serial_number=serial_number or f"twin-{seed}")
         real = Pacemaker(device)
-        interpreter = Interpreter(device, FastTime(device) if fast else real)
+        interpreter = Interpreter(
+            device,
+            FastTime(device) if fast else real,
+            model=MODELS.get(identity, OWN),
+            hold=hold_control,
+        )
         server = GcsServer(interpreter, listener=listener)
         try:
-            server.start()
+            with _taken(host, port):
+                server.start()
             _say_where(server, described.name, host, as_json=as_json, fast=fast)
             ended.wait()
         finally:
@@ -112,7 +137,8 @@ def twin(
 
 def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise typer.BadParameter(f"{option} must be {' or '.join(allowed)}, got '{value[:40]}'")
+        known = ", ".join(allowed[:-2]) + ", " * (len(allowed) > 2) + " or ".join(allowed[-2:])
+        raise typer.BadParameter(f"{option} must be {known}, got '{value[:40]}'")
 
 
 def _rate(text: str) -> float:
@@ -124,11 +150,17 @@ def _rate(text: str) -> float:
     return rate
 
 
-def _listening(host: str, port: int) -> "socket.socket":
-    from flexstage.instruments.twin.server import listen
+def _reserved(host: str, port: int) -> "socket.socket":
+    from flexstage.instruments.twin.server import reserve
 
+    with _taken(host, port):
+        return reserve(host, port)
+
+
+@contextlib.contextmanager
+def _taken(host: str, port: int) -> Iterator[None]:
     try:
-        return listen(host, port)
+        yield
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise NotConnectedError(

@@ -34,6 +34,7 @@ SENTENCES = MappingProxyType(
         27: "a soft limit is outside the range of the axis",
         29: "the axis has no motor, or it is not connected",
         31: "the axis has no reference sensor",
+        32: "the axis has no limit switch",
         34: "this command is not allowed for the stage that is connected",
         45: "the reference move failed: look whether the stage is free to move",
         46: "the stage's own memory is missing: look at its cable",
@@ -82,6 +83,7 @@ SENTENCES = MappingProxyType(
         304: "its buffer for commands is full: it was sent too much at once",
         307: "it waited too long for the rest of a command",
         308: "it ran out of time with what it was doing",
+        309: "its memory for macros is full",
         333: "its hardware has failed: read its own messages, and switch it off and on",
         400: "there is no such wave table",
         401: "the wave table has nothing in it",
@@ -101,7 +103,11 @@ SENTENCES = MappingProxyType(
         603: "it is too hot: switch it off and let it cool",
         604: "the axis is too far from its target",
         606: "an input is out of range",
-        1005: "it is busy: wait until it has ended what it does",
+        1000: "macros start each other too deep",
+        1001: "a macro of that name is there already, or another one is being written",
+        1002: "no macro is being written",
+        1003: "it does not know that function of macros",
+        1005: "it is busy, or another program holds control of it: wait until that has ended",
         1008: "a macro is running: stop it first",
     }
 )

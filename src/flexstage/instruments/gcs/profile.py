@@ -183,11 +183,14 @@ def _commands(lines: Sequence[str]) -> frozenset[str]:
 
 
 def _parameters(lines: Sequence[str]) -> dict[int, str]:
-    """Return names by number; a line is number=level, items, type, group, name, ... by tabs."""
+    """Return names by number; a line is number=level, items, type, group, name, ... by tabs.
+
+    Many controllers put a tab behind the sign, too.
+    """
     found: dict[int, str] = {}
     for line in lines:
         key, equals, rest = line.partition("=")
-        columns = rest.split("\t")
+        columns = rest.removeprefix("\t").split("\t")
         if equals and re.fullmatch(r"\s*0[xX][0-9a-fA-F]+\s*", key) and len(columns) >= 5:
             found[int(key, 16)] = columns[4].strip()
     return found

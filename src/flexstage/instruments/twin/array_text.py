@@ -42,7 +42,7 @@ def array_text(
     """
     size = len(columns[0])
     heading = [
-        f"REM {remark}",
+        f"REM = {remark}",
         "VERSION = 1",
         "TYPE = 1",
         "SEPARATOR = 32",

@@ -33,24 +33,13 @@ class AxisState:
         Its place among the axes, from 0.
     rate_hz : float
         Rate of the loop [Hz].
-    window : float
-        Largest distance from the target at which it counts as reached [m].
-    settle : float
-        How long it must be within the window [s].
     """
 
-    def __init__(
-        self,
-        description: AxisDescription,
-        index: int,
-        rate_hz: float,
-        *,
-        window: float,
-        settle: float,
-    ) -> None:
+    def __init__(self, description: AxisDescription, index: int, rate_hz: float) -> None:
         self.description, self.index = description, index
         self.period = 1.0 / rate_hz
-        self._window, self._settle = window, max(1, round(settle * rate_hz))
+        self._window = description.window
+        self._settle = max(1, round(description.settle * rate_hz))
         self._share = 1.0 - math.exp(-self.period / _SMOOTHING)
         self.reset()
 
@@ -249,7 +238,7 @@ class AxisState:
             )
         if self.wave is not None and not self.wave.running(last):
             inside = self._inside
-            self.hold(float(self.wave.table[-1]))
+            self.hold(self.wave.end)
             self._inside = inside
 
     def _note(self, value: float) -> None:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from flexstage.instruments.twin.state import ControllerState
 
-__all__ = ["Client", "Command", "Reply"]
+__all__ = ["Client", "Command", "Reply", "Run"]
 
 #: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None
@@ -19,6 +19,10 @@ class Client(Protocol):
     error: int
     #: Command level, 0 or 1.
     level: int
+
+
+#: Carries a command out, given state, session and words.
+Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +40,7 @@ class Command:
     run : callable
         Carries it out, given state, session and words.
     changes : bool
-        Whether it moves or changes something, so that only the client in control may give it.
+        Whether it moves or changes something, and a client that holds control keeps it from others.
     moves : bool
         Whether it can start a motion; one that was given before a stop is not carried out after.
     poll : bool
@@ -46,7 +50,7 @@ class Command:
     name: str
     arguments: str
     text: str
-    run: Callable[[ControllerState, Client, Sequence[str]], Reply]
+    run: Run
     changes: bool = False
     moves: bool = False
     poll: bool = False

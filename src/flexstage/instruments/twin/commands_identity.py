@@ -6,13 +6,8 @@ from flexstage import __version__
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.command import Client, Command, Reply
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.parameters import (
-    PARAMETERS,
-    SIMULATED_TIME,
-    items_of,
-    listing,
-    value_text,
-)
+from flexstage.instruments.twin.parameter import items_of, value_text
+from flexstage.instruments.twin.parameters import PARAMETERS, SIMULATED_TIME, listing
 from flexstage.instruments.twin.servo_draft import ServoDraft
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.words import chosen, number, unsigned, unsigned_or_hex
@@ -23,6 +18,7 @@ __all__ = ["IDENTITY", "delivered", "identity_line", "nothing"]
 _LONGEST = 3600.0
 #: Characters that are commands of their own, as they are listed.
 _CHARACTERS = (
+    "#4 Request Status Register",
     "#5 Request Motion Status",
     "#7 Request Controller Ready Status",
     "#9 Get Wave Generator Status",
@@ -59,12 +55,15 @@ def identity_line(state: ControllerState) -> str:
     -------
     str
         Vendor, model, serial number and firmware; of a simulation the word ``simulated`` is part.
+        Where it answers as a model the vendor's name is part, by which drivers choose.
     """
     said = state.device.identity
-    model = said.model
-    if said.simulated and "simulated" not in f"{said.vendor} {model}":
+    vendor, model = said.vendor, state.model.name or said.model
+    if state.model.name:
+        vendor = f"Simulated Physik Instrumente ({vendor})"
+    elif said.simulated and "simulated" not in f"{vendor} {model}":
         model = f"{model} (simulated)"
-    fields = (said.vendor, model, said.serial_number or "0", said.firmware or __version__)
+    fields = (vendor, model, said.serial_number or "0", said.firmware or __version__)
     return ", ".join(field.replace(",", " ").replace("\n", " ") for field in fields)
 
 
@@ -73,9 +72,9 @@ def _identity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return [identity_line(state)]
 
 
-def _syntax_version(_: ControllerState, __: Client, words: Sequence[str]) -> Reply:
+def _syntax_version(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     nothing(words)
-    return ["2.0"]
+    return [state.model.syntax]
 
 
 def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -138,13 +137,18 @@ def _reboot(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return None
 
 
-def _asked(state: ControllerState, words: Sequence[str]) -> list[tuple[str, int]]:
-    """Return items and numbers of parameters; all where none is asked for."""
+def _asked(state: ControllerState, words: Sequence[str]) -> list[tuple[str, str, int]]:
+    """Return how parameters are called in the answer, as they were asked for, item and number.
+
+    All of them where none is asked for.
+    """
     if not words:
-        return [(item, key) for key, p in PARAMETERS.items() for item in items_of(state, p)]
+        every = ((item, key) for key, p in PARAMETERS.items() for item in items_of(state, p))
+        return [(f"{item} 0x{key:08X}", item, key) for item, key in every]
     if len(words) % 2:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
-    return [_found(state, *pair) for pair in zip(words[::2], words[1::2], strict=True)]
+    given = zip(words[::2], words[1::2], strict=True)
+    return [(f"{item} {word}", *_found(state, item, word)) for item, word in given]
 
 
 def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
@@ -175,21 +179,20 @@ def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
         Texts by item and number.
     """
     return {
-        (item, key): value_text(PARAMETERS[key].get(state, item)) for item, key in _asked(state, ())
+        (item, key): value_text(PARAMETERS[key].get(state, item))
+        for _, item, key in _asked(state, ())
     }
 
 
 def _read_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return [
-        f"{item} 0x{key:08X}={value_text(PARAMETERS[key].get(state, item))}"
-        for item, key in _asked(state, words)
+        f"{called}={value_text(PARAMETERS[key].get(state, item))}"
+        for called, item, key in _asked(state, words)
     ]
 
 
 def _read_delivered(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    return [
-        f"{item} 0x{key:08X}={state.delivered[item, key]}" for item, key in _asked(state, words)
-    ]
+    return [f"{called}={state.delivered[item, key]}" for called, item, key in _asked(state, words)]
 
 
 def _set_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -227,7 +230,7 @@ def _set_parameters(state: ControllerState, _: Client, words: Sequence[str]) -> 
 def _axis_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     if words not in ([], ["ALL"]):
         raise GcsError(code.NUMBER_OF_PARAMETERS if len(words) > 1 else code.SYNTAX)
-    return list(state.axes)
+    return ["".join(state.axes)] if state.model.one_line else list(state.axes)
 
 
 def _stage_names(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -254,6 +257,7 @@ IDENTITY = (
     Command(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
     Command(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
     Command(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
+    Command(name="IDN?", arguments="", text="Get Device Identification", run=_identity),
     Command(name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True),
     Command(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
     Command(

@@ -3,19 +3,14 @@
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, Command, Reply, Run
 from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, number, one, pairs, printed, switch
 
-__all__ = ["MOTION", "OF_VOLTAGES", "halt", "moving_bits"]
-
-#: Commands that need an axis with a voltage.
-OF_VOLTAGES = ("SVA", "SVA?", "SVR", "VMA?", "VMI?", "VOL?")
-
-Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
+__all__ = ["MOTION", "halt", "moving_bits", "of_axes", "of_inputs"]
 
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
@@ -32,6 +27,7 @@ def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> N
     """
     axes = [name for name, _ in chosen(words, state.axes, code.UNKNOWN_AXIS)]
     state.device.stop(axes if words else None)
+    state.stops += 1
     client.error = code.STOPPED
 
 
@@ -52,8 +48,9 @@ def moving_bits(state: ControllerState) -> str:
 
 
 def _stop(state: ControllerState, client: Client, words: Sequence[str]) -> Reply:
-    nothing(words)
+    """Stop first, whatever was said with it, and complain then."""
     halt(state, client)
+    nothing(words)
     return None
 
 
@@ -68,6 +65,7 @@ def _move(relative: bool) -> Run:
         targets = {axis: number(word) * MICRO for axis, word in given}
         if relative:
             targets = {axis: state.device.target(axis) + v for axis, v in targets.items()}
+        state.require_ready(targets)
         state.recorder.move(lambda: state.device.set_targets(targets))
         return None
 
@@ -80,6 +78,7 @@ def _set_voltage(relative: bool) -> Run:
         voltages = {axis: number(word) for axis, word in given}
         if relative:
             voltages = {axis: state.device.command(axis) + v for axis, v in voltages.items()}
+        state.require_ready(voltages, voltages=True)
         try:
             state.recorder.move(lambda: state.device.set_commands(voltages))
         except RefusedError as error:
@@ -94,6 +93,9 @@ def _set_voltage(relative: bool) -> Run:
 def _switch_servo(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     given = [(axis, switch(w)) for axis, w in pairs(words, state.axes, code.UNKNOWN_AXIS)]
     for axis, on in given:
+        if on and axis in state.disabled:
+            raise GcsError(code.SWITCHED_OFF)
+    for axis, on in given:
         if on != state.device.servo_on(axis):
             state.device.set_servo(axis, on)
     return None
@@ -106,7 +108,10 @@ def _set_speed(state: ControllerState, _: Client, words: Sequence[str]) -> Reply
         if not speed > 0.0 or (largest is not None and speed * MICRO > largest * (1.0 + 1e-9)):
             raise GcsError(code.SPEED_OUT_OF_LIMITS)
     for axis, speed in given:
-        state.device.set_speed(axis, speed * MICRO)
+        if axis in state.free_speeds:
+            state.free_speeds[axis] = speed * MICRO
+        else:
+            state.device.set_speed(axis, speed * MICRO)
     return None
 
 
@@ -118,7 +123,20 @@ def _strike(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     return None
 
 
-def _of_axes(value: Callable[[ControllerState, str], str]) -> Run:
+def of_axes(value: Callable[[ControllerState, str], str]) -> Run:
+    """Return a command that tells something of each axis that is named, or of all.
+
+    Parameters
+    ----------
+    value : callable
+        Tells it, given state and axis.
+
+    Returns
+    -------
+    callable
+        Carries the command out.
+    """
+
     def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
         return [f"{axis}={value(state, axis)}" for axis, _ in axes]
@@ -134,12 +152,30 @@ def _of_outputs(value: Callable[[ControllerState, str], float]) -> Run:
     return run
 
 
-def _sensors(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    channels = chosen(words, state.channels, code.UNKNOWN_CHANNEL)
-    return [
-        f"{name}={printed(state.device.channel(channel.number) / MICRO)}"
-        for name, channel in channels
-    ]
+def of_inputs(value: Callable[[ControllerState, int], str]) -> Run:
+    """Return a command that tells something of each input that is named, or of those listed.
+
+    Parameters
+    ----------
+    value : callable
+        Tells it, given state and number of the input.
+
+    Returns
+    -------
+    callable
+        Carries the command out.
+    """
+
+    def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+        names = words or list(state.channels)[: state.model.inputs]
+        channels = chosen(names, state.channels, code.UNKNOWN_CHANNEL)
+        return [f"{name}={value(state, channel.number)}" for name, channel in channels]
+
+    return run
+
+
+def _input(state: ControllerState, number_of_input: int) -> str:
+    return printed(state.device.channel(number_of_input) / MICRO)
 
 
 def _micro(value: Callable[[ControllerState, str], float]) -> Callable[[ControllerState, str], str]:
@@ -148,6 +184,18 @@ def _micro(value: Callable[[ControllerState, str], float]) -> Callable[[Controll
 
 def _flag(value: Callable[[ControllerState, str], bool]) -> Callable[[ControllerState, str], str]:
     return lambda state, axis: str(int(value(state, axis)))
+
+
+def _speed(state: ControllerState, axis: str) -> float:
+    return state.free_speeds.get(axis, state.device.speed(axis))
+
+
+def _soft(state: ControllerState, axis: str, end: int) -> float:
+    return state.soft_positions.get(axis, state.position_range(axis))[end]
+
+
+def _soft_voltage(state: ControllerState, axis: str, end: int) -> float:
+    return state.soft_voltages.get(axis, state.voltage_range(axis))[end]
 
 
 def _low(state: ControllerState, axis: str) -> float:
@@ -172,44 +220,49 @@ def _change(name: str, arguments: str, text: str, run: Run) -> Command:
 
 #: Commands of motion.
 MOTION = (
-    _question("FRF?", "Get Referencing Result", _of_axes(lambda _, __: "1")),
+    _question("FRF?", "Get Referencing Result", of_axes(lambda _, __: "1")),
     Command(name="HLT", arguments="[{<AxisID>}]", text="Halt Motion Smoothly", run=_halt),
     _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
     _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
-    _question("MOV?", "Get Target Position", _of_axes(_micro(lambda s, a: s.device.target(a)))),
+    _question("MOV?", "Get Target Position", of_axes(_micro(lambda s, a: s.device.target(a)))),
     _change("MVR", "{<AxisID> <Distance>}", "Set Target Relative", _move(relative=True)),
-    _question("NLM?", "Get Low Position Soft Limit", _of_axes(_micro(_low))),
+    _question("NLM?", "Get Low Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 0)))),
     _question(
         "ONT?",
         "Get On-Target State",
-        _of_axes(_flag(lambda s, a: s.device.on_target(a))),
+        of_axes(_flag(lambda s, a: s.device.on_target(a))),
         poll=True,
     ),
-    _question("PLM?", "Get High Position Soft Limit", _of_axes(_micro(_high))),
-    _question("POS?", "Get Real Position", _of_axes(_micro(lambda s, a: s.device.position(a)))),
-    _question("PUN?", "Get Axis Unit", _of_axes(lambda _, __: "um")),
+    _question("PLM?", "Get High Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 1)))),
+    _question("POS?", "Get Real Position", of_axes(_micro(lambda s, a: s.device.position(a)))),
+    _question("PUN?", "Get Axis Unit", of_axes(lambda s, _: s.model.unit)),
     Command(name="STP", arguments="", text="Stop All Axes", run=_stop),
     _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
-    _question("SVA?", "Get Open-Loop Voltage", _of_axes(_voltage_command)),
+    _question("SVA?", "Get Open-Loop Voltage", of_axes(_voltage_command)),
     _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
-    _question("SVO?", "Get Servo Mode", _of_axes(_flag(lambda s, a: s.device.servo_on(a)))),
+    _question("SVO?", "Get Servo Mode", of_axes(_flag(lambda s, a: s.device.servo_on(a)))),
     _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
-    _question("TMN?", "Get Minimum Commandable Position", _of_axes(_micro(_low))),
-    _question("TMX?", "Get Maximum Commandable Position", _of_axes(_micro(_high))),
-    Command(name="TSP?", arguments="[{<InputID>}]", text="Get Input Signal Position", run=_sensors),
+    _question("TMN?", "Get Minimum Commandable Position", of_axes(_micro(_low))),
+    _question("TMX?", "Get Maximum Commandable Position", of_axes(_micro(_high))),
+    Command(
+        name="TSP?",
+        arguments="[{<InputID>}]",
+        text="Get Input Signal Position",
+        run=of_inputs(_input),
+    ),
     _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
-    _question("VEL?", "Get Velocity", _of_axes(_micro(lambda s, a: s.device.speed(a)))),
+    _question("VEL?", "Get Velocity", of_axes(_micro(_speed))),
     Command(
         name="VMA?",
         arguments="[{<OutputID>}]",
         text="Get Maximum Output Voltage",
-        run=_of_outputs(lambda s, a: s.voltage_range(a)[1]),
+        run=_of_outputs(lambda s, a: _soft_voltage(s, a, 1)),
     ),
     Command(
         name="VMI?",
         arguments="[{<OutputID>}]",
         text="Get Minimum Output Voltage",
-        run=_of_outputs(lambda s, a: s.voltage_range(a)[0]),
+        run=_of_outputs(lambda s, a: _soft_voltage(s, a, 0)),
     ),
     Command(
         name="VOL?",

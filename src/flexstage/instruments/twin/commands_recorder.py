@@ -24,13 +24,13 @@ _TRIGGERS = {
 
 def _tables(state: ControllerState, words: Sequence[str]) -> Sequence[int]:
     if not words:
-        return range(1, state.device.record_tables + 1)
+        return range(1, state.recorder.tables + 1)
     return [_table(state, word) for word in words]
 
 
 def _table(state: ControllerState, word: str) -> int:
     table = unsigned(word)
-    if not 1 <= table <= state.device.record_tables:
+    if not 1 <= table <= state.recorder.tables:
         raise GcsError(code.UNKNOWN_RECORD_TABLE)
     return table
 
@@ -47,8 +47,9 @@ def _options(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         *(f"{number}={text}" for number, text in _TRIGGERS.items()),
         "#Parameters to be set with SPA",
         "0x16000000=Data Recorder Table Rate",
+        "0x16000300=Data Recorder Chan Number",
         "#Additional information",
-        f"{state.device.record_tables} record tables (TNR?)",
+        f"{state.recorder.tables} record tables (TNR?)",
         f"{state.device.record_capacity} points in each record table",
         "Values are in um and urad, voltages in V, blows in N and m/s^2",
         "#Sources for Record Options",
@@ -75,14 +76,15 @@ def _configuration(state: ControllerState, _: Client, words: Sequence[str]) -> R
 
 
 def _set_trigger(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
-    if len(words) != 3:
+    if not words or len(words) % 3:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
-    if words[0] != "0":  # all tables record together
-        _table(state, words[0])
-    trigger = unsigned(words[1])
-    if trigger not in _TRIGGERS:
+    for word in words[::3]:
+        if word != "0":
+            _table(state, word)
+    triggers = {unsigned(word) for word in words[1::3]}
+    if len(triggers) > 1 or not triggers <= set(_TRIGGERS):  # all tables record together
         raise GcsError(code.OUT_OF_RANGE)
-    state.recorder.set_trigger(trigger)
+    state.recorder.set_trigger(triggers.pop())
     return None
 
 
@@ -107,7 +109,7 @@ def _rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 def _number_of_tables(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     nothing(words)
-    return [str(state.device.record_tables)]
+    return [str(state.recorder.tables)]
 
 
 def _recorded(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -165,7 +167,7 @@ RECORDER = (
     ),
     Command(
         name="DRT",
-        arguments="<RecTableID> <TriggerSource> <Value>",
+        arguments="{<RecTableID> <TriggerSource> <Value>}",
         text="Set Data Recorder Trigger Source",
         run=_set_trigger,
         changes=True,

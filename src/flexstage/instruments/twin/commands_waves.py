@@ -1,5 +1,6 @@
 """Commands of the wave generator: tables, who runs which, rate, cycles, start."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,9 +12,21 @@ from flexstage.instruments.twin.commands_identity import identity_line, nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.wave_command import segment
-from flexstage.instruments.twin.words import LARGEST, chosen, pairs, unsigned
+from flexstage.instruments.twin.words import (
+    LARGEST,
+    chosen,
+    number,
+    pairs,
+    printed,
+    unsigned,
+    unsigned_or_hex,
+)
 
 __all__ = ["WAVES", "running_bits"]
+
+#: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
+_START, _ONWARD = 1, 1 << 8
+_START_MODES = (0, _START, _START | _ONWARD)
 
 
 def running_bits(state: ControllerState) -> str:
@@ -155,24 +168,52 @@ def _rate(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 def _start(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     given = pairs(words, state.generators, code.UNKNOWN_AXIS)
-    modes = [(state.generators[g], unsigned(word)) for g, word in given]
-    if any(mode > 1 for _, mode in modes):
+    modes = {g: unsigned_or_hex(word) for g, word in given}
+    if any(mode not in _START_MODES for mode in modes.values()):
         raise GcsError(code.UNKNOWN_START_MODE)
-    starting = [axis for axis, mode in modes if mode == 1]
-    stopping = [axis for axis, mode in modes if mode == 0]
+    starting = [state.generators[g] for g, mode in modes.items() if mode]
+    stopping = [state.generators[g] for g, mode in modes.items() if not mode]
+    onward = [state.generators[g] for g, mode in modes.items() if mode == _START | _ONWARD]
     if any(state.device.wave_running(axis) for axis in starting):
         raise GcsError(code.WAVE_RUNNING)
     if starting:
+        state.require_ready(dict.fromkeys(starting, math.nan))
         state.waves.give(starting)
-        state.recorder.run(lambda: state.device.start_waves(starting))
+        for axis in starting:
+            _require_soft(state, axis)
+        state.recorder.run(lambda: state.device.start_waves(starting, onward))
     if stopping:
         state.device.stop_waves(stopping)
+    state.start_modes.update(modes)
     return None
+
+
+def _require_soft(state: ControllerState, axis: str) -> None:
+    """Refuse a waveform beyond limits that clients have set."""
+    samples = state.device.wave(state.device.wave_choice(axis)[0])
+    voltages = not state.device.servo_on(axis)
+    for end in (samples.min(), samples.max()):
+        state.require_ready({axis: float(end)}, voltages=voltages)
 
 
 def _modes(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
-    return [f"{g}={int(state.device.wave_running(axis))}" for g, axis in generators]
+    running = {g: state.device.wave_running(axis) for g, axis in generators}
+    return [f"{g}={state.start_modes[g] if runs else 0}" for g, runs in running.items()]
+
+
+def _set_offsets(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    given = pairs(words, state.generators, code.UNKNOWN_AXIS)
+    offsets = {state.generators[g]: number(word) for g, word in given}
+    if any(state.device.wave_running(axis) for axis in offsets):
+        raise GcsError(code.WAVE_RUNNING)
+    state.waves.offsets.update(offsets)
+    return None
+
+
+def _offsets(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
+    generators = chosen(words, state.generators, code.UNKNOWN_AXIS)
+    return [f"{g}={printed(state.waves.offsets[axis])}" for g, axis in generators]
 
 
 def _record_again(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -262,6 +303,19 @@ WAVES = (
         arguments="[{<WaveTableID>}]",
         text="Get Maximum Number Of Wave Table Points",
         run=_capacity,
+    ),
+    Command(
+        name="WOS",
+        arguments="{<WaveGenID> <Offset>}",
+        text="Set Wave Generator Output Offset",
+        run=_set_offsets,
+        changes=True,
+    ),
+    Command(
+        name="WOS?",
+        arguments="[{<WaveGenID>}]",
+        text="Get Wave Generator Output Offset",
+        run=_offsets,
     ),
     Command(
         name="WSL",

@@ -64,15 +64,17 @@ class ControllerCore:
         self._rate = float(stage.sample_rate_hz)
         self._states: dict[str, AxisState] = {}
         for index, name in enumerate(stage.axes):
+            near = window if stage.kind == "piezo" else _smallest_step(stage.stage, name)
             description = AxisDescription(
                 name=str(index + 1),
                 stage_axis=name,
                 kind=stage.kind,
                 limits=stage.limits[name],
                 capabilities=_PIEZO if stage.kind == "piezo" else _SCREW,
+                window=near,
+                settle=settle,
             )
-            near = window if stage.kind == "piezo" else _smallest_step(stage.stage, name)
-            state = AxisState(description, index, self._rate, window=near, settle=settle)
+            state = AxisState(description, index, self._rate)
             self._states[description.name] = state
         self._descriptions = {name: s.description for name, s in self._states.items()}
         self._delivered = {

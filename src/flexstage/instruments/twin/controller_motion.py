@@ -197,7 +197,7 @@ class ControllerMotion(ControllerCore):
             It is not positive, or above the largest one.
         """
         state = self._axis(axis)
-        largest = state.largest_speed
+        largest = self.largest_speed(axis)
         if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
             raise RefusedError(
                 Refusal.SPEED_OUT_OF_LIMITS,
@@ -205,6 +205,21 @@ class ControllerMotion(ControllerCore):
                 f"most {largest * 1e6:g} um/s",
             )
         state.speed = min(float(speed), largest)
+
+    def largest_speed(self, axis: str) -> float:
+        """Return the largest speed of moves.
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The speed [m/s].
+        """
+        return self._axis(axis).largest_speed
 
     def position(self, axis: str) -> float:
         """Return what the axis's own sensor reads now.

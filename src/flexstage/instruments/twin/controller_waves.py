@@ -1,6 +1,6 @@
 """Waveforms of a simulated controller: tables, and the axes that run them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,13 +184,15 @@ class ControllerWaves(ControllerCore):
             )
         self._cycles[axis] = int(cycles)
 
-    def start_waves(self, axes: Sequence[str]) -> None:
+    def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
         """Check every sample of the chosen tables against the limits, then start all in step.
 
         Parameters
         ----------
         axes : sequence of str
             The axes.
+        onward : collection of str
+            Those whose cycles each begin where the one before has ended.
 
         Raises
         ------
@@ -200,7 +202,10 @@ class ControllerWaves(ControllerCore):
             or no control beside it, or the drives are taken out; nothing has started.
         """
         self._need_drives()
-        runs = [(state, self._prepared(axis, state)) for axis, state in self._named(axes)]
+        runs = [
+            (state, self._prepared(axis, state, axis in onward))
+            for axis, state in self._named(axes)
+        ]
         for state, run in runs:
             state.run(run, self._sample)
         self._recorder.trigger("wave", self._sample + 1)
@@ -235,13 +240,16 @@ class ControllerWaves(ControllerCore):
     def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:
         return [(axis, self._axis(axis)) for axis in dict.fromkeys(axes)]
 
-    def _prepared(self, axis: str, state: AxisState) -> WaveRun:
+    def _prepared(self, axis: str, state: AxisState, onward: bool) -> WaveRun:
         self._need_no_wave(state)
         table, beside = self._choice[axis]
         samples = self._filled(axis, table)
         cycles = self._cycles[axis]
         divider = self._divider
-        samples = check_wave(state, samples, cycles, divider, state.present(self._sample))
+        shift = float(samples[-1] - samples[0]) if onward and cycles != 1 else 0.0
+        samples = check_wave(
+            state, samples, cycles, divider, state.present(self._sample), shift=shift
+        )
         voltages = None
         if beside:
             voltages = check_feedforward(
@@ -253,6 +261,7 @@ class ControllerWaves(ControllerCore):
             divider=divider,
             cycles=cycles,
             feedforward=voltages,
+            shift=shift,
         )
 
     def _filled(self, axis: str, table: int) -> Array:

@@ -73,6 +73,10 @@ class AxisDescription:
         What it accepts.
     capabilities : frozenset of Capability
         What it can do.
+    window : float
+        Largest distance from a target at which it counts as reached [m].
+    settle : float
+        How long it must be within it [s].
     """
 
     name: str
@@ -80,6 +84,8 @@ class AxisDescription:
     kind: Literal["piezo", "screw"]
     limits: AxisLimits
     capabilities: frozenset[Capability]
+    window: float = 0.0
+    settle: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,6 +115,21 @@ class MotionDevice(Protocol):
         """
         ...
 
+    def largest_speed(self, axis: str) -> float:
+        """Return the largest speed of moves [m/s].
+
+        Parameters
+        ----------
+        axis : str
+            The axis.
+
+        Returns
+        -------
+        float
+            The value.
+        """
+        ...
+
     def position(self, axis: str) -> float:
         """Return what the axis's own sensor reads now [m].
 

@@ -1,6 +1,6 @@
 """Waveforms of a simulated controller."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -127,13 +127,15 @@ class WaveDevice(Protocol):
         """
         ...
 
-    def start_waves(self, axes: Sequence[str]) -> None:
+    def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
         """Check every sample of the chosen tables against the limits, then start all in step.
 
         Parameters
         ----------
         axes : sequence of str
             The axes.
+        onward : collection of str
+            Those whose cycles each begin where the one before has ended.
         """
         ...
 

@@ -7,26 +7,38 @@ from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
 from flexstage.instruments.twin.command import Client, Command, Reply
 from flexstage.instruments.twin.commands_identity import IDENTITY, delivered, help_lines, nothing
-from flexstage.instruments.twin.commands_motion import MOTION, OF_VOLTAGES, halt, moving_bits
+from flexstage.instruments.twin.commands_motion import MOTION, halt, moving_bits
 from flexstage.instruments.twin.commands_recorder import RECORDER
+from flexstage.instruments.twin.commands_setup import SETUP
+from flexstage.instruments.twin.commands_status import STATUS, status_register
+from flexstage.instruments.twin.commands_triggers import TRIGGERS
 from flexstage.instruments.twin.commands_waves import WAVES, running_bits
+from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import Device, RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
+from flexstage.instruments.twin.macros import Macros
 from flexstage.instruments.twin.state import ControllerState
 
 __all__ = ["Interpreter"]
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
+_COMMANDS = (*IDENTITY, *MOTION, *RECORDER, *SETUP, *STATUS, *TRIGGERS, *WAVES)
+#: Commands that need an axis with a voltage.
+_OF_VOLTAGES = frozenset(
+    {"ATZ", "ATZ?", "DCO", "DCO?", "ONL", "ONL?", "SVA", "SVA?", "SVR", "VMA", "VMA?", "VMI",
+     "VMI?", "VOL?"}
+)  # fmt: skip
 
 
 class Interpreter:
     """Carries out commands of GCS 2.0 on a simulated controller, for any number of clients.
 
-    One client is in control: the first that gives a command that moves or changes something, until
-    its session ends. From the others such commands are refused (error 51); they may read
-    everything, and stop the motion. When the client in control leaves, the stage holds where it is
-    (a motion or waveform that runs goes on to its end), and the next one may take control.
+    All of them may command, as at a real controller, and each has an error number of its own. With
+    `hold` one client is in control: the first that gives a command that moves or changes something,
+    until its session ends. From the others such commands are refused (error 1005, busy); they may
+    read everything, and stop the motion. When the client in control leaves, the stage holds where
+    it is (a motion or waveform that runs goes on to its end), and the next one may take control.
 
     Parameters
     ----------
@@ -34,6 +46,10 @@ class Interpreter:
         The controller with its stage.
     pace : Pace
         How its time passes.
+    model : ControllerModel
+        What it answers as.
+    hold : bool
+        Whether the first client that commands keeps control from the others.
 
     Notes
     -----
@@ -43,22 +59,25 @@ class Interpreter:
     parameters over a reboot where they are told to; this one does not.
     """
 
-    def __init__(self, device: Device, pace: Pace) -> None:
-        self._state = ControllerState(device, pace)
+    def __init__(
+        self, device: Device, pace: Pace, *, model: ControllerModel = OWN, hold: bool = False
+    ) -> None:
+        self._state = ControllerState(device, pace, model)
         self._state.delivered = delivered(self._state)
         self._clients: list[Client] = []
-        self._in_control: Client | None = None
+        self._hold = hold
+        #: Those that have given a command that moves or changes something, in their order.
+        self._commanding: list[Client] = []
         help_command = Command(
             name="HLP?", arguments="", text="Get List Of Available Commands", run=self._help
         )
-        commands = sorted(
-            (help_command, *IDENTITY, *MOTION, *RECORDER, *WAVES), key=lambda c: c.name
-        )
+        self._macros = Macros(self.line)
+        macros = self._macros.commands()
+        commands = sorted((help_command, *macros, *_COMMANDS), key=lambda c: c.name)
         # a controller of motors does not know the commands of voltages
+        unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
         self._commands: Mapping[str, Command] = {
-            command.name: command
-            for command in commands
-            if self._state.outputs or command.name not in OF_VOLTAGES
+            command.name: command for command in commands if command.name not in unknown
         }
 
     @property
@@ -78,8 +97,20 @@ class Interpreter:
 
     @property
     def in_control(self) -> Client | None:
-        """The session that is in control."""
-        return self._in_control
+        """The session that holds control."""
+        return self._commanding[0] if self._hold and self._commanding else None
+
+    def reached_at(self, host: str, port: int) -> None:
+        """Take note of where clients reach the controller.
+
+        Parameters
+        ----------
+        host : str
+            Address.
+        port : int
+            Port.
+        """
+        self._state.host, self._state.port = host, port
 
     def join(self, client: Client) -> None:
         """Welcome a client.
@@ -102,11 +133,11 @@ class Interpreter:
         """
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
-            if self._in_control is client:
-                self._in_control = None
+            self._macros.leave(client)
+            self._commanding = [other for other in self._commanding if other is not client]
 
     def stop(self, client: Client) -> None:
-        """Stop all axes at once, as ``#24`` does; the client in control is told, too.
+        """Stop all axes at once, as ``#24`` does; whoever has given commands is told, too.
 
         Parameters
         ----------
@@ -115,7 +146,7 @@ class Interpreter:
         """
         with self.pace.lock:
             self._attempt(client, lambda: halt(self._state, client))
-            self._tell_controlling()
+            self._tell_others(client)
 
     def character(self, client: Client, byte: int) -> Reply:
         """Carry out a command of one character.
@@ -125,7 +156,7 @@ class Interpreter:
         client : Client
             Who gives it.
         byte : int
-            5: which axes move; 7: ready; 9: which wave generators run.
+            4: status register; 5: which axes move; 7: ready; 9: which wave generators run.
 
         Returns
         -------
@@ -134,7 +165,7 @@ class Interpreter:
         """
         if byte == 7:
             return [_READY]
-        bits = moving_bits if byte == 5 else running_bits
+        bits = {4: status_register, 5: moving_bits, 9: running_bits}[byte]
         with self.pace.lock:
             return self._attempt(client, lambda: [bits(self._state)], poll=True)
 
@@ -161,6 +192,8 @@ class Interpreter:
             words = [word for word in words if word]
         if not words:
             return None
+        if self._macros.takes(client, words):
+            return None
         command = self._commands.get(words[0].upper())
         if command is None:
             client.error = code.UNKNOWN_COMMAND
@@ -177,14 +210,16 @@ class Interpreter:
         if stopped and command.moves:
             raise GcsError(code.STOPPED)
         if command.changes:
-            if self._in_control is None:
-                self._in_control = client
-            elif self._in_control is not client:
-                raise GcsError(code.CONTROLLED_ELSEWHERE)
-        reply = command.run(self._state, client, words)
-        if command.name in ("STP", "HLT"):
-            self._tell_controlling()
-        return reply
+            if self.in_control not in (None, client):
+                raise GcsError(code.BUSY)
+            if client not in self._commanding:
+                self._commanding.append(client)
+        stops = self._state.stops
+        try:
+            return command.run(self._state, client, words)
+        finally:
+            if self._state.stops > stops:
+                self._tell_others(client)
 
     def _attempt(
         self,
@@ -211,9 +246,10 @@ class Interpreter:
             client.error = code.OUT_OF_RANGE
         return None
 
-    def _tell_controlling(self) -> None:
-        if self._in_control is not None:
-            self._in_control.error = code.STOPPED
+    def _tell_others(self, client: Client) -> None:
+        for other in self._commanding:
+            if other is not client:
+                other.error = code.STOPPED
 
     def _help(self, _: ControllerState, __: Client, words: Sequence[str]) -> Reply:
         nothing(words)

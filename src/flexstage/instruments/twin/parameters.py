@@ -4,95 +4,21 @@ Numbers below 0x70000000 are those of PI's piezo controllers; the simulated cont
 ``Twin`` in their group. Units are part of the names, so that a client can tell them.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
+from flexstage import __version__
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.parameter import Edit, Get, Parameter, Value, items_of
 from flexstage.instruments.twin.servo_draft import NOTCHES, ServoDraft
 from flexstage.instruments.twin.state import MICRO, ControllerState
-from flexstage.instruments.twin.words import number, printed, switch, unsigned
+from flexstage.instruments.twin.words import number, switch, unsigned
 
-__all__ = ["PARAMETERS", "SIMULATED_TIME", "Parameter", "items_of", "listing", "value_text"]
-
-Value = float | int | str
-Get = Callable[[ControllerState, str], Value]
-Set = Callable[[ControllerState, str, str], None]
-Edit = Callable[[ServoDraft, float], None]
+__all__ = ["PARAMETERS", "SIMULATED_TIME", "listing"]
 
 _KINDS = {int: "INT", str: "CHAR"}
 
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.
 SIMULATED_TIME = 0x7F000001
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """A parameter.
-
-    Parameters
-    ----------
-    item : {"system", "axis", "servo", "channel"}
-        What it belongs to; ``servo``: an axis with a position control that can be set.
-    group, name : str
-        How it is listed.
-    get : callable
-        Returns the value, from state and item.
-    set : callable, optional
-        Sets it, from state, item and word.
-    edit : callable, optional
-        Sets a number of the position control, all of which are changed at once.
-    """
-
-    item: str
-    group: str
-    name: str
-    get: Get
-    set: Set | None = None
-    edit: Edit | None = None
-
-
-def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
-    """Return the items that have a parameter.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-    parameter : Parameter
-        The parameter.
-
-    Returns
-    -------
-    sequence of str
-        Identifiers of axes or channels, or ``"1"`` for the system.
-    """
-    if parameter.item == "system":
-        return ("1",)
-    if parameter.item == "channel":
-        return tuple(state.channels)
-    return tuple(
-        name
-        for name, axis in state.axes.items()
-        if parameter.item == "axis" or Capability.SERVO_TUNING in axis.capabilities
-    )
-
-
-def value_text(value: Value) -> str:
-    """Return a value as it is sent.
-
-    Parameters
-    ----------
-    value : float, int or str
-        The value.
-
-    Returns
-    -------
-    str
-        Its text.
-    """
-    return printed(value) if isinstance(value, float) else str(value)
 
 
 def listing(state: ControllerState) -> list[str]:
@@ -116,7 +42,7 @@ def listing(state: ControllerState) -> list[str]:
             kind = "FLOAT" if isinstance(value, float) else _KINDS[type(value)]
             writable = parameter.set is not None or parameter.edit is not None
             words = (0 if writable else 9, len(items), kind, parameter.group, parameter.name)
-            lines.append(f"0x{identifier:08X}=" + "\t".join(str(word) for word in words))
+            lines.append("\t".join((f"0x{identifier:08X}=", *(str(word) for word in words))))
     return [*lines, "end of help"]
 
 
@@ -130,6 +56,16 @@ def _wave_rate(state: ControllerState, _: str, word: str) -> None:
 
 def _record_rate(state: ControllerState, _: str, word: str) -> None:
     state.device.set_record_divider(unsigned(word))
+
+
+def _record_tables(state: ControllerState, _: str, word: str) -> None:
+    state.recorder.use(unsigned(word))
+
+
+def _no_analogue_input(_: ControllerState, __: str, word: str) -> None:
+    """Accept that no input gives the target, which is how it is."""
+    if unsigned(word):
+        raise GcsError(code.OUT_OF_RANGE)
 
 
 def _drives(state: ControllerState, _: str, word: str) -> None:
@@ -163,6 +99,52 @@ def _gain(quantity: str) -> tuple[Get, Edit]:
         setattr(draft, quantity, value)
 
     return get, edit
+
+
+def _facts() -> dict[int, Parameter]:
+    """Return what can only be read; the sensors of the simulation need no correction."""
+    made: dict[int, Parameter] = {}
+
+    def add(identifier: int, item: str, group: str, name: str, get: Get) -> None:
+        made[identifier] = Parameter(item=item, group=group, name=name, get=get)
+
+    terms = ("Offset [um]", "Gain", "Second Order", "Third Order", "Fourth Order")
+    for order, term in enumerate(terms):
+        value = 1.0 if order == 1 else 0.0
+        name = f"Sensor Mech. Correction {order + 1}: {term}"
+        add(0x02000200 + 0x100 * order, "channel", "Sensor", name, lambda _, __, v=value: v)
+    add(0x05000000, "channel", "Sensor", "Digital Filter Type, 0 for none", lambda _, __: 0)
+    add(0x05000001, "channel", "Sensor", "Digital Filter Bandwidth [Hz]", lambda _, __: 0.0)
+    add(0x05000002, "channel", "Sensor", "Digital Filter Order", lambda _, __: 0)
+    add(
+        0x07000900,
+        "axis",
+        "Servo",
+        "On Target Tolerance [um]",
+        lambda s, axis: s.axes[axis].window / MICRO,
+    )
+    add(0x07000901, "axis", "Servo", "Settling Time [s]", lambda s, axis: s.axes[axis].settle)
+    add(0x07000A00, "piezo", "Axis", "Low Voltage [V]", lambda s, axis: s.voltage_range(axis)[0])
+    add(0x07000A01, "piezo", "Axis", "High Voltage [V]", lambda s, axis: s.voltage_range(axis)[1])
+    add(
+        0x0F000200,
+        "axis",
+        "Axis",
+        "Stage Serial Number",
+        lambda s, _: s.device.identity.serial_number or "0",
+    )
+    add(0xFFFF0007, "system", "Firmware", "Firmware Name", lambda s, _: s.device.identity.vendor)
+    add(0xFFFF0008, "system", "Firmware", "Firmware Version", lambda _, __: __version__)
+    add(0xFFFF000D, "system", "Firmware", "Firmware Description", lambda *_: "simulated controller")
+    add(0xFFFF000E, "system", "Firmware", "Firmware Date", lambda *_: "none")
+    add(
+        0xFFFF000F,
+        "system",
+        "Firmware",
+        "Firmware Developer",
+        lambda s, _: s.device.identity.vendor,
+    )
+    return made  # fmt: skip
 
 
 def _servo_parameters() -> dict[int, Parameter]:
@@ -213,7 +195,7 @@ PARAMETERS: dict[int, Parameter] = dict(
                 item="axis", group="Axis", name="Axis Identifier", get=lambda _, axis: axis
             ),
             0x07000601: Parameter(
-                item="axis", group="Axis", name="Axis Unit", get=lambda _, __: "um"
+                item="axis", group="Axis", name="Axis Unit", get=lambda s, _: s.model.unit
             ),
             0x0E000200: Parameter(
                 item="system",
@@ -263,7 +245,8 @@ PARAMETERS: dict[int, Parameter] = dict(
                 item="system",
                 group="Data Recorder",
                 name="Data Recorder Chan Number",
-                get=lambda s, _: int(s.device.record_tables),
+                get=lambda s, _: s.recorder.tables,
+                set=_record_tables,
             ),
             SIMULATED_TIME: Parameter(
                 item="system",
@@ -322,6 +305,14 @@ PARAMETERS: dict[int, Parameter] = dict(
                 name="Channel Unit",
                 get=lambda s, channel: "um" if s.channels[channel].unit == "m" else "urad",
             ),
+            0x06000500: Parameter(
+                item="axis",
+                group="Axis",
+                name="ADC Channel For Target, 0 for none",
+                get=lambda _, __: 0,
+                set=_no_analogue_input,
+            ),
+            **_facts(),
             **_servo_parameters(),
         }.items()
     )

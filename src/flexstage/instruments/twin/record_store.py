@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.device import Device, RefusedError
+from flexstage.instruments.twin.device import Device
 from flexstage.instruments.twin.errors_gcs import GcsError
 
 __all__ = ["RECORD_OPTIONS", "RecordOption", "RecordStore"]
@@ -73,8 +73,9 @@ class RecordStore:
     def __init__(self, device: Device, outputs: Mapping[str, str]) -> None:
         self._device, self._outputs = device, outputs
         self._units = {str(channel.number): channel.unit for channel in device.channels}
-        #: The trigger option.
+        #: The trigger option, and how many tables are in use.
         self.trigger = 0
+        self.tables = device.record_tables
         #: What the last recording holds, by table, and the step of its samples [s].
         self.kept: dict[int, Signal] = {}
         self.kept_step = 0.0
@@ -168,6 +169,8 @@ class RecordStore:
     def choose(self, table: int, signal: Signal | None) -> None:
         """Choose what a table of the recorder records; what it has recorded is forgotten.
 
+        A recording that runs ends, so that the next one records what was chosen in all tables.
+
         Parameters
         ----------
         table : int
@@ -175,8 +178,28 @@ class RecordStore:
         signal : Signal or None
             What it records; None for nothing.
         """
+        self._device.arm_recorder("wave")
         self._device.set_record_signal(table, signal)
         self.kept.pop(table, None)
+
+    def use(self, tables: int) -> None:
+        """Choose how many tables are in use; those behind them record nothing.
+
+        Parameters
+        ----------
+        tables : int
+            The number.
+
+        Raises
+        ------
+        GcsError
+            There are not so many.
+        """
+        if not 1 <= tables <= self._device.record_tables:
+            raise GcsError(code.OUT_OF_RANGE)
+        for table in range(tables + 1, self._device.record_tables + 1):
+            self.choose(table, None)
+        self.tables = tables
 
     def column(self, table: int, first: int, count: int) -> Array:
         """Return samples of a table of the recorder in the unit of the wire.
@@ -201,22 +224,16 @@ class RecordStore:
     def move(self, command: Callable[[], None]) -> None:
         """Command a motion, which starts the recorder where this is chosen.
 
+        Each motion starts it anew, also while it still records the one before.
+
         Parameters
         ----------
         command : callable
             Commands it.
         """
-        armed = self.trigger == 1 and not self._device.recording()
-        if armed:
-            self._device.arm_recorder("move")
-        try:
-            command()
-        except RefusedError:
-            # no later motion shall start it
-            self._device.arm_recorder("wave")
-            raise
-        if armed:
-            self._keep(by_client=False)
+        command()
+        if self.trigger == 1:
+            self.now(by_client=False)
 
     def run(self, command: Callable[[], None]) -> None:
         """Start a waveform, or strike a blow, which starts the recorder.
@@ -236,9 +253,10 @@ class RecordStore:
             self._keep(by_client=False)
 
     def set_trigger(self, trigger: int) -> None:
-        """Choose what starts the recorder next.
+        """Choose what starts the recorder next; a recording that runs ends.
 
-        A recording that a client started before goes on, and the next start may end it.
+        What it has recorded can be read until the next start, unless a motion, a command, or this
+        moment is to start it: then the tables are empty until it has, and none is taken for new.
 
         Parameters
         ----------
@@ -247,6 +265,9 @@ class RecordStore:
         """
         self.trigger = trigger
         self._by_client = False
+        self._device.arm_recorder("wave")
+        if trigger:
+            self.kept = {}
         if trigger == 4:
             self.now()
 

@@ -1,6 +1,7 @@
 """A GCS controller behind a TCP port: one thread, any number of clients, none can stop it."""
 
 import logging
+import os
 import selectors
 import socket
 import threading
@@ -12,11 +13,13 @@ from typing import Final
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.session import Session
 
-__all__ = ["GcsServer", "listen"]
+__all__ = ["GcsServer", "reserve"]
 
 _log = logging.getLogger(__name__)
 
 _READ: Final = 1 << 16
+#: Clients that may wait to be taken on.
+_WAITING: Final = 128
 #: Answers that are made before a client has read the last ones, and orders that are taken [bytes].
 _ANSWERS, _ORDERS = 1 << 18, 1 << 20
 #: What goes wrong in a simulation that is not foreseen: the client is sent away, the others stay.
@@ -33,8 +36,8 @@ class _Connection:
     ended: bool = False
 
 
-def listen(host: str, port: int) -> socket.socket:
-    """Take a port.
+def reserve(host: str, port: int) -> socket.socket:
+    """Take a port, and answer nobody there yet.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def listen(host: str, port: int) -> socket.socket:
     Returns
     -------
     socket.socket
-        It keeps clients waiting until a server takes it over.
+        Clients are refused until a server listens at it.
 
     Raises
     ------
@@ -57,7 +60,17 @@ def listen(host: str, port: int) -> socket.socket:
     """
     host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    return socket.create_server((host, port), family=family, backlog=128)
+    taken = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if os.name == "posix":  # elsewhere it would let two servers share a port
+            taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:  # an address of one kind is not one of the other
+            taken.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        taken.bind((host, port))
+    except BaseException:
+        taken.close()
+        raise
+    return taken
 
 
 class GcsServer:
@@ -73,7 +86,7 @@ class GcsServer:
     port : int
         Port; 0 for any that is free.
     listener : socket.socket, optional
-        A socket that listens already, in place of both; the server closes it.
+        A socket that was reserved, in place of both; the server closes it.
     clients : int
         Largest number of clients at once; a further one is sent away.
     patience : float
@@ -106,7 +119,7 @@ class GcsServer:
     ) -> None:
         self._interpreter = interpreter
         self._clients, self._patience, self._clock = clients, patience, clock
-        self._listener = listen(host, port) if listener is None else listener
+        self._listener = reserve(host, port) if listener is None else listener
         self._listener.setblocking(False)
         self._wake, self._waker = socket.socketpair()
         self._selector = selectors.DefaultSelector()
@@ -115,6 +128,7 @@ class GcsServer:
         self._connections: dict[int, _Connection] = {}
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
+        interpreter.reached_at(*self.address)
         self._deaf_until: float | None = None
 
     @property
@@ -129,8 +143,15 @@ class GcsServer:
         return len(self._connections)
 
     def start(self) -> None:
-        """Listen, in a thread; and let simulated time pass."""
+        """Listen, in a thread; and let simulated time pass.
+
+        Raises
+        ------
+        OSError
+            The port cannot be had.
+        """
         if self._thread is None:
+            self._listener.listen(_WAITING)
             self._interpreter.pace.start()
             self._thread = threading.Thread(target=self._serve, name="gcs-server", daemon=True)
             self._thread.start()

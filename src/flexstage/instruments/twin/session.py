@@ -16,15 +16,18 @@ LONGEST_LINE: Final = 65536
 
 _STOP, _NEWLINE = 24, 10
 #: Characters that are commands wherever they stand, and the end of a line.
-_SPECIAL = re.compile(rb"[\x05\x07\x09\n]")
+_SPECIAL = re.compile(rb"[\x04\x05\x07\x09\n]")
+#: Characters below 32; those that are no commands are dropped where no line has begun.
+_CONTROL = bytes(range(32))
 _PRINTABLE = bytes(range(32, 127))
 
 
 class Session:
     r"""A client.
 
-    Lines end with LF, or CR and LF. The characters 5, 7, 9 and 24 are commands by themselves,
-    wherever they stand. Character 24 stops all axes before anything else that came with it: what
+    Lines end with LF, or CR and LF. The characters 4, 5, 7, 9 and 24 are commands by themselves,
+    wherever they stand; other control characters before a line are dropped, within it they spoil
+    it. Character 24 stops all axes before anything else that came with it: what
     was given earlier and not yet carried out starts no motion any more (error 10), and a line that
     was begun is dropped.
 
@@ -158,6 +161,8 @@ class Session:
         self._keep(data[first:])
 
     def _keep(self, data: bytes) -> None:
+        if not self._part:
+            data = data.lstrip(_CONTROL)
         if self._dropping or not data:
             return
         self._part += data

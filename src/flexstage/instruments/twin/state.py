@@ -1,11 +1,15 @@
 """What a GCS controller knows beside its device, and shares between its clients."""
 
 import copy
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 
 from flexstage.instruments.servo import ServoSettings
+from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
+from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import AxisDescription, Device
+from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.record_store import RecordStore
 from flexstage.instruments.twin.servo_draft import ServoDraft
 from flexstage.instruments.twin.wave_store import WaveStore
@@ -14,6 +18,8 @@ __all__ = ["MICRO", "ControllerState"]
 
 #: Micrometres, and microradians, of the wire in SI.
 MICRO = 1e-6
+
+Range = tuple[float, float]
 
 
 class ControllerState:
@@ -25,11 +31,16 @@ class ControllerState:
         The device.
     pace : Pace
         How its time passes; its lock is held while this state is used.
+    model : ControllerModel
+        What it answers as.
     """
 
-    def __init__(self, device: Device, pace: Pace) -> None:
-        self.device = device
-        self.pace = pace
+    def __init__(self, device: Device, pace: Pace, model: ControllerModel = OWN) -> None:
+        self.device, self.pace, self.model = device, pace, model
+        #: Where it is reached.
+        self.host, self.port = "127.0.0.1", 0
+        #: How often motion was stopped.
+        self.stops = 0
         self.axes: dict[str, AxisDescription] = dict(device.axes)
         piezo = [name for name, axis in self.axes.items() if axis.kind == "piezo"]
         #: Axis by output channel, by wave generator; description by input channel.
@@ -46,6 +57,20 @@ class ControllerState:
         self.recorder = RecordStore(self.device, self.outputs)
         #: Drafts with the settings that they gave.
         self._drafts: dict[str, tuple[ServoDraft, ServoSettings]] = {}
+        #: Narrower limits that clients have set, by axis [m], [V].
+        self.soft_positions: dict[str, Range] = {}
+        self.soft_voltages: dict[str, Range] = {}
+        #: Outputs that take commands; axes that are switched off; axes on their way to zero; speeds
+        #: of axes without control of speed [m/s]; axes with compensation of drift.
+        self.online = dict.fromkeys(self.outputs, True)
+        self.disabled: set[str] = set()
+        self.zeroing: set[str] = set()
+        self.free_speeds: dict[str, float] = {}
+        self.drift_compensation = dict.fromkeys(self.axes, False)
+        #: Start mode of each wave generator; settings of the digital outputs, by line and number.
+        self.start_modes = dict.fromkeys(self.generators, 0)
+        self.trigger_points: dict[tuple[int, int], bool] = {}
+        self.trigger_settings: dict[tuple[int, int], str] = {}
 
     # positions ------------------------------------------------------------------------------
 
@@ -78,6 +103,32 @@ class ControllerState:
             Lowest and highest [V]; both 0 for an axis without voltage.
         """
         return self.axes[axis].limits.voltage or (0.0, 0.0)
+
+    def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
+        """Refuse a motion of axes that take none, or beyond limits that clients have set.
+
+        Parameters
+        ----------
+        targets : Mapping
+            Positions [m], or voltages [V], by axis.
+        voltages : bool
+            Whether they are voltages.
+
+        Raises
+        ------
+        GcsError
+            An axis is switched off or not online, or a target is outside its limits.
+        """
+        limits = self.soft_voltages if voltages else self.soft_positions
+        offline = {self.outputs[name] for name, on in self.online.items() if not on}
+        for axis, value in targets.items():
+            if axis in self.disabled:
+                raise GcsError(code.SWITCHED_OFF)
+            if axis in offline:
+                raise GcsError(code.NOT_POSSIBLE)
+            low, high = limits.get(axis, (-math.inf, math.inf))
+            if not low <= value <= high and math.isfinite(value):
+                raise GcsError(code.VOLTAGE_OUT_OF_LIMITS if voltages else code.OUT_OF_LIMITS)
 
     # position control -----------------------------------------------------------------------
 

@@ -61,7 +61,13 @@ def require_within(
 
 
 def check_wave(
-    state: AxisState, samples: Array, cycles: int, divider: int, present: float
+    state: AxisState,
+    samples: Array,
+    cycles: int,
+    divider: int,
+    present: float,
+    *,
+    shift: float = 0.0,
 ) -> Array:
     """Check a waveform whole.
 
@@ -80,6 +86,8 @@ def check_wave(
         Samples of the loop for one of the table.
     present : float
         Where the axis stands [m, or V].
+    shift : float
+        How much further each cycle begins than the one before [m, or V].
 
     Returns
     -------
@@ -93,11 +101,18 @@ def check_wave(
     """
     axis, unit = state.description.name, "m" if state.servo else "V"
     limits = state.description.limits
-    samples = require_within(
-        axis, samples, limits.position if state.servo else limits.voltage, unit
-    )
+    bounds = limits.position if state.servo else limits.voltage
+    samples = require_within(axis, samples, bounds, unit)
+    if shift and not cycles:
+        raise RefusedError(
+            Refusal.OUT_OF_LIMITS,
+            f"the waveform of axis '{axis}' goes further with each cycle, and has no last one",
+        )
+    if shift:
+        require_within(axis, samples + shift * (cycles - 1), bounds, unit)
     largest = state.largest_rate * state.period
-    _check_steps(axis, samples, cycles, largest * divider, unit)
+    joined = cycles if not shift else 1  # a cycle begins where the one before has ended
+    _check_steps(axis, samples, joined, largest * divider, unit)
     jump = abs(float(samples[0]) - present)
     if jump > largest * (1.0 + _SLOPE):
         scale, shown = _shown(unit)

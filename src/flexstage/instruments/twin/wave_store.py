@@ -33,8 +33,10 @@ class WaveStore:
         self._device = device
         self._parts: dict[int, list[Array]] = {}
         self._sizes: dict[int, int] = {}
-        #: In what unit the device has a table, in SI; none where it has not got it yet.
-        self._given: dict[int, float] = {}
+        #: What is added to the waveform of an axis, in the unit of the wire.
+        self.offsets: dict[str, float] = dict.fromkeys(device.axes, 0.0)
+        #: Unit in SI, and offset, in which the device has a table; none where it has not got it.
+        self._given: dict[int, tuple[float, float]] = {}
 
     def size(self, table: int) -> int:
         """Return the number of samples of a table.
@@ -163,30 +165,31 @@ class WaveStore:
         Raises
         ------
         GcsError
-            No table is chosen, or an empty one; or two axes read it as different quantities.
+            No table is chosen, or an empty one; or two axes read it as different quantities, or
+            with different offsets.
         """
-        wanted: dict[int, float] = {}
+        wanted: dict[int, tuple[float, float]] = {}
         for axis in axes:
             table, feedforward = self._device.wave_choice(axis)
             if not table:
                 raise GcsError(code.NO_WAVE_CHOSEN)
             screw = self._device.axes[axis].kind == "screw"
             unit = _MICRO if screw or self._device.servo_on(axis) else 1.0
-            for number, its in ((table, unit), (feedforward, 1.0)):
+            for number, its in ((table, (unit, self.offsets[axis])), (feedforward, (1.0, 0.0))):
                 if number and not self.size(number):
                     raise GcsError(code.WAVE_NOT_DEFINED)
                 if number and wanted.setdefault(number, its) != its:
                     raise GcsError(code.WAVE_OUT_OF_RANGE)
-        missing = {table: unit for table, unit in wanted.items() if self._given.get(table) != unit}
+        missing = {table: how for table, how in wanted.items() if self._given.get(table) != how}
         if any(self.in_use(table) for table in missing):
             raise GcsError(code.WAVE_RUNNING)
         # what is no longer in a table must not take the room of what is in another one
         for table in range(1, self._device.wave_tables + 1):
             if table not in self._given and self._device.wave(table).size:
                 self._device.set_wave(table, np.empty(0))
-        for table, unit in missing.items():
-            self._device.set_wave(table, self.samples(table) * unit)
-            self._given[table] = unit
+        for table, (unit, offset) in missing.items():
+            self._device.set_wave(table, (self.samples(table) + offset) * unit)
+            self._given[table] = unit, offset
 
     def _change(self, table: int) -> None:
         if self.in_use(table):

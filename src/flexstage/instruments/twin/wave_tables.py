@@ -124,6 +124,8 @@ class WaveRun:
         How often it runs; 0 for endlessly.
     feedforward : numpy.ndarray, optional
         Voltages beside it [V], shape (L,); they end with the waveform.
+    shift : float
+        How much further each cycle begins than the one before [m, or V].
 
     Examples
     --------
@@ -139,6 +141,12 @@ class WaveRun:
     divider: int
     cycles: int
     feedforward: Array | None = None
+    shift: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Last value of the last cycle [m, or V]."""
+        return float(self.table[-1]) + self.shift * max(self.cycles - 1, 0)
 
     @property
     def last(self) -> int | None:
@@ -178,7 +186,7 @@ class WaveRun:
         numpy.ndarray
             Values [m, or V], shape (count,).
         """
-        return self._along(self.table, first, count)
+        return self._along(self.table, first, count, self.shift)
 
     def voltages(self, first: int, count: int) -> Array:
         """Return samples of the feedforward at the rate of the loop.
@@ -202,21 +210,18 @@ class WaveRun:
             values[max(self.last + 1 - first, 0) :] = np.nan
         return values
 
-    def _along(self, table: Array, first: int, count: int) -> Array:
+    def _along(self, table: Array, first: int, count: int, shift: float = 0.0) -> Array:
         size, d = table.size, self.divider
         k = np.arange(first - self.first, first - self.first + count)
         i = k // d
         if self.cycles:
-            held = i >= self.cycles * size - 1  # the last sample of the last cycle
-            here = np.where(held, size - 1, i % size)
-        else:
-            held = np.zeros(count, dtype=bool)
-            here = i % size
-        value = table[here]
+            i = np.minimum(i, self.cycles * size - 1)  # the last sample of the last cycle is held
+        value = table[i % size] + shift * (i // size)
         if d == 1:
             return value
-        part = np.where(held, 0.0, (k - i * d) / d)
-        return value + (table[np.where(held, here, (here + 1) % size)] - value) * part
+        j = i + 1 if not self.cycles else np.minimum(i + 1, self.cycles * size - 1)
+        after = table[j % size] + shift * (j // size)
+        return value + (after - value) * (k % d / d)
 
 
 _EMPTY = np.zeros(0)

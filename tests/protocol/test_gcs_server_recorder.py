@@ -1,0 +1,68 @@
+"""The recorder of the simulated GCS controller: what starts it, and what a record is read as."""
+
+from flexstage.instruments.twin.clock import FastTime
+from flexstage.instruments.twin.interpreter import Interpreter
+from flexstage.instruments.twin.session import Session
+from tests.gcs_device import FormulaDevice, opened, talk
+
+
+def test_a_refused_move_starts_no_record_later():
+    session = opened()
+    device = session._interpreter.device
+    assert talk(session, "DRC 1 1 7\nDRT 0 1 0\nSVA 1 999\nDRT 0 0 0\nSVA 1 5") == ("", [302])
+    assert not device.recording()
+    assert device.recorded() == 0
+
+
+def test_a_wave_that_runs_is_recorded_again():
+    session = opened()
+    device = session._interpreter.device
+    talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 1 2\nWSL 1 1\nWGC 1 0\nWTR 0 50 1\nWGO 1 1")
+    # the error was asked for 1 ms later: ten samples of the loop
+    assert device.recorded() == 10
+    assert talk(session, "POS?\nPOS?\nWGR")[1] == 0
+    assert device.recorded() == 10
+    assert device.now > 8e-3
+
+
+def test_what_was_recorded_is_read_as_what_it_was():
+    """Changing what a table records, or the rate, does not rename what is in it."""
+    session = opened()
+    talk(session, "DRC 1 1 7 2 2 7\nRTR 4\nDRT 0 1 0\nSVA 1 3 2 9\nONT?\nRTR 9\nDRC 1 1 2")
+    assert session.feed(b"DRL?\n").startswith(b"1=0 \n2=")
+    assert talk(session, "DRR? 1 1 1") == ("", [77])
+    text = session.feed(b"DRR? 1 2 2\n")
+    assert b"# SAMPLE_TIME = 0.000400000000 \n" in text
+    assert b"# NAME0 = Control Voltage of output chan 2 \n" in text
+
+
+def test_triggers_of_the_recorder():
+    def recording(lines):
+        device = FormulaDevice()
+        session = Session(Interpreter(device, FastTime(device)))
+        assert talk(session, "DRC 1 1 7\n" + lines)[1] == 0
+        return device.recording() or device.recorded() > 0
+
+    assert not recording("DRT 0 0 0\nSVA 1 5")
+    assert recording("DRT 0 1 0\nSVA 1 5")
+    assert not recording("DRT 0 1 0\nPOS?")
+    assert recording("DRT 0 4 0")
+    assert recording("DRT 0 2 0\nPOS?")
+    assert not recording("DRT 0 2 0")
+    assert recording("DRT 0 0 0\nWAV 1 X PNT 1 1 0\nWSL 1 1\nWGO 1 1")
+
+
+def test_a_recording_that_a_client_started_goes_on_while_a_wave_starts():
+    session = opened()
+    device = session._interpreter.device
+    talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 0 2\nWSL 1 1\nDRT 0 4 0\nPOS?\nPOS?")
+    before = device.recorded()
+    assert talk(session, "WGO 1 1")[1] == 0
+    assert device.recorded() == before + 20 > 20
+    # one that a wave started begins again with the next
+    session = opened()
+    device = session._interpreter.device
+    talk(session, "DRC 1 1 7\nWAV 1 X PNT 1 2 0 2\nWSL 1 1\nWGO 1 1\nPOS?\nPOS?")
+    before = device.recorded()
+    assert talk(session, "WGO 1 1")[1] == 0
+    assert device.recorded() == 10 < before
