@@ -54,6 +54,43 @@ def test_study_prints_a_table_and_writes_a_report(
     ]
 
 
+def test_a_file_by_a_name_that_is_nearly_right_is_suggested(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (elsewhere / "stages").mkdir()
+    for folder in ("", "stages/"):
+        (elsewhere / folder / "guide.yaml").write_text("flexstage: 1\n")
+        assert run("check", f"{folder}guide.yml") == 2
+        assert f"did you mean '{folder}guide.yaml'?" in capsys.readouterr().err
+    assert run("check", "vgtu-pieso") == 2
+    assert "did you mean 'vgtu-piezo'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("begins", "what"),
+    [
+        ("  0\r\nSECTION\r\n  2\r\nHEADER\r\n", "a DXF drawing"),
+        ("ISO-10303-21;\nHEADER;\n", "a STEP file"),
+        ('<?xml version="1.0"?>\n<a/>', "XML or a web page"),
+    ],
+)
+def test_a_file_of_another_kind_is_called_by_its_name(
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], begins: str, what: str
+) -> None:
+    (elsewhere / "part.yaml").write_text(begins)
+    assert run("check", "part.yaml") == 2
+    assert f"part.yaml is {what}, where a text in YAML is expected" in capsys.readouterr().err
+
+
+def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (("-h",), ("check", "-h"), ("runs", "-h"), ("runs", "show", "-h")):
+        assert run(*words) == 0
+        short = capsys.readouterr().out
+        assert run(*words[:-1], "--help") == 0
+        assert capsys.readouterr().out == short
+        assert "-h, --help" in short
+
+
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("study", "parallelogram", "--models", "lumped", "--out", "d", "--json")
     assert run(*words, *BRIEFLY) == 0

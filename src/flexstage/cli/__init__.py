@@ -47,6 +47,7 @@ app = typer.Typer(
     help="Design, verify, identify and drive flexure-based micropositioning stages.",
     no_args_is_help=False,
     add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -90,12 +90,24 @@ def load_stage(text: str) -> "Stage":
         return design(text)
     path = Path(text)
     if not text or not _exists(path):
-        near = difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
+        # a file that lies there, by another ending or a letter less, before a design of such a name
+        beside = _files_beside(path)
+        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
+        near = [str(path.with_name(near[0]))] if near else near
+        near = near or difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
         hint = f"did you mean '{near[0]}'?" if near else f"the designs are {', '.join(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     from flexstage.stage.file import read_stage
 
     return read_stage(path, designs=build)
+
+
+def _files_beside(path: Path) -> list[str]:
+    """Names of the stage files in the folder that a path is in."""
+    try:
+        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")]
+    except (OSError, ValueError):  # no such folder, or a name that none can have
+        return []
 
 
 def _exists(path: Path) -> bool:

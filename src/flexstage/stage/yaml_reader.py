@@ -28,6 +28,13 @@ _NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 _MAX_DIGITS = 60
 
+#: How files begin that are taken for YAML at times, and what they are.
+_OTHERS = {
+    r"\s*0\s*\r?\n\s*SECTION\b": "a DXF drawing",
+    r"ISO-10303-21;": "a STEP file",
+    r"\s*<[?!A-Za-z]": "XML or a web page",
+}
+
 
 @dataclass(slots=True)
 class Scalar:
@@ -160,6 +167,9 @@ def parse_yaml(text: str, source: str) -> Node:
         raise StageError(
             f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a stage may be"
         )
+    for pattern, what in _OTHERS.items():
+        if re.match(pattern, text):
+            raise StageError(f"{source} is {what}, where a text in YAML is expected")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         return _Builder(source).document(yaml.parse(text, Loader=loader))
