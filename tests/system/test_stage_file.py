@@ -153,9 +153,35 @@ FILE_FAULTS = [
         "[34, 17], {to: [34, 41], bulge: 1e9}",
         ("bodies.left leg.outline", "-1000 and 1000"),
     ),
-    Broken("far corner", "[0, 0], [81, 0]", "[0, 0], [1e300, 0]", ("bodies.base", "over 1000 m")),
     Broken(
-        "mounting hole without end", "radius: 2.75", "radius: 1e12", ("mounting_holes[0]", "1000 m")
+        "far corner", "[0, 0], [81, 0]", "[0, 0], [1e300, 0]", ("bodies.base", "longer than 100 m")
+    ),
+    Broken(
+        "mounting hole without end",
+        "radius: 2.75",
+        "radius: 1e12",
+        ("mounting_holes[0]", "longer than 100 m"),
+    ),
+    Broken(
+        "no mounting hole", "radius: 2.75", "radius: 0", ("mounting_holes[0]", "positive radius")
+    ),
+    Broken(
+        "endless thickness",
+        "thickness: 10 mm",
+        "thickness: 1e300 m",
+        ("thickness", "longer than 100 m"),
+    ),
+    Broken(
+        "no thickness to speak of",
+        "thickness: 10 mm",
+        "thickness: 1e-150 mm",
+        ("thickness", "shorter than 1e-12 m"),
+    ),
+    Broken(
+        "neck of nothing",
+        "neck_thickness: 0.5,",
+        "neck_thickness: 1e-150,",
+        ("hinges.left foot", "shorter than 1e-12 m"),
     ),
     Broken("negative mass", "mass: 35 g", "mass: -35 g", ("extra_masses[0]", "0 or more")),
     Broken("negative inertia", "inertia: 4200", "inertia: -4200", ("extra_masses[0]", "inertia")),

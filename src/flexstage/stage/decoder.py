@@ -19,7 +19,7 @@ from flexstage.stage.field_types import (
     optional_part,
     required,
 )
-from flexstage.stage.outline import Circle, Loop
+from flexstage.stage.outline import LARGEST, Circle, Loop
 from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence
 from flexstage.units import DIMENSIONS, Dimension, parse
 
@@ -27,6 +27,9 @@ __all__ = ["Decoder"]
 
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
 _MOST_POINTS = 10_000
+#: Shortest length of a stage [m]: below it figures leave the range of numbers before a check can
+#: say what is wrong.
+_SMALLEST = 1e-12
 
 
 @dataclass(slots=True)
@@ -96,9 +99,16 @@ class Decoder:
                 length = len(typing.get_args(bare))
                 items = self._items(node, path, length, f"{length} values of {dimension.name}")
                 return tuple(
-                    self._quantity(dimension, item, f"{path}[{k}]") for k, item in enumerate(items)
+                    self._fitting(dimension, item, f"{path}[{k}]") for k, item in enumerate(items)
                 )
-            return self._quantity(dimension, node, path)
+            value = self._fitting(dimension, node, path)
+            if dimension.name == "length" and 0.0 < abs(value) < _SMALLEST:
+                self.refuse(
+                    node,
+                    path,
+                    f"{_show(node)} is shorter than {_SMALLEST:g} m, no length of a stage",
+                )
+            return value
         if origin is tuple:
             return self._tuple(typing.get_args(kind), node, path)
         if kind == Loop | Circle:
@@ -261,12 +271,24 @@ class Decoder:
             )
         unit = self.length_unit if dimension.name == "length" else None
         try:
-            return parse(node.text, dimension.name, bare_unit=unit)
+            value = parse(node.text, dimension.name, bare_unit=unit)
         except FlexstageError as error:
             extra = ""
             if dimension.name == "length" and unit is None and isinstance(node.value, (int, float)):
                 extra = ", or put 'length_unit: mm' at the top of the file"
             self.refuse(node, path, f"{error}{extra}", type(error))
+        return value
+
+    def _fitting(self, dimension: Dimension, node: Node, path: str) -> float:
+        """A quantity of the stage itself, which has an end."""
+        value = self._quantity(dimension, node, path)
+        if dimension.name == "length" and abs(value) > LARGEST:
+            self.refuse(
+                node,
+                path,
+                f"{_show(node)} is longer than {LARGEST:g} m, the most that a stage may be",
+            )
+        return value
 
     def _loop(self, node: Node, path: str) -> Loop:
         dimension = DIMENSIONS["length"]
@@ -281,8 +303,8 @@ class Decoder:
         def point(place: Node, where: str) -> tuple[float, float]:
             x, y = self._items(place, where, 2, "2 coordinates")
             return (
-                self._quantity(dimension, x, f"{where}[0]"),
-                self._quantity(dimension, y, f"{where}[1]"),
+                self._fitting(dimension, x, f"{where}[0]"),
+                self._fitting(dimension, y, f"{where}[1]"),
             )
 
         points = []

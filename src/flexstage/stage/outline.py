@@ -17,7 +17,7 @@ Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 
 # Beyond these an outline is a slip of the pen, and its polygon would have no end: coordinates [m],
 # and a bulge that leaves a quarter of a degree of the full circle open.
-_LARGEST = 1e3
+LARGEST = 100.0
 _LARGEST_BULGE = 1e3
 
 
@@ -100,9 +100,9 @@ class Loop:
                 f"an outline of {n} points needs {n} bulges, one for each segment, "
                 f"got {len(self.bulges)}"
             )
-        if not all(abs(c) <= _LARGEST for p in self.points for c in p):
+        if not all(abs(c) <= LARGEST for p in self.points for c in p):
             raise StageError(
-                f"an outline has a coordinate that is not finite, or over {_LARGEST:g} m"
+                f"an outline has a coordinate that is not finite, or over {LARGEST:g} m"
             )
         if not all(abs(b) <= _LARGEST_BULGE for b in self.bulges):
             raise StageError(
@@ -207,12 +207,12 @@ class Circle:
     radius: Annotated[float, DIMENSIONS["length"]]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius <= _LARGEST:
+        if not 0.0 < self.radius <= LARGEST:
             raise StageError(
-                f"a circle needs a positive radius, at most {_LARGEST:g} m, got {self.radius!r} m"
+                f"a circle needs a positive radius, at most {LARGEST:g} m, got {self.radius!r} m"
             )
-        if not all(abs(c) <= _LARGEST for c in self.centre):
-            raise StageError(f"the centre of a circle is not within {_LARGEST:g} m of the origin")
+        if not all(abs(c) <= LARGEST for c in self.centre):
+            raise StageError(f"the centre of a circle is not within {LARGEST:g} m of the origin")
 
     def loop(self) -> Loop:
         """Return it as a loop of two half circles.
