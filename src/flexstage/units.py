@@ -242,9 +242,8 @@ def parse(text: object, dimension: str, *, bare_unit: str | None = None) -> floa
 def si_unit(text: str) -> tuple[float, str]:
     """Return what a unit, written over a column of numbers, is in SI.
 
-    Every unit of `DIMENSIONS` is known, those of time, current, charge, speed, temperature,
-    strain, per cent and counts, and products and quotients of them, as ``"urad/V"``. A degree
-    Celsius stays one, as no factor takes its offset away.
+    Every unit of `DIMENSIONS` is known, and those of time, current, charge, speed, temperature,
+    strain, per cent and counts. A degree Celsius stays one, as no factor takes its offset away.
 
     Parameters
     ----------
@@ -284,37 +283,10 @@ def si_unit(text: str) -> tuple[float, str]:
                 return float(_factor(words, wanted.name)), wanted.si
             except UnitError:
                 continue
-        compound = _compound(words)
-        if compound is not None:
-            return compound
     raise UnitError(
         f"unknown unit {_short(text)}: expected one such as V, mV, um, nm, N, s, ms, Hz, A, K, %, "
         "or count"
     )
-
-
-def _compound(unit: str) -> tuple[float, str] | None:
-    """Return a product or quotient of units in SI, part by part: `V/mm` is so many `V/m`."""
-    factor, spelled = Decimal(1), ""
-    for sign, atom, power in re.findall(r"(^|[*·/])([A-Za-zµ°]+|1)(?:\^?(-?[1-4]))?", unit):
-        one = (Decimal(1), "1") if atom == "1" else _atom(atom)
-        if one is None:
-            return None
-        exponent = int(power or 1)
-        factor *= one[0] ** (-exponent if sign == "/" else exponent)
-        spelled += sign.replace("·", "*") + one[1] + (f"^{power}" if power else "")
-    return float(factor), spelled
-
-
-def _atom(unit: str) -> tuple[Decimal, str] | None:
-    for wanted in (*DIMENSIONS.values(), *_MEASURED.values()):
-        # a part that is itself written as a quotient, such as rpm, has no place in another one
-        if wanted.si.isalpha():
-            try:
-                return _factor(unit, wanted.name), wanted.si
-            except UnitError:
-                continue
-    return None
 
 
 def dimensions(si: str) -> dict[str, float]:

@@ -78,7 +78,7 @@ def listed(
             reason = "damped too much for a peak"
         elif f.expanded > width:
             reason = "not known within its width"
-        elif _beside(mode, parts, names) < _SEEN * scale:
+        elif _beside(mode, parts, names, scale) < _SEEN:
             reason = "on a single line"
         else:
             kept.append(n)
@@ -88,7 +88,10 @@ def listed(
 
 
 def _beside(
-    mode: Mode, parts: Sequence[Prepared], names: tuple[tuple[str, ...], tuple[str, ...]]
+    mode: Mode,
+    parts: Sequence[Prepared],
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+    scale: float,
 ) -> float:
     """Sum of squares over noise that a mode makes on all lines but the nearest."""
     total = 0.0
@@ -101,7 +104,12 @@ def _beside(
         # weights are the root of two over the noise
         square = 0.5 * np.abs(motion * part.block.weights) ** 2
         square[int(np.argmin(np.abs(omega - abs(mode.pole))))] = 0.0
-        total += float(square.sum())
+        noise = np.full_like(square, scale)
+        if part.kept and not part.given:
+            # weights that were chosen do not say where the noise is: the lines do
+            own = (part.scatter / part.deviation) ** 2
+            noise = np.maximum(noise, own.reshape(noise.shape))
+        total += float((square / noise).sum())
     return total
 
 

@@ -13,8 +13,8 @@ from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, monte_carlo
 from flexstage.experiment.uncertainty.propagate import Propagated, propagate
+from flexstage.records.columns import measured_unit
 from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence, parse_yaml, read_text
-from flexstage.units import si_unit
 
 __all__ = ["Budget", "budget_from_text", "read_budget"]
 
@@ -210,7 +210,7 @@ class _Reader:
         influences = tuple(map(self.influence, self.sequence(root, "influences")))
         unit = self.text(root, "unit", "1")
         try:
-            factor, si = si_unit(unit)
+            factor, si = measured_unit(unit)
         except UnitError as error:
             self.refuse(root.items["unit"].line, str(error))
         equation = self.equation(root, influences)
@@ -352,7 +352,7 @@ class _Reader:
             )
         number, written, inverse = match.groups()
         try:
-            factor, unit = si_unit(written or inverse or "1")
+            factor, unit = measured_unit(written or inverse or "1")
         except UnitError as error:
             self.refuse(found.line, str(error))
         if wanted == "degC" and unit in ("K", "degC"):

@@ -155,13 +155,12 @@ def _degrees(angle: float) -> str:
 def _notes(stage: Stage) -> list[str]:
     made = stage.manufacture
     necks = [h.profile.neck_thickness for h in stage.hinges]
-    thinnest = f" Thinnest neck {millimetres(min(necks))}." if necks else ""
+    thinnest = f", thinnest neck {millimetres(min(necks))}" if necks else ""
     lines = [
         "Lengths in mm, from the origin 0, rounded to 0.001.",
         "Directions from the x axis to the left, rounded to 0.01°.",
-        f"Cut through the whole thickness of {millimetres(stage.thickness)}.{thinnest}",
-        f"The process cuts slots of {millimetres(made.wire_width)} and necks of "
-        f"{millimetres(made.minimum_neck)} at least.",
+        f"Cut through the whole thickness of {millimetres(stage.thickness)}. Slots from "
+        f"{millimetres(made.wire_width)}{thinnest}.",
         "Marks at hinges: letter of the notch, number in the table of hinges.",
         "Contours in full precision are in the DXF file.",
     ]
