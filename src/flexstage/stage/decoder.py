@@ -27,8 +27,8 @@ __all__ = ["Decoder"]
 
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
 _MOST_POINTS = 10_000
-#: Shortest length of a stage [m]: below it figures leave the range of numbers before a check can
-#: say what is wrong.
+#: Shortest length of a body [m]: below it figures leave the range of numbers before a check can say
+#: what is wrong.
 _SMALLEST = 1e-12
 
 
@@ -42,10 +42,14 @@ class Decoder:
         What to call the file in messages.
     length_unit : str, optional
         The unit of lengths that are bare numbers.
+    bounded : bool
+        Whether lengths are those of a stage's bodies, which a machine can make. An offset of an
+        instrument may be any.
     """
 
     source: str
     length_unit: str | None = None
+    bounded: bool = False
 
     def refuse(
         self, node: Node, path: str, message: str, error: type[Exception] = StageError
@@ -102,7 +106,7 @@ class Decoder:
                     self._fitting(dimension, item, f"{path}[{k}]") for k, item in enumerate(items)
                 )
             value = self._fitting(dimension, node, path)
-            if dimension.name == "length" and 0.0 < abs(value) < _SMALLEST:
+            if self.bounded and dimension.name == "length" and 0.0 < abs(value) < _SMALLEST:
                 self.refuse(
                     node,
                     path,
@@ -282,7 +286,7 @@ class Decoder:
     def _fitting(self, dimension: Dimension, node: Node, path: str) -> float:
         """A quantity of the stage itself, which has an end."""
         value = self._quantity(dimension, node, path)
-        if dimension.name == "length" and abs(value) > LARGEST:
+        if self.bounded and dimension.name == "length" and abs(value) > LARGEST:
             self.refuse(
                 node,
                 path,

@@ -106,7 +106,7 @@ def stage_from_text(
     (0.03, 0.02)
     """
     root = parse_yaml(text, source)
-    decoder = Decoder(source)
+    decoder = Decoder(source, bounded=True)
     if not isinstance(root, MappingNode):
         decoder.refuse(root, "", "a stage file is a mapping that begins with 'flexstage: 1'")
     _check_version(decoder, root)
