@@ -307,6 +307,14 @@ def test_work_that_fails_leaves_nothing(
     assert left_behind(elsewhere) == []
 
 
+def test_a_character_of_code_0_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("show", "parallelogram", "--figure", "a\0.svg") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "character of code 0" in captured.err
+
+
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--version") == 0
     assert capsys.readouterr().out == f"flexstage {flexstage.__version__}\n"

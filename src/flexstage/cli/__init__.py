@@ -110,6 +110,8 @@ def _run(arguments: list[str] | None) -> int:
         if hasattr(stream, "reconfigure"):
             # a terminal that cannot show a letter shows a question mark, and nothing fails
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    if any("\0" in word for word in arguments or ()):
+        return _fail("an argument holds a character of code 0, which no text or path has", 2)
     # every misuse of the command line is one of these, whichever library parses it
     misuse = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:

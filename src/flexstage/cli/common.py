@@ -29,6 +29,7 @@ __all__ = [
     "make_table",
     "name_for_files",
     "output_path",
+    "positive_length",
     "print_json",
     "progress_bar",
     "relative",
@@ -115,6 +116,46 @@ def _exists(path: Path) -> bool:
         return path.exists()
     except OSError:  # a name that is too long for any file
         return False
+
+
+def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
+    """Return the length that an option gives.
+
+    Parameters
+    ----------
+    text : str
+        What the option was given.
+    name : str
+        What it is the length of, for messages.
+    bare_unit : str, optional
+        The unit of a number that comes without one.
+
+    Returns
+    -------
+    float
+        The length [m], positive and within what a stage may have.
+
+    Raises
+    ------
+    UnitError
+        It is no length.
+    ModelError
+        It is too short or too long for a stage.
+
+    Examples
+    --------
+    >>> positive_length("20 mm", "the radius")
+    0.02
+    """
+    from flexstage.stage.outline import LARGEST, SMALLEST
+    from flexstage.units import parse
+
+    value = parse(text, "length", bare_unit=bare_unit)
+    if not SMALLEST <= value <= LARGEST:
+        raise ModelError(
+            f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'"
+        )
+    return value
 
 
 def output_path(text: str | Path) -> Path:

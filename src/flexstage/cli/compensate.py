@@ -12,7 +12,6 @@ from flexstage.cli.common import (
     print_json,
     write_file,
 )
-from flexstage.cli.model_files import read_model_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.records import (
     DatasetOption,
@@ -118,6 +117,7 @@ def compensate(
 ) -> None:
     """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
     from flexstage.hysteresis.inversion import feedforward
+    from flexstage.hysteresis.model_file import read_model_file
     from flexstage.hysteresis.suitability import in_unit_of_model
 
     kind = record_format(out)

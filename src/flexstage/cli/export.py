@@ -15,6 +15,7 @@ from flexstage.cli.common import (
     load_stage,
     make_table,
     output_path,
+    positive_length,
     print_json,
     progress_bar,
     relative,
@@ -135,7 +136,7 @@ def export(
         precision=precision,
         fmi=_FMI[fmi],
         source_only=source_only,
-        kerf=_optional("--kerf", kerf, "length", "m"),
+        kerf=None if kerf is None else positive_length(kerf, "--kerf", "m"),
     )
     require_writable(out)
     made: dict[str, dict[str, bytes]] = {}

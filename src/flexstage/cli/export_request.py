@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from flexstage.cli.common import name_for_files
-from flexstage.cli.model_files import read_model_file
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -165,6 +164,8 @@ def read_hysteresis(
     ModelError
         A text is none of these, a name stands twice, or a file is no model.
     """
+    from flexstage.hysteresis.model_file import read_model_file
+
     if len(given) == 1 and given[0] in ("usual", "none"):
         return cast(Literal["usual", "none"], given[0])
     models: dict[str, DriveModel] = {}

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, PlaneOption, console, make_table, print_json
+from flexstage.cli.common import (
+    JsonOption,
+    PlaneOption,
+    console,
+    make_table,
+    positive_length,
+    print_json,
+)
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:
@@ -74,7 +81,6 @@ def hinges(
     power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
     """
     from flexstage.material import material as find_material
-    from flexstage.units import parse
 
     given = {
         "radius": radius,
@@ -90,7 +96,7 @@ def hinges(
         near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
-    result = _result(notch, find_material(material), parse(width, "length"), plane)
+    result = _result(notch, find_material(material), positive_length(width, "the width"), plane)
     if as_json:
         print_json(result)
     else:
@@ -133,9 +139,13 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
         if option == "exponent":
             values[name] = float(str(text))
         else:
-            size = parse(text, "angle" if option == "angle" else "length")
+            size = (
+                parse(str(text), "angle")
+                if option == "angle"
+                else positive_length(str(text), f"--{option}")
+            )
             values[name] = 0.5 * size if name == "half_length" else size
-    return cls(neck_thickness=parse(neck, "length"), one_sided=one_sided, **values)
+    return cls(neck_thickness=positive_length(neck, "the neck"), one_sided=one_sided, **values)
 
 
 def _result(notch: "Profile", what: "Material", width: float, plane: str) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from flexstage.cli.common import (
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.model_files import read_model_file
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -107,6 +106,8 @@ def predict(
     its creep begins, is estimated from the first samples, until both ends of the range were
     reached, and these are not counted; `--start` says it where it is known.
     """
+    from flexstage.hysteresis.model_file import read_model_file
+
     require_image(figure)
     before = _start(start)
     file = read_model_file(model)

@@ -44,7 +44,7 @@ from flexstage.hysteresis.identification import (
 from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
 from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
 from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
-from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
+from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_file, read_model_text
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.dahl import Dahl
@@ -136,6 +136,7 @@ __all__ = [
     "memory_coverage",
     "model_text",
     "predict",
+    "read_model_file",
     "read_model_text",
     "simulate_bouc_wen_batch",
     "simulate_with_stage",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.errors import PlanError
-from flexstage.hysteresis import ModelFile, identify, model_text, read_model_text
+from flexstage.hysteresis import ModelFile, identify, model_text, read_model_file
 from flexstage.plans.files import write_text
 from flexstage.plans.results import CharacterisedStep, IdentifiedStep
 from flexstage.plans.verbs import Identify
@@ -106,7 +106,7 @@ def identified_from(work: Work, name: str, action: Identify, file: Path) -> Iden
     IdentifiedStep
         The model, and how it fits the last of its records.
     """
-    read = read_model_text(file.read_text(encoding="utf-8"), f"'{file}'")
+    read = read_model_file(file)
     record = work.measured(action.of[-1]).evaluated
     voltage = record.channel("command").values
     measured = record.channel(action.output).values
