@@ -156,7 +156,6 @@ def setup_of_address(
             for axis, (output, _) in wires.items()
         ),
         output_rate_hz=rate,
-        largest_rate_hz=max(5.0 * rate, 50e3),
     )
 
 
