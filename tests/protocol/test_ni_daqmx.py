@@ -384,15 +384,24 @@ def test_with_a_driver_the_card_is_real_unless_asked_otherwise(
 ) -> None:
     monkeypatch.setattr(address, "driver_found", lambda: "")
     monkeypatch.setattr(address, "DaqmxBackend", lambda: DaqmxBackend(card.library()))
-    real = open_address("ni://Dev1?x=ao0,ai2&sensitivity=3um/V&amplifier=1")
+    real = open_address(
+        "ni://Dev1?x=ao0,ai2&y=ao1,ai3&sensitivity=3um/V&sensitivity.y=7um/V&amplifier=1"
+        "&terminal=rse&range.y=1V"
+    )
     assert not real.identity.simulated
     assert real.channel(1) == pytest.approx(3e-6 * value("Dev1/ai2"))
+    assert real.channel(2) == pytest.approx(7e-6 * value("Dev1/ai3"))
+    made = [a for n, a in card.log if n.endswith("add_ai_voltage_chan")][-1]
+    assert made["terminal_config"] == TerminalConfiguration.RSE
+    assert (made["min_val"], made["max_val"]) == (-1.0, 1.0)
     assert open_address("ni://Dev1?x=ao0,ai2&simulated=1").identity.simulated
     # Nobody may guess what a real sensor reads for a volt.
     with pytest.raises(ModelError, match="sensitivity=10um/V"):
         open_address("ni://Dev1?x=ao0,ai2")
+    with pytest.raises(ModelError, match=r"sensor 'y' reads for a volt: .*'sensitivity\.y=10um/V'"):
+        open_address("ni://Dev1?x=ao0,ai2&y=ao1,ai3&amplifier=1&sensitivity.x=3um/V")
     # Nor by what a drive gets more than the output gives.
-    with pytest.raises(ModelError, match="'amplifier=1' where there are none"):
+    with pytest.raises(ModelError, match=r"of axis 'x': .*'amplifier=1' without one"):
         open_address("ni://Dev1?x=ao0,ai2&sensitivity=3um/V")
 
 

@@ -505,6 +505,39 @@ def test_an_address_names_the_wires_of_a_stage() -> None:
     assert other.axes["x"].limits.voltage == (0.0, 10.0)
 
 
+def test_an_address_wires_each_sensor_and_drive_by_itself() -> None:
+    address = (
+        "ni://Dev1?x=ao0,ai0&y=ao1,ai8&roll=ai2&simulated=1&amplifier=15&amplifier.y=18&bias.y=-30V"
+        "&standing.y=24V&sensitivity=8.2um/V&sensitivity.y=-4um/V&sensitivity.roll=30urad/V"
+        "&offset.x=1.3um&offset.roll=2mrad&range=5V&range.roll=0V:10V&terminal=RSE"
+        "&terminal.y=pseudo-diff"
+    )
+    instrument = open_address(address, design("vgtu-piezo"))
+    assert instrument.setup.inputs == (
+        SensorInput(
+            channel="Dev1/ai0", name="x", gain=8.2e-6,
+            offset=1.3e-6, voltage_range=(-5.0, 5.0), terminal="rse",
+        ),
+        SensorInput(
+            channel="Dev1/ai8", name="y", gain=-4e-6,
+            voltage_range=(-5.0, 5.0), terminal="pseudo_diff",
+        ),
+        SensorInput(
+            channel="Dev1/ai2", name="roll", unit="rad", gain=3e-5,
+            offset=2e-3, voltage_range=(0.0, 10.0), terminal="rse",
+        ),
+    )  # fmt: skip
+    assert instrument.setup.outputs == (
+        DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0),
+        DriveOutput(
+            channel="Dev1/ao1", axis="y", sensor="y", gain=18.0, offset=-30.0, standing=24.0
+        ),
+    )
+    # The card gives 3 V at ao1, which the amplifier makes 24 V; the third sensor has no axis.
+    assert instrument.axes["y"].voltage() == 24.0
+    assert instrument.channel(3) == pytest.approx(2e-3, abs=5 * 0.2e-3 * 3e-5)
+
+
 @pytest.mark.parametrize(
     ("address", "match"),
     [
@@ -514,10 +547,25 @@ def test_an_address_names_the_wires_of_a_stage() -> None:
         ("ni://Dev1?simulated=maybe", "'simulated' is 0 or 1"),
         ("ni://Dev1?x=ao0&simulated=1", "an output and an input for 'x'"),
         ("ni://Dev1?x=ai0,ao0&simulated=1", "an output and an input for 'x'"),
-        ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "says something twice"),
+        ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "an option twice"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&seed=-1", "'seed' is a whole number"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um", "a number that is none"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=big", "a number that is none"),
+        (
+            "ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um",
+            "'sensitivity' in the address .* 'um'",
+        ),
+        (
+            "ni://Dev1?x=ao0,ai0&simulated=1&amplifier=big",
+            "expected a number such as 15, got 'big'",
+        ),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&terminal=single", "expected default, diff, nrse, pseudo"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range=5V:-5V", "must rise"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range=5", "has no unit"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range.z=5V", r"no option 'range.z': sensors \(x\) take"),
+        ("ni://Dev1?x=ao0,ai0&roll=ai2&simulated=1&amplifier.roll=2", "no option 'amplifier.roll'"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&rate.x=2kHz", "no option 'rate.x'"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&standing=11V", "cannot stand at 11 V"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=3urad/V", "'sensitivity' in the address"),
+        ("ni://Dev1?roll=ai2&simulated=1", "names no axis"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=-2", "must be positive"),
     ],
 )
@@ -529,9 +577,9 @@ def test_addresses_that_are_none(address: str, match: str) -> None:
 def test_a_screw_takes_no_voltage() -> None:
     with pytest.raises(ModelError, match="has no voltage range"):
         open_address("ni://Dev1?simulated=1", design("vgtu-mechanical"))
-    with pytest.raises(ModelError, match="what it may say is x, y, amplifier"):
+    with pytest.raises(ModelError, match="it takes x, y, rate, simulated, seed, sens"):
         open_address("ni://Dev1?simulated=1&gain=15", design("vgtu-piezo"))
     setup = NiSetup(device="Dev1", inputs=INPUTS, outputs=OUTPUTS)
-    with pytest.raises(ModelError, match="'rate' is said beside a setup"):
+    with pytest.raises(ModelError, match=r"'rate' of .* and 'setup' both describe"):
         open_address("ni://Dev1?simulated=1&rate=1kHz", setup=setup)
     assert open_address("ni://Dev1?simulated=1", setup=setup).setup is setup
