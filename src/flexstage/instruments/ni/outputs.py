@@ -308,7 +308,7 @@ class NiOutputs:
                 raise ControllerError(
                     f"output '{drive.channel}' gives {v:.4g} V, which is {found:.4g} V at the "
                     f"drive of axis '{drive.axis}', and the setup says {drive.standing:g} V: leave "
-                    "'standing' out, or mend the gain or offset of the amplifier"
+                    "'standing' out, or correct the gain or offset of the amplifier"
                 )
             self._standing[drive.axis] = found
         self._tell_standing()
