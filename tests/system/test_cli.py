@@ -205,7 +205,7 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),
         (["analyse", "vgtu-piezo", "--model", "superelements"], "choose from lumped, super"),
-        (["analyse", "vgtu-piezo", "--model", "lumped", "--accuracy", "1%"], "no mesh to refine"),
+        (["analyse", "vgtu-piezo", "--model", "lumped", "--accuracy", "1%"], "plane or solid only"),
         (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "2"], "0 and 100 %"),
         (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "fine"], "such as 0.1%"),
         (["analyse", "vgtu-piezo", "--model", "solid", "--plane", "strain"], "no plane state"),

@@ -142,10 +142,7 @@ def _meshed(
 
 def _no_accuracy(model: str, wanted: Wanted) -> None:
     if wanted.accuracy is not None:
-        raise ModelError(
-            f"the {model} model has no mesh to refine to an accuracy: ask the plane or the solid "
-            "one, or leave the accuracy out"
-        )
+        raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
 
 
 def _no_stroke(model: str, wanted: Wanted) -> None:

@@ -121,7 +121,9 @@ def axis_characteristics(
     if others and axis.output_displacement != 0.0:
         cross = [static.readings[a.probe] / axis.output_displacement for a in others]
         add(
-            "cross_coupling", max(cross, key=abs), "reading of the other axis over that of this one"
+            "cross_coupling",
+            max(cross, key=abs),
+            "displacement of the other axis over that of this one",
         )
     body = system.probe(axis.probe).body
     if body in static.body_motion:
@@ -129,7 +131,7 @@ def axis_characteristics(
     add("input_stiffness", axis.input_stiffness, "force of the drive over its elongation")
     stiffness = probe_stiffness(system, axis.probe, drives="in place")
     if stiffness < math.inf:
-        where = f"against a force at probe '{axis.probe}', drives in place (a rigid one is held)"
+        where = f"against a force at probe '{axis.probe}', drives in place (rigid ones locked)"
         add("output_stiffness", stiffness, where)
     for quantity, value, note in _loaded(stage, system, axis.probe):
         add(quantity, value, note)
@@ -146,7 +148,7 @@ def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
     if limit is None or strength is None or stress <= 0.0:
         return None
     cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
-    note = f"stroke from nothing to full and back, by Soderberg{cycles}"
+    note = f"stroke from zero to full and back, Soderberg line{cycles}"
     return 1.0 / (0.5 * stress / limit + 0.5 * stress / strength), note
 
 
@@ -157,14 +159,14 @@ def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tupl
         angle = stage.probe(probe).direction
         weight = {"gravity x": math.cos(angle), "gravity y": math.sin(angle)}
         sag = static_loads(system, weight, drives="in place").readings[probe]
-        yield "gravity_sag", sag, "1 g along the axis, drives in place (a rigid one is held)"
+        yield "gravity_sag", sag, "1 g along the axis, drives in place (rigid ones locked)"
     if "temperature" in known:
         drift = static_loads(system, {"temperature": 1.0}).readings[probe]
         yield (
             "thermal_drift",
             drift,
-            "uniform change of temperature, drives removed, base of constant length; on a base "
-            "that expands, times the difference of the coefficients over the stage's own",
+            "uniform temperature change, drives removed, base without expansion; for another base, "
+            "multiply by (stage coefficient - base coefficient) / stage coefficient",
         )
     body = system.probe(probe).body
     lift = f"{body} out of plane"

@@ -227,7 +227,7 @@ def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
     channel = record.channel(named)
     allowed = _UNITS.get(role)
     if allowed is not None and channel.unit not in allowed:
-        got = f"is in {channel.unit}" if channel.unit else "does not say its unit"
+        got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
         expected = "a unit of length" if allowed == ("m",) else f"one of {', '.join(allowed)}"
         expected = "a unit of angle" if allowed == ("rad",) else expected
         raise RecordError(

@@ -272,7 +272,7 @@ def require_usable(record: Record, name: str, values: Array, *, gaps: bool = Fal
         raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
         first = int(np.argmin(np.isfinite(values)))
-        raise RecordError(f"{where} holds {values[first]} at sample {first}: mend the record")
+        raise RecordError(f"{where} holds {values[first]} at sample {first}: correct the record")
     size = float(np.ptp(values))
     if not size > 1e-13 * float(np.max(np.abs(values))):
         raise RecordError(f"{where} is constant at {values[0]:g}: choose a column that moves")
