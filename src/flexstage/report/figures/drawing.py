@@ -82,6 +82,8 @@ def draw_stage(stage: Stage) -> "Figure":
     _numbers(axes, shapes, placer, point)
     _hinges(axes, stage, placer, point)
     draw_key(key, columns, tall)
+    for text in (*axes.texts, *key.texts):
+        text.set_in_layout(False)  # all lie within their axes, and measuring them takes long
     return figure
 
 
