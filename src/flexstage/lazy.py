@@ -48,7 +48,11 @@ class _Package(ModuleType):
         if name not in self._homes:
             raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
         home, original = self._homes[name]
-        value = self.__dict__[name] = getattr(import_module(home), original)
+        if home == self.__name__:
+            value = import_module(f"{home}.{original}")  # one of its own subpackages
+        else:
+            value = getattr(import_module(home), original)
+        self.__dict__[name] = value
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -57,4 +61,4 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self._homes})
+        return sorted({*self._homes, *self.__dict__.get("__all__", ())})

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from flexstage.hinges.concentration import Concentration, concentration
     from flexstage.hinges.corner_filleted import CornerFilleted
     from flexstage.hinges.elliptical import Elliptical
+    from flexstage.hinges.hinge_figures import hinge_figures
     from flexstage.hinges.hyperbolic import Hyperbolic
     from flexstage.hinges.leaf import Leaf
     from flexstage.hinges.parabolic import Parabolic
@@ -57,6 +58,7 @@ __all__ = [
     "closed_forms",
     "compliance",
     "concentration",
+    "hinge_figures",
     "largest_rotation",
     "plane_moduli",
     "plane_state",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
     from flexstage.report.figures.neck_stress import draw_neck_stress
     from flexstage.report.figures.noise import draw_hold, draw_staircase
+    from flexstage.report.figures.notch import draw_notch
     from flexstage.report.figures.part import draw_part
     from flexstage.report.figures.positioning import draw_positioning
     from flexstage.report.figures.prediction import draw_prediction
@@ -44,6 +45,7 @@ __all__ = [
     "draw_modal_fit",
     "draw_motion_error",
     "draw_neck_stress",
+    "draw_notch",
     "draw_part",
     "draw_polar",
     "draw_positioning",
