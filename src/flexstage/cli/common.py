@@ -1,6 +1,5 @@
 """What all commands share: reading a stage, printing tables and JSON."""
 
-import difflib
 import json
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,37 +84,9 @@ def load_stage(text: str) -> "Stage":
     >>> load_stage("vgtu-piezo").name
     'vgtu-piezo'
     """
-    from flexstage.designs import DESIGNS, build, design
+    from flexstage.designs import find_stage
 
-    if text.casefold() in DESIGNS:
-        return design(text)
-    path = Path(text)
-    if not text or not _exists(path):
-        # a file that lies there, by another ending or a letter less, before a design of such a name
-        beside = _files_beside(path)
-        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
-        near = [str(path.with_name(near[0]))] if near else near
-        near = near or difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"the designs are {', '.join(DESIGNS)}"
-        raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
-    from flexstage.stage.file import read_stage
-
-    return read_stage(path, designs=build)
-
-
-def _files_beside(path: Path) -> list[str]:
-    """Names of the stage files in the folder that a path is in."""
-    try:
-        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")]
-    except (OSError, ValueError):  # no such folder, or a name that none can have
-        return []
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # a name that is too long for any file
-        return False
+    return find_stage(text)
 
 
 def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:

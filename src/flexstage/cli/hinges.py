@@ -1,6 +1,5 @@
 """`flexstage hinges`: the stiffness of a notch profile by every method, and how far it may turn."""
 
-import contextlib
 import dataclasses
 import difflib
 import math
@@ -20,19 +19,8 @@ from flexstage.errors import HingeError
 
 if TYPE_CHECKING:
     from flexstage.hinges import Profile
-    from flexstage.material import Material
 
 __all__ = ["hinges"]
-
-#: Quantity, place on the diagonal of the compliance, unit of its stiffness.
-_QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
-
-_METHOD_VALIDITY = {
-    "euler-bernoulli": "slender, and no shear deformation",
-    "timoshenko": "slender: too stiff by 2 to 30 % as t/R grows",
-    "wedge": "within 2 % of plane finite elements, 1.3 % in rotation",
-    "finite-element": "plane finite elements of this notch, within 0.05 %",
-}
 
 
 def hinges(
@@ -80,6 +68,7 @@ def hinges(
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
     power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
     """
+    from flexstage.hinges import hinge_figures
     from flexstage.material import material as find_material
 
     given = {
@@ -96,7 +85,9 @@ def hinges(
         near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
-    result = _result(notch, find_material(material), positive_length(width, "the width"), plane)
+    result = hinge_figures(
+        notch, find_material(material), positive_length(width, "the width"), plane
+    )
     if as_json:
         print_json(result)
     else:
@@ -146,85 +137,6 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
             )
             values[name] = 0.5 * size if name == "half_length" else size
     return cls(neck_thickness=positive_length(neck, "the neck"), one_sided=one_sided, **values)
-
-
-def _result(notch: "Profile", what: "Material", width: float, plane: str) -> dict[str, Any]:
-    """Compute everything that is shown, as plain data in SI units."""
-    from flexstage.hinges import (
-        closed_form_compliance,
-        closed_forms,
-        compliance,
-        concentration,
-        largest_rotation,
-        plane_state,
-    )
-
-    e, nu = what.youngs_modulus, what.poissons_ratio
-    if plane == "auto":
-        state = plane_state(width, notch.neck_thickness)
-    else:
-        state = "strain" if plane == "strain" else "stress"
-    shown = ["wedge", "timoshenko", "euler-bernoulli"]
-    springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in shown}
-    # finite elements do without a neck that is too thin to mesh; the others have taken it
-    with contextlib.suppress(HingeError):
-        meshed = compliance(notch, e, nu, width, method="finite-element", plane=state)
-        springs["finite-element"] = meshed
-    best = springs["wedge"].matrix
-    rows: list[dict[str, Any]] = []
-    for quantity, place, unit in _QUANTITIES:
-        found = [
-            (method, float(springs[method].matrix[place, place]), _METHOD_VALIDITY[method])
-            for method in springs
-        ]
-        found += [
-            (
-                form.name,
-                closed_form_compliance(form, notch, e, nu, width, plane=state),
-                form.validity,
-            )
-            for form in closed_forms(notch)
-            if form.quantity == quantity
-        ]
-        rows += [
-            {
-                "quantity": quantity,
-                "method": method,
-                # a formula outside its range can give a compliance that no hinge has
-                "stiffness": 1.0 / value if value > 0.0 else None,
-                "unit": unit,
-                "difference_percent": 100.0 * (float(best[place, place]) / value - 1.0)
-                if value > 0.0
-                else None,
-                "validity": validity,
-            }
-            for method, value, validity in found
-        ]
-    factors = concentration(notch)
-    turn = largest_rotation(notch, what, width, plane=state)
-    sizes = {f.name: getattr(notch, f.name) for f in dataclasses.fields(notch)}
-    return {
-        "profile": notch.kind,
-        **sizes,
-        "width": width,
-        "material": what.name,
-        "plane": state,
-        "root_height": notch.root_height,
-        "stiffness": rows,
-        "compliance": best.tolist(),
-        "concentration": {
-            "axial": list(factors.axial),
-            "bending": list(factors.bending),
-            "source": factors.source,
-            "validity": factors.validity,
-        },
-        "largest_rotation": {
-            "before_yield": turn.before_yield,
-            "before_fatigue": turn.before_fatigue,
-            "fatigue_cycles": what.fatigue_cycles,
-            "unit": "rad",
-        },
-    }
 
 
 def _print(result: dict[str, Any]) -> None:

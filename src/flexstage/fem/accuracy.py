@@ -10,6 +10,7 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.progress import share
+from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
 __all__ = ["LADDERS", "Refinement", "Step", "estimate", "refine"]
@@ -74,6 +75,8 @@ class Refinement:
     steps: tuple[Step, ...]
     quantity: str
     accuracy: float
+
+    __repr__ = short_repr
 
     @property
     def estimate(self) -> float:

@@ -13,6 +13,7 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.model import Half, StageModel
 from flexstage.fem.ports import Supports, body_motion, drive_vector
 from flexstage.progress import share, tell
+from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis, axis_mode
 
 __all__ = ["FiniteStroke", "follow_stroke", "with_stroke"]
@@ -54,6 +55,8 @@ class FiniteStroke:
     rotation: Array
     frequency_hz: float
     buckling_factor: float
+
+    __repr__ = short_repr
 
     @property
     def deviation(self) -> Array:

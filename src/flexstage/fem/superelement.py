@@ -23,6 +23,7 @@ from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges import PlaneState
 from flexstage.hinges.compliance import PLANE_RULE
 from flexstage.progress import tell
+from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
 from flexstage.system import (
     AxisPort,
@@ -96,6 +97,8 @@ class SuperelementModel:
     basis: Array
     mesh_settings: MeshSettings
     built: tuple[str, ...]
+
+    __repr__ = short_repr
 
     @property
     def unknowns(self) -> int:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
 from flexstage.report.quantities import display
+from flexstage.short_repr import short_repr
 
 __all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent"]
 
@@ -88,6 +89,8 @@ class Comparison:
     published: tuple[str, ...]
     ours: tuple[str, ...]
     rows: tuple[ComparisonRow, ...]
+
+    __repr__ = short_repr
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.progress import share
+from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
@@ -49,6 +50,8 @@ class ModelRun:
     refinement: "Refinement | None" = None
     strokes: "tuple[FiniteStroke, ...]" = ()
     bars: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.provenance import Provenance, provenance
+from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.axis import AxisAnalysis, analyse_axis
 from flexstage.system.characteristics import axis_characteristics
@@ -52,6 +53,8 @@ class Analysis:
     characteristics: Characteristics
     validity: tuple[str, ...]
     provenance: Provenance
+
+    __repr__ = short_repr
 
     @property
     def hinge_stress(self) -> dict[str, dict[str, float]]:

@@ -23,6 +23,7 @@ from flexstage.hysteresis.identification.faults import (
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record, difference_noise
+from flexstage.short_repr import short_repr
 
 __all__ = ["Measurement", "Section", "measurement"]
 
@@ -131,6 +132,8 @@ class Measurement:
     warnings: tuple[str, ...]
     findings: tuple[RecordFault, ...] = ()
     drift: bool = False
+
+    __repr__ = short_repr
 
     @property
     def input_range(self) -> tuple[float, float]:

@@ -240,8 +240,12 @@ def _middle() -> dict[str, Any]:
 def _halo() -> dict[str, Any]:
     from matplotlib.patheffects import withStroke
 
-    # a dollar sign in a name is no formula
-    return {"parse_math": False, "path_effects": [withStroke(linewidth=1.6, foreground=PAPER)]}
+    # a dollar sign in a name is no formula; no label leaves its axes, and measuring it takes long
+    return {
+        "parse_math": False,
+        "in_layout": False,
+        "path_effects": [withStroke(linewidth=1.6, foreground=PAPER)],
+    }
 
 
 def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:
