@@ -15,6 +15,7 @@ from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
 from flexstage.cli.check import check
+from flexstage.cli.common import print_json
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
 from flexstage.cli.excite import excite
@@ -110,25 +111,34 @@ def _run(arguments: list[str] | None) -> int:
         if hasattr(stream, "reconfigure"):
             # a terminal that cannot show a letter shows a question mark, and nothing fails
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    words = sys.argv[1:] if arguments is None else arguments
+    # a command line that cannot be parsed says by this word alone what its reader is
+    as_json = "--json" in words[: words.index("--") if "--" in words else None]
     # every misuse of the command line is one of these, whichever library parses it
     misuse = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         status = app(arguments, prog_name="flexstage", standalone_mode=False)
     except misuse as error:
-        return _fail(_usage(error), 2)
+        return _fail("UsageError", _usage(error), 2, as_json)
     except FlexstageError as error:
-        return _fail(str(error), 2 if isinstance(error, ValueError) else 1)
+        status = 2 if isinstance(error, ValueError) else 1
+        return _fail(type(error).__name__, str(error), status, as_json)
     except OSError as error:
-        return _fail(_file_error(error), 1)
+        # nobody reads on where the pipe is broken
+        read_on = as_json and not isinstance(error, BrokenPipeError)
+        return _fail(type(error).__name__, _file_error(error), 1, read_on)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", _INTERRUPTED)
+        return _fail("KeyboardInterrupt", "interrupted", _INTERRUPTED, as_json)
     if status == _INTERRUPTED:
-        return _fail("interrupted", _INTERRUPTED)
+        return _fail("KeyboardInterrupt", "interrupted", _INTERRUPTED, as_json)
     return status if isinstance(status, int) else 0
 
 
-def _fail(message: str, status: int) -> int:
+def _fail(kind: str, message: str, status: int, as_json: bool) -> int:
+    """Say what went wrong in a sentence, and as an object where the reader is a program."""
     sentence = " ".join(message.split())
+    if as_json:
+        print_json({"error": {"kind": kind, "message": sentence, "status": status}})
     sys.stderr.write(f"flexstage: {sentence}\n")
     return status
 

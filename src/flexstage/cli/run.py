@@ -102,7 +102,8 @@ def run(
         else:
             _print_dry(found, wanted.title or file.stem)
         if found.problems:
-            raise PlanError(found.problems[0])
+            typer.echo(f"flexstage: {found.problems[0]}", err=True)
+            raise typer.Exit(2)
         return
     if instrument is None:
         raise PlanError(

@@ -5,7 +5,15 @@ from typing import Annotated
 
 import typer
 
-from flexstage.cli.common import StageArgument, load_stage, name_for_files, output_path, write_file
+from flexstage.cli.common import (
+    JsonOption,
+    StageArgument,
+    load_stage,
+    name_for_files,
+    output_path,
+    print_json,
+    write_file,
+)
 from flexstage.errors import ModelError
 
 __all__ = ["show"]
@@ -21,6 +29,7 @@ def show(
             help="A .svg, .png or .pdf file; NAME.svg where not given.",
         ),
     ] = None,
+    json: JsonOption = False,
 ) -> None:
     """Draw a stage: its bodies, hinges, drives and probes."""
     from flexstage.report.figures import FORMATS, draw_stage, encode
@@ -32,4 +41,7 @@ def show(
         endings = ", ".join(f".{name}" for name in FORMATS)
         raise ModelError(f"a drawing is written as {endings}, got '{path.name}': change its ending")
     write_file(path, encode(draw_stage(described), kind))
-    typer.echo(f"wrote {path}")
+    if json:
+        print_json({"stage": described.name, "files": [str(path)]})
+    else:
+        typer.echo(f"wrote {path}")
