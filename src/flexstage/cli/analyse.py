@@ -11,9 +11,9 @@ from flexstage.cli.common import (
     PlaneOption,
     StageArgument,
     console,
+    folder_option,
     load_stage,
     make_table,
-    output_path,
     print_json,
     progress_bar,
     relative,
@@ -65,11 +65,7 @@ def analyse(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Write analysis.json, with the Bode data, and a Bode diagram of each axis there.",
-        ),
+        folder_option("Write analysis.json, with the Bode data, and a Bode diagram of each axis."),
     ] = None,
     vtu: Annotated[
         bool,
@@ -84,7 +80,6 @@ def analyse(
     """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
     from flexstage.report import (
         Wanted,
-        require_writable,
         results_json,
         run_model,
         write_files,
@@ -100,8 +95,6 @@ def analyse(
     )
     if vtu and (out is None or model not in ("plane", "solid")):
         raise ModelError("--vtu needs --out DIR and a model with a mesh: plane or solid")
-    if out is not None:
-        require_writable(out)
     with progress_bar():
         run = run_model(described, model, wanted)
     analysis = run.analysis

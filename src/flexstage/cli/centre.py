@@ -21,9 +21,8 @@ from flexstage.cli.centre_trial import positions_of, print_trial, trial
 from flexstage.cli.common import (
     JsonOption,
     console,
-    output_path,
+    figure_option,
     print_json,
-    require_image,
     write_file,
 )
 from flexstage.cli.records import (
@@ -177,11 +176,7 @@ def centre(
     decimal: DecimalOption = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw the error over the turn and its harmonics there: .svg, .png or .pdf.",
-        ),
+        figure_option("Draw the error over the turn and its harmonics."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -302,7 +297,6 @@ def _require(
 ) -> None:
     from flexstage.centring import SCALE_KINDS
 
-    require_image(figure)
     if sign not in (1, -1):
         raise ModelError(f"--sign must be 1 or -1, got {sign}")
     if direction not in _DIRECTIONS:

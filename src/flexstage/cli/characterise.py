@@ -10,8 +10,8 @@ from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.common import (
     JsonOption,
     console,
+    folder_option,
     load_stage,
-    output_path,
     print_json,
     progress_bar,
     relative,
@@ -167,11 +167,7 @@ def characterise(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Write report.html and results.json there, and the records of a virtual stage.",
-        ),
+        folder_option("Write report.html and results.json, and the records of a virtual stage."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -186,13 +182,10 @@ def characterise(
         measurement,
         measurement_results,
         measurement_text,
-        require_writable,
         write_files,
     )
 
     files = records or []
-    if out is not None:
-        require_writable(out)
     written: dict[str, bytes] = {}
     named = _named(
         command=command, along=along, across=across, vertical=vertical, roll=roll, pitch=pitch,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import StageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,6 +25,9 @@ __all__ = [
     "StageArgument",
     "console",
     "count",
+    "figure_option",
+    "file_option",
+    "folder_option",
     "load_stage",
     "make_table",
     "name_for_files",
@@ -32,11 +35,12 @@ __all__ = [
     "print_json",
     "progress_bar",
     "relative",
-    "require_image",
+    "writable",
     "write_file",
 ]
 
 _IMAGES = (".svg", ".png", ".pdf")
+_AS_PICTURE = "(.svg, .png or .pdf)"
 #: Time between two lines of progress where standard error is no terminal, and before the first [s].
 _SILENT = 10.0
 
@@ -118,12 +122,12 @@ def _exists(path: Path) -> bool:
 
 
 def output_path(text: str | Path) -> Path:
-    """Return the path that an option names.
+    """Return the path that a word names.
 
     Parameters
     ----------
     text : str or pathlib.Path
-        What the option was given, or its default, which is handed on in the same way.
+        What an option or argument was given, or its default, which is handed on in the same way.
 
     Returns
     -------
@@ -133,32 +137,111 @@ def output_path(text: str | Path) -> Path:
     Raises
     ------
     typer.BadParameter
-        It was given nothing, as by a variable of the shell that is not set; the working directory
-        would be taken instead.
+        It is empty, as by a variable of the shell that is not set (the working directory would be
+        meant instead), or no path can be written so.
     """
     if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
+    if "\0" in str(text):
+        raise typer.BadParameter(f"expected a path, got {text!r}: no path holds a NUL character")
     return Path(text)
 
 
-def require_image(figure: Path | None) -> None:
-    """Refuse a figure whose suffix says no format, before any work is done.
+def file_option(help: str) -> Any:
+    """Return the option `--out`: the one file that a command writes.
 
     Parameters
     ----------
-    figure : pathlib.Path or None
-        Where it goes.
+    help : str
+        What the file contains.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work where no file can be written there.
+    """
+    return typer.Option("--out", parser=_file, metavar="FILE", help=help)
+
+
+def figure_option(help: str) -> Any:
+    """Return the option `--figure`: a picture of the result.
+
+    Parameters
+    ----------
+    help : str
+        What it shows.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work as that of `file_option`, and where its
+        ending is that of no picture.
+    """
+    return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
+
+
+def folder_option(help: str) -> Any:
+    """Return the option `--out` of a folder: where a command writes several files.
+
+    Parameters
+    ----------
+    help : str
+        What goes there.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work where no folder can be.
+    """
+    return typer.Option("--out", parser=_folder, metavar="FOLDER", help=help)
+
+
+def writable(path: Path) -> Path:
+    """Return the path of a file, refusing it before the work where none can be written there.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    pathlib.Path
+        The same.
 
     Raises
     ------
-    ModelError
-        The suffix says none.
+    typer.BadParameter
+        It is a folder.
+    OSError
+        Its folder takes no file.
     """
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
+    if path.is_dir():
+        raise typer.BadParameter(f"'{path}' is a folder: name a file in it")
+    _folder(path.parent)
+    return path
+
+
+def _file(text: str | Path) -> Path:
+    return writable(output_path(text))
+
+
+def _figure(text: str | Path) -> Path:
+    path = output_path(text)
+    if path.suffix.lower() not in _IMAGES:
+        raise typer.BadParameter(
+            f"the name must end in one of {', '.join(_IMAGES)}, which says the format, got "
+            f"'{path.name}'"
         )
+    return writable(path)
+
+
+def _folder(text: str | Path) -> Path:
+    from flexstage.report.files import require_writable
+
+    path = output_path(text)
+    require_writable(path)
+    return path
 
 
 def name_for_files(name: str) -> str:

@@ -8,7 +8,7 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
-    output_path,
+    file_option,
     print_json,
     write_file,
 )
@@ -108,11 +108,7 @@ def compensate(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write time, command, reference and prediction there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write time, command, reference and prediction (.csv, .npz, .h5 or .mat)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -8,8 +8,8 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     StageArgument,
+    file_option,
     load_stage,
-    output_path,
     print_json,
     write_file,
 )
@@ -58,9 +58,7 @@ def equations(
     ] = "rayleigh",
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path, metavar="FILE", help="Write to a file instead of the terminal."
-        ),
+        file_option("Write to a file instead of the terminal."),
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -10,9 +10,9 @@ from flexstage.cli.common import (
     JsonOption,
     console,
     count,
+    file_option,
     load_stage,
     make_table,
-    output_path,
     print_json,
     write_file,
 )
@@ -121,11 +121,7 @@ def excite(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the phases of the multisine.")] = 0,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write the record there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write the record (.csv, .npz, .h5 or .mat)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -12,9 +12,9 @@ from flexstage.cli.common import (
     PlaneOption,
     StageArgument,
     console,
+    folder_option,
     load_stage,
     make_table,
-    output_path,
     print_json,
     progress_bar,
     relative,
@@ -45,11 +45,7 @@ def export(
     ],
     out: Annotated[
         Path,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Where to; several formats get a folder each in it.",
-        ),
+        folder_option("Where to; several formats get a folder each in it."),
     ] = Path("exported"),
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
@@ -119,7 +115,7 @@ def export(
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
-    from flexstage.report.files import require_writable, write_files
+    from flexstage.report.files import write_files
 
     request = ExportRequest(
         stage=load_stage(stage),
@@ -137,7 +133,8 @@ def export(
         source_only=source_only,
         kerf=_optional("--kerf", kerf, "length", "m"),
     )
-    require_writable(out)
+    if to.strip() != _ALL and any(FORMATS[name].in_time for name in wanted):
+        request.require_hysteresis()
     made: dict[str, dict[str, bytes]] = {}
     with progress_bar():
         for name in wanted:

@@ -8,11 +8,11 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    figure_option,
+    file_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.frf_result import mode_result, response_record, response_result
@@ -157,36 +157,24 @@ def frf(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write the response there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write the response (.csv, .npz, .h5 or .mat)."),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw response and fit there, .svg, .png or .pdf, and the stabilisation diagram "
-            "beside it as NAME-stabilisation.",
+        figure_option(
+            "Draw response and fit, and the stabilisation diagram in a second file, "
+            "NAME-stabilisation."
         ),
     ] = None,
     json: JsonOption = False,
 ) -> None:
     """Estimate frequency responses from records, and fit modes to them."""
-    from flexstage.report import require_writable
-
-    require_image(figure)
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,
                            exponential=exponential, delay=delay, lag=lag, out=out,
                            response=response, near=near, complex=complex_modes,
                            weight=None if weight == "noise" else weight)  # fmt: skip
-    for path in (out, figure):
-        if path is not None:
-            require_writable(path.parent)
     if complex_modes and not (delay or lag):
         raise ModelError(
             "--complex is of fits with --delay or --lag, which take modes as in phase otherwise; "

@@ -10,11 +10,11 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    figure_option,
+    file_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
@@ -160,25 +160,17 @@ def identify(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path, metavar="FILE", help="Write the model there, as readable text."
-        ),
+        file_option("Write the model there, as readable text."),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw measured and modelled loops there, of four records at most: .svg, .png "
-            "or .pdf.",
-        ),
+        figure_option("Draw measured and modelled loops, of four records at most."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
     """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
     from flexstage.hysteresis.identification import identify as run
 
-    require_image(figure)
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
     if test and curve == "files":

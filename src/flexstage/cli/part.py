@@ -10,10 +10,10 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    figure_option,
     make_table,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.part_materials import DEFAULT, materials_of
@@ -102,11 +102,7 @@ def part(
     ] = False,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Picture of the part from both sides with the names of its faces: .svg, .png or "
-            ".pdf.",
-        ),
+        figure_option("Draw the part from both sides, with the names of its faces."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -116,7 +112,6 @@ def part(
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
     from flexstage.fem.part_mesh import PartMesh
 
-    require_image(figure)
     if interfaces not in (*INTERFACES, "both"):
         raise typer.BadParameter(f"--interfaces must be rigid, mean or both, got '{interfaces}'")
     words = solids if solids == "all" else [w.strip() for w in solids.split(",")]

@@ -8,10 +8,9 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    figure_option,
     make_table,
-    output_path,
     print_json,
-    require_image,
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
@@ -92,12 +91,7 @@ def predict(
     decimal: DecimalOption = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw the measured and the predicted loop of the first record there: .svg, .png "
-            "or .pdf.",
-        ),
+        figure_option("Draw the measured and the predicted loop of the first record."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -107,7 +101,6 @@ def predict(
     its creep begins, is estimated from the first samples, until both ends of the range were
     reached, and these are not counted; `--start` says it where it is known.
     """
-    require_image(figure)
     before = _start(start)
     file = read_model_file(model)
     read, driven, follows = read_drive(

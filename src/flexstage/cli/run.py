@@ -10,10 +10,10 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    folder_option,
     load_stage,
     make_table,
     name_for_files,
-    output_path,
     print_json,
     progress_bar,
     write_file,
@@ -46,11 +46,7 @@ def run(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Folder of the run; runs/<time>-<stage> where not given.",
-        ),
+        folder_option("Folder of the run; runs/<time>-<stage> where not given."),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be sent, and move nothing.")
@@ -110,9 +106,12 @@ def run(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
         )
+    from flexstage.report.files import require_writable
+
     if resume and out is None:
         raise PlanError("--resume needs --out: the folder of the run that was interrupted")
     folder = out if out is not None else _new_folder(own.name, file.stem)
+    require_writable(folder)
     result = _carried_out(
         wanted, own, instrument, folder, title=file.stem, resume=resume, only=only,
         operator=operator, note=note, catalogue=_catalogue(catalogue), yes=yes,

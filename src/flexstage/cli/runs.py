@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, console, count, make_table, output_path, print_json
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    count,
+    file_option,
+    make_table,
+    output_path,
+    print_json,
+)
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -169,11 +177,7 @@ def recover(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="The HDF5 file to write; beside the stream where not given.",
-        ),
+        file_option("The HDF5 file to write; beside the stream where not given."),
     ] = None,
     look: Annotated[
         bool, typer.Option("--look", help="Only say what is safe, and write nothing.")

@@ -8,10 +8,11 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     StageArgument,
+    file_option,
     load_stage,
     name_for_files,
-    output_path,
     print_json,
+    writable,
     write_file,
 )
 from flexstage.errors import ModelError
@@ -23,11 +24,7 @@ def show(
     stage: StageArgument,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="A .svg, .png or .pdf file; NAME.svg where not given.",
-        ),
+        file_option("A .svg, .png or .pdf file; NAME.svg where not given."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -35,7 +32,7 @@ def show(
     from flexstage.report.figures import FORMATS, draw_stage, encode
 
     described = load_stage(stage)
-    path = out if out is not None else Path(f"{name_for_files(described.name)}.svg")
+    path = out if out is not None else writable(Path(f"{name_for_files(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)

@@ -10,10 +10,10 @@ from flexstage.cli.common import (
     PlaneOption,
     StageArgument,
     console,
+    folder_option,
     load_stage,
     make_table,
     name_for_files,
-    output_path,
     print_json,
     progress_bar,
 )
@@ -41,11 +41,7 @@ def study(
     plane: PlaneOption = "auto",
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Where the report goes; out/NAME where not given.",
-        ),
+        folder_option("Where the report goes; out/NAME where not given."),
     ] = None,
     hysteresis: Annotated[
         bool,
@@ -87,8 +83,10 @@ def study(
 
     described = load_stage(stage)
     names = list(dict.fromkeys(name.strip() for name in models.split(",") if name.strip()))
-    directory = out if out is not None else Path("out") / name_for_files(described.name)
-    require_writable(directory)
+    directory = out
+    if directory is None:
+        directory = Path("out") / name_for_files(described.name)
+        require_writable(directory)
     with progress_bar():
         found = None
         if measured is not None:
@@ -128,6 +126,8 @@ def study(
         screen.print("note: the stage names no axis, so there are modes only; see the report")
     for model, why in result.left_out.items():
         screen.print(f"note: the {model} model was left out: {why}", markup=False)
+    for axis, why in result.experiments_left_out.items():
+        screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
     for note in described.notes:
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in files:

@@ -9,11 +9,10 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     console,
+    figure_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.errors import ModelError
@@ -47,18 +46,13 @@ def uncertainty(
     ] = 0.95,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw distribution and budget there: .svg, .png or .pdf.",
-        ),
+        figure_option("Draw distribution and budget."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
     """Propagate the uncertainty of a result: budget, GUM interval, Monte Carlo interval."""
     from flexstage.experiment.uncertainty import read_budget, validate
 
-    require_image(figure)
     budget = read_budget(file)
     propagated = budget.propagate()
     with progress_bar():
