@@ -5,7 +5,7 @@ Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr an
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, cast
 
 import typer
@@ -15,6 +15,7 @@ from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
 from flexstage.cli.check import check
+from flexstage.cli.command import Command, Group
 from flexstage.cli.common import print_json
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
@@ -45,36 +46,23 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: The commands. Their modules import what is heavy only when a command runs.
 app = typer.Typer(
     name="flexstage",
+    cls=Group,
     help="Design, verify, identify and drive flexure-based micropositioning stages.",
     no_args_is_help=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (
-    study,
-    show,
-    check,
-    analyse,
-    equations,
-    export,
-    hinges,
-    part,
-    records,
-    excite,
-    identify,
-    predict,
-    compensate,
-    characterise,
-    frf,
-    uncertainty,
-    centre,
-    run,
-    twin,
-):
-    app.command()(_command)
-app.add_typer(runs)
+_SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Design": (check, show, analyse, study, hinges, equations, part, export),
+    "Drives": (excite, identify, predict, compensate),
+    "Measurements": (records, frf, characterise, uncertainty, centre),
+    "Bench": (twin, run),
+}
+for _section, _commands in _SECTIONS.items():
+    for _command in _commands:
+        app.command(cls=Command, rich_help_panel=_section)(_command)
+app.add_typer(runs, rich_help_panel="Bench")
 
 
 @app.callback(invoke_without_command=True)
@@ -146,7 +134,8 @@ def _fail(kind: str, message: str, status: int, as_json: bool) -> int:
 def _usage(error: Exception) -> str:
     said = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
     command = getattr(getattr(error, "ctx", None), "command_path", "flexstage")
-    return f"{said.rstrip('.')}; see '{command} --help'"
+    said = said.removesuffix(".")
+    return f"{said}{' See' if said.endswith('?') else '; see'} '{command} --help'"
 
 
 def _file_error(error: OSError) -> str:

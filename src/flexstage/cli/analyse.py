@@ -77,7 +77,7 @@ def analyse(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
+    """Compute characteristics, modes, stress and responses."""
     from flexstage.report import (
         Wanted,
         results_json,

@@ -180,7 +180,10 @@ def centre(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Find the harmonics of a scale's error over the turn, its eccentricity, and the move."""
+    """Find a scale's eccentricity and the move that removes it.
+
+    The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
+    """
     _require(figure, sign, head_direction, kind, angle, turns)
     names = _columns(error, reading, angle, sign)
     size_of_scale = radius_of(radius, diameter)

@@ -151,7 +151,10 @@ def characterise(
         ),
     ] = None,
     confidence: Annotated[
-        float, typer.Option(min=0.5, max=0.9999, help="Of a staircase: confidence of a step.")
+        float,
+        typer.Option(
+            metavar="SHARE", min=0.5, max=0.9999, help="Of a staircase: confidence of a step."
+        ),
     ] = 0.95,
     models: Annotated[
         str,
@@ -171,10 +174,10 @@ def characterise(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Find stroke, resolution, straightness, natural frequencies and workspace from measurements.
+    """Evaluate stroke, resolution, straightness and modes.
 
-    Every figure comes with its uncertainty, and with the difference to what the models of the stage
-    and publications say.
+    Every value has its uncertainty, and its difference from models of the stage and published
+    values.
     """
     from flexstage.experiment.campaign import Columns, read_campaign
     from flexstage.experiment.campaign import characterise as run

@@ -25,6 +25,7 @@ __all__ = [
     "StageArgument",
     "console",
     "count",
+    "designs_like",
     "figure_option",
     "file_option",
     "folder_option",
@@ -44,8 +45,37 @@ _AS_PICTURE = "(.svg, .png or .pdf)"
 #: Time between two lines of progress where standard error is no terminal, and before the first [s].
 _SILENT = 10.0
 
+
+def designs_like(incomplete: str) -> list[str]:
+    """Return the built-in designs that a word begins, for the completion of the shell.
+
+    Parameters
+    ----------
+    incomplete : str
+        The word.
+
+    Returns
+    -------
+    list of str
+        Their names; where there are none the shell offers files.
+
+    Examples
+    --------
+    >>> designs_like("vgtu-p")
+    ['vgtu-piezo']
+    """
+    from flexstage.designs import DESIGNS
+
+    return [name for name in sorted(DESIGNS) if incomplete and name.startswith(incomplete)]
+
+
 StageArgument = Annotated[
-    str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
+    str,
+    typer.Argument(
+        metavar="STAGE",
+        autocompletion=designs_like,
+        help="A stage file, or the name of a built-in design.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 ModelOption = Annotated[

@@ -112,7 +112,10 @@ def compensate(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
+    """Compute the drive signal that follows a reference.
+
+    The inverse of an identified model compensates its hysteresis, lag and creep.
+    """
     from flexstage.hysteresis.inversion import feedforward
     from flexstage.hysteresis.suitability import in_unit_of_model
 

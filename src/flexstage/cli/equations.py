@@ -62,7 +62,10 @@ def equations(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Derive energies, Lagrange's equations, M, C, K and transfer functions of a stage."""
+    """Derive the equations of motion in symbols.
+
+    Energies, Lagrange's equations, the matrices M, C and K, and transfer functions.
+    """
     _one_of("--format", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)

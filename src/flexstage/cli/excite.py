@@ -118,17 +118,20 @@ def excite(
             "--resonance/--no-resonance", help="Add a small multisine at the natural frequency."
         ),
     ] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the phases of the multisine.")] = 0,
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Seed of the phases of the multisine.")
+    ] = 0,
     out: Annotated[
         Path | None,
         file_option("Write the record (.csv, .npz, .h5 or .mat)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the drive record that identifies hysteresis, lag, creep and resonance of a stage.
+    """Design the drive record for an identification.
 
-    Major loops, reversal curves and nested loops at two rates, a step and hold, and a small
-    multisine at the resonance, within the limits of stack and amplifier.
+    The record contains major loops, reversal curves and nested loops at two rates, a step and hold,
+    and a small multisine at the resonance, within the limits of stack and amplifier. It identifies
+    hysteresis, lag, creep and resonance.
     """
     from flexstage.hysteresis.excitations.design import excitation
 

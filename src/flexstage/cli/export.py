@@ -109,7 +109,7 @@ def export(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Write a stage for other programs: FMU, Simulink, MATLAB, C, STEP, DXF, ParaView..."""
+    """Write a stage for Simulink, FMI, C, CAD and other tools."""
     wanted = _formats(to)
     if fmi not in _FMI:
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")

@@ -87,7 +87,10 @@ def frf(
         typer.Option(metavar="FREQUENCY", help='Distance of the lines, such as "0.5 Hz".'),
     ] = None,
     segment: Annotated[
-        int | None, typer.Option(min=8, help="Samples of a segment, in place of --resolution.")
+        int | None,
+        typer.Option(
+            metavar="NUMBER", min=8, help="Samples of a segment, in place of --resolution."
+        ),
     ] = None,
     window: Annotated[
         str, typer.Option(metavar="NAME", help="Window of random segments: hann, hamming...")
@@ -95,8 +98,9 @@ def frf(
     exponential: Annotated[
         float | None,
         typer.Option(
+            metavar="SHARE",
             help="Of a hammer: what is left of an exponential window at the end of a hit; the "
-            "damping that it adds is taken off again."
+            "damping that it adds is taken off again.",
         ),
     ] = None,
     band: Annotated[
@@ -168,7 +172,7 @@ def frf(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Estimate frequency responses from records, and fit modes to them."""
+    """Estimate frequency responses and fit modes."""
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,

@@ -67,7 +67,7 @@ def hinges(
     plane: PlaneOption = "auto",
     as_json: JsonOption = False,
 ) -> None:
-    """Show the stiffness of a hinge by every method, and how far it may turn.
+    """Compute stiffness and range of a hinge by every method.
 
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;

@@ -115,7 +115,8 @@ def identify(
         ),
     ] = None,
     damping: Annotated[
-        float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
+        float,
+        typer.Option(metavar="RATIO", min=1e-4, max=0.9, help="Damping ratio of that resonance."),
     ] = 0.01,
     test: Annotated[
         list[Path] | None,
@@ -168,7 +169,7 @@ def identify(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
+    """Identify hysteresis, lag, creep and resonance of a drive."""
     from flexstage.hysteresis.identification import identify as run
 
     if axis is not None and stage is None:

@@ -106,7 +106,7 @@ def part(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List the faces of a part from a STEP file; find its mass, modes, stiffness and ratio."""
+    """Compute faces, mass, modes and stiffness of a STEP part."""
     from flexstage.errors import StageError
     from flexstage.fem.part import read_step
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces

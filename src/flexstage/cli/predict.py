@@ -95,11 +95,11 @@ def predict(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Tell how well an identified model predicts other records, as it stands.
+    """Test an identified model on other records.
 
-    Nothing is fitted to the samples that are counted. What the drive did before the record, where
-    its creep begins, is estimated from the first samples, until both ends of the range were
-    reached, and these are not counted; `--start` says it where it is known.
+    The model is not fitted again. The motion before the record, from which its creep begins, is
+    estimated from the first samples, until both ends of the range were reached. These samples do
+    not count in the errors. If that motion is known, give it by `--start`.
     """
     before = _start(start)
     file = read_model_file(model)

@@ -37,19 +37,25 @@ _SUCH = {
 }
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
+_SECTION = "Reading files"
 SampleRateOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="RATE",
         help='Samples in a second, such as "200" or "10 kHz"; with commas, one for each file.',
     ),
 ]
 TimeOption = Annotated[
-    str | None, typer.Option(metavar="COLUMN", help="Number or name of the column of time.")
+    str | None,
+    typer.Option(
+        rich_help_panel=_SECTION, metavar="COLUMN", help="Number or name of the column of time."
+    ),
 ]
 FormatOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="NAME",
         help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm, where neither "
         "content nor suffix says it.",
@@ -58,23 +64,35 @@ FormatOption = Annotated[
 DatasetOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="NAME",
         help="Group, variable, array, function or feature of a file that holds several; several "
         "with commas.",
     ),
 ]
 SkipLinesOption = Annotated[
-    int, typer.Option(min=0, help="Lines of a text file to leave out at its start.")
+    int,
+    typer.Option(
+        rich_help_panel=_SECTION,
+        min=0,
+        metavar="NUMBER",
+        help="Lines of a text file to leave out at its start.",
+    ),
 ]
 DelimiterOption = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="What divides the columns of a text file.")
+    str | None,
+    typer.Option(
+        rich_help_panel=_SECTION, metavar="TEXT", help="What divides the columns of a text file."
+    ),
 ]
 DecimalOption = Annotated[
-    str | None, typer.Option(metavar=".|,", help="Decimal sign of a text file.")
+    str | None,
+    typer.Option(rich_help_panel=_SECTION, metavar=".|,", help="Decimal sign of a text file."),
 ]
 LengthUnitOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="UNIT",
         help='Unit of all lengths of a measuring machine, such as "mm", where its report does not '
         "say it.",
@@ -83,12 +101,15 @@ LengthUnitOption = Annotated[
 RowsOption = Annotated[
     str | None,
     typer.Option(
-        metavar="START:STOP", help="Samples to read, counted from 0; either end may be left out."
+        rich_help_panel=_SECTION,
+        metavar="START:STOP",
+        help="Samples to read, counted from 0; either end may be left out.",
     ),
 ]
 ResampleOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="RATE|median",
         help='Put unevenly timed samples onto even times: at a rate such as "10 Hz", no finer than '
         "they are, or at that of the median step; with commas, one for each file.",

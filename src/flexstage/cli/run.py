@@ -75,10 +75,10 @@ def run(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Carry out an experiment plan on an instrument, and evaluate what it gives.
+    """Carry out and evaluate an experiment plan.
 
-    Records are on disk while they are taken. A run that was interrupted is taken up again by
-    --resume: what is complete is not repeated.
+    Records are written to disk while they are measured. --resume continues an interrupted run:
+    complete steps are not repeated.
     """
     from flexstage.plans import find_plan, plan_stage, read_plan
 

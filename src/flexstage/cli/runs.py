@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flexstage.cli.command import Command, Group
 from flexstage.cli.common import (
     JsonOption,
     console,
@@ -25,7 +26,8 @@ __all__ = ["runs"]
 
 runs = typer.Typer(
     name="runs",
-    help="List what was recorded, show it, enter it, and recover what a crash left behind.",
+    cls=Group,
+    help="List, show, add and recover recorded runs.",
     no_args_is_help=False,
     rich_markup_mode=None,
 )
@@ -67,7 +69,7 @@ def _list(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the runs of the catalogue, the latest first."""
+    """List the runs in the catalogue, latest first."""
     if context.invoked_subcommand is not None:
         given = [n for n, v in (("--stage", stage), ("--serial", serial), ("--kind", kind),
                                 ("--since", since), ("--limit", limit),
@@ -89,7 +91,7 @@ def _list(
         _print_list(found, where)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def show(
     identifier: Annotated[
         str, typer.Argument(metavar="ID", help="The run: its identifier, or how it begins.")
@@ -97,7 +99,10 @@ def show(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Show all that the catalogue knows of a run, and whether its file is as it was."""
+    """Show the catalogue's entry of a run.
+
+    Checks whether its file has changed since it was entered.
+    """
     from flexstage.instruments.catalogue import Catalogue
 
     with Catalogue.open(catalogue) as opened:
@@ -126,7 +131,7 @@ def show(
     screen.print(table)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def add(
     folders: Annotated[
         list[Path],
@@ -137,7 +142,10 @@ def add(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Enter the runs of folders: those that could not be entered when they were made."""
+    """Enter the runs of folders into the catalogue.
+
+    For runs that could not be entered when they were measured.
+    """
     from flexstage.instruments.catalogue import Catalogue, folder_entries
 
     read = [folder_entries(folder) for folder in folders]
@@ -169,7 +177,7 @@ def add(
         raise typer.Exit(1)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def recover(
     file: Annotated[
         Path,
@@ -190,7 +198,10 @@ def recover(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Read what is whole in a stream that a crash left behind, and write it as HDF5."""
+    """Recover the intact part of a stream left by a crash.
+
+    It is written as HDF5.
+    """
     from flexstage.instruments.recording import archived, examine, in_use
 
     found = examine(file)
@@ -237,7 +248,7 @@ def recover(
         screen.print(f"{kept} {file}", markup=False, soft_wrap=True)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def calibrations(
     stage: _Stage = None,
     serial: _Serial = None,
@@ -251,7 +262,7 @@ def calibrations(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the calibrations of the catalogue, the latest first."""
+    """List the calibrations in the catalogue, latest first."""
     from flexstage.instruments.catalogue import Catalogue
 
     time = _time(at)

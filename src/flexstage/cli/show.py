@@ -28,7 +28,7 @@ def show(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw a stage: its bodies, hinges, drives and probes."""
+    """Draw a stage: bodies, hinges, drives and probes."""
     from flexstage.report.figures import FORMATS, draw_stage, encode
 
     described = load_stage(stage)

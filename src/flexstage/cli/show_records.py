@@ -41,7 +41,7 @@ def records(
     decimal: DecimalOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say what is in measured files: columns, units, rate, length, gaps, responses."""
+    """List columns, units, rate and gaps of measured files."""
     from flexstage.records import read_record
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))

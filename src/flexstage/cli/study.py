@@ -64,10 +64,12 @@ def study(
             help="Measure a virtual stage as well, and centre an encoder scale with it.",
         ),
     ] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual stage.")] = 1,
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Seed of the virtual stage.")
+    ] = 1,
     json: JsonOption = False,
 ) -> None:
-    """Run the models of a stage, compare them with what was published, write a report.
+    """Compare all models with published values, in a report.
 
     Writes report.html and results.json.
     """

@@ -85,7 +85,7 @@ def twin(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a simulated stage with its controller, which understands GCS 2.0, until interrupted."""
+    """Run a simulated stage behind a GCS 2.0 controller."""
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
     _check("--identity", identity, _IDENTITIES)

@@ -40,9 +40,12 @@ def uncertainty(
             help="Monte Carlo trials; auto draws until two digits of the uncertainty stand.",
         ),
     ] = "auto",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Seed of the trials.")] = 0,
     confidence: Annotated[
-        float, typer.Option(help="Probability that the intervals hold the value, 0 to 1.")
+        float,
+        typer.Option(
+            metavar="SHARE", help="Probability that the intervals hold the value, 0 to 1."
+        ),
     ] = 0.95,
     figure: Annotated[
         Path | None,
@@ -50,7 +53,7 @@ def uncertainty(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Propagate the uncertainty of a result: budget, GUM interval, Monte Carlo interval."""
+    """Propagate an uncertainty budget by GUM and Monte Carlo."""
     from flexstage.experiment.uncertainty import read_budget, validate
 
     budget = read_budget(file)
