@@ -8,7 +8,45 @@ from typer.core import TyperCommand, TyperGroup
 __all__ = ["FORMER_OPTIONS", "Command", "Group"]
 
 #: Former names of options by command, and the present ones: they still work, and are not listed.
-FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {}
+FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
+    "analyse": {"--out": "--folder"},
+    "study": {
+        "--out": "--folder",
+        "--models": "--model",
+        "--hysteresis": "--identification",
+        "--no-hysteresis": "--no-identification",
+    },
+    "hinges": {"--angle": "--half-angle"},
+    "equations": {"--format": "--to"},
+    "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
+    "excite": {
+        "--rates": "--loop-rates",
+        "--hold": "--hold-time",
+        "--resonance": "--multisine",
+        "--no-resonance": "--no-multisine",
+    },
+    "identify": {
+        "--model": "--hysteresis-model",
+        "--damping": "--damping-ratio",
+        "--test": "--test-record",
+    },
+    "compensate": {
+        "--unit": "--reference-unit",
+        "--limits": "--voltage",
+        "--band": "--reference-bandwidth",
+    },
+    "characterise": {
+        "--out": "--folder",
+        "--models": "--model",
+        "--unit": "--column-unit",
+        "--virtual": "--virtual-seed",
+    },
+    "frf": {"--modes": "--fit-modes", "--delay": "--fit-delay", "--lag": "--fit-lag"},
+    "run": {"--out": "--folder", "--steps": "--only"},
+    "twin": {"--rate": "--servo-rate"},
+    "runs": {"--kind": "--test", "--serial": "--serial-number"},
+    "calibrations": {"--serial": "--serial-number", "--at": "--valid-at"},
+}
 
 
 class Command(TyperCommand):
@@ -16,13 +54,7 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put present names of options in place of former ones, and parse."""
-        former = FORMER_OPTIONS.get(self.name or "", {})
-        end = args.index("--") if "--" in args else len(args)
-        for i, word in enumerate(args[:end]):
-            name, sign, value = word.partition("=")
-            if name in former:
-                args[i] = former[name] + sign + value
-        return super().parse_args(ctx, args)
+        return super().parse_args(ctx, _present(self.name, args))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the words of the usage line: optional arguments are in brackets."""
@@ -48,6 +80,12 @@ class Command(TyperCommand):
 class Group(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put present names of options in place of former ones, and parse."""
+        # what stands behind the name of a command is for that to read
+        own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
+        return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the first paragraph of the help of each command, section by section."""
         sections: dict[str, list[tuple[str, str]]] = {}
@@ -61,6 +99,17 @@ class Group(TyperGroup):
         for title, rows in sections.items():
             with formatter.section(title):
                 formatter.write_dl([(name.ljust(width), sentence) for name, sentence in rows])
+
+
+def _present(command: str | None, words: list[str]) -> list[str]:
+    """The words of a command line with the present names of its options."""
+    former = FORMER_OPTIONS.get(command or "", {})
+    end = words.index("--") if "--" in words else len(words)
+    made = list(words)
+    for i, word in enumerate(words[:end]):
+        name, sign, value = word.partition("=")
+        made[i] = former.get(name, name) + sign + value
+    return made
 
 
 def arguments(parameters: list[Any]) -> list[Any]:

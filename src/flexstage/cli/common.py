@@ -19,9 +19,16 @@ if TYPE_CHECKING:
     from flexstage.stage import Stage
 
 __all__ = [
+    "AxisOption",
+    "CurrentOption",
+    "InputUnitOption",
     "JsonOption",
     "ModelOption",
+    "ModelsOption",
+    "OutputUnitOption",
     "PlaneOption",
+    "QuietOption",
+    "SlewOption",
     "StageArgument",
     "console",
     "count",
@@ -31,6 +38,7 @@ __all__ = [
     "folder_option",
     "load_stage",
     "make_table",
+    "model_names",
     "name_for_files",
     "output_path",
     "print_json",
@@ -40,10 +48,10 @@ __all__ = [
     "write_file",
 ]
 
+#: Work that is shorter says nothing of its progress where standard error is no terminal [s].
+_SILENT = 5.0
 _IMAGES = (".svg", ".png", ".pdf")
 _AS_PICTURE = "(.svg, .png or .pdf)"
-#: Time between two lines of progress where standard error is no terminal, and before the first [s].
-_SILENT = 10.0
 
 
 def designs_like(incomplete: str) -> list[str]:
@@ -77,20 +85,52 @@ StageArgument = Annotated[
         help="A stage file, or the name of a built-in design.",
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
+]
 ModelOption = Annotated[
     str,
     typer.Option(
         metavar="NAME",
         help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: in three dimensions.",
+        "elements in the plane; solid: finite elements in three dimensions.",
     ),
+]
+ModelsOption = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+        "elements in the plane; solid: finite elements in three dimensions; several separated by "
+        "commas, or all.",
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
+]
+AxisOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Axis of the stage (default: the first).")
+]
+InputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V" or "N".')
+]
+OutputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um" or "m/s^2".')
+]
+SlewOption = Annotated[
+    str | None,
+    typer.Option(metavar="SLOPE", help='Largest slope of the voltage, such as "2000 V/s".'),
+]
+CurrentOption = Annotated[
+    str | None,
+    typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
 ]
 PlaneOption = Annotated[
     str,
     typer.Option(
         metavar="auto|stress|strain",
-        help="Plane state of the notches; auto chooses by width against neck.",
+        help="Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
 
@@ -211,7 +251,7 @@ def figure_option(help: str) -> Any:
 
 
 def folder_option(help: str) -> Any:
-    """Return the option `--out` of a folder: where a command writes several files.
+    """Return the option `--folder`: where a command writes several files.
 
     Parameters
     ----------
@@ -223,7 +263,7 @@ def folder_option(help: str) -> Any:
     typer.models.OptionInfo
         The option; its path is refused before the work where no folder can be.
     """
-    return typer.Option("--out", parser=_folder, metavar="FOLDER", help=help)
+    return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
 
 
 def writable(path: Path) -> Path:
@@ -272,6 +312,31 @@ def _folder(text: str | Path) -> Path:
     path = output_path(text)
     require_writable(path)
     return path
+
+
+def model_names(text: str) -> list[str]:
+    """Return the models that the option `--model` names.
+
+    Parameters
+    ----------
+    text : str
+        Names separated by commas, or all.
+
+    Returns
+    -------
+    list of str
+        The names, each once; whether there is such a model is not checked.
+
+    Examples
+    --------
+    >>> model_names("plane, lumped,plane")
+    ['plane', 'lumped']
+    """
+    if text.strip() == "all":
+        from flexstage.report import MODELS
+
+        return list(MODELS)
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def name_for_files(name: str) -> str:
@@ -419,10 +484,18 @@ def relative(text: str) -> float:
 
 
 @contextmanager
-def progress_bar() -> "Iterator[None]":
-    """Show on standard error how far the work in this block has come, with the time left.
+def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
+    """Show on standard error how far the work in this block has come.
 
-    Where standard error is no terminal, work that takes long writes a line there now and then.
+    On a terminal it is a bar with the time left; else a line where a long phase begins, and one
+    every ten seconds.
+
+    Parameters
+    ----------
+    command : str
+        What works, for the lines.
+    quiet : bool
+        Whether nothing is shown.
 
     Yields
     ------
@@ -430,10 +503,13 @@ def progress_bar() -> "Iterator[None]":
     """
     import sys
 
-    from flexstage.progress import now_and_then, reporting
-
+    if quiet:
+        yield
+        return
     if not sys.stderr.isatty():
-        with reporting(now_and_then(lambda line: typer.echo(line, err=True), _SILENT)):
+        from flexstage.progress import in_lines
+
+        with in_lines(lambda line: typer.echo(line, err=True), command, _SILENT):
             yield
         return
     from rich.console import Console
@@ -444,6 +520,8 @@ def progress_bar() -> "Iterator[None]":
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
+
+    from flexstage.progress import reporting
 
     columns = (
         TextColumn("{task.description:<17}"),

@@ -36,7 +36,7 @@ def equations(
     form: Annotated[
         str,
         typer.Option(
-            "--format",
+            "--to",
             metavar="text|latex|svg",
             help="Plain text, a LaTeX document, or the structural diagram as a drawing.",
         ),
@@ -45,20 +45,21 @@ def equations(
         str,
         typer.Option(
             metavar="auto|symmetry|condense|none",
-            help="How coordinates are reduced for transfer functions; auto takes the symmetry "
-            "where it leaves few enough, and condensation to drives and probes elsewhere.",
+            help="Reduction of the coordinates for transfer functions; auto uses the symmetry of "
+            "the stage if it leaves few enough coordinates, else condensation to drives and "
+            "probes.",
         ),
     ] = "auto",
     axis: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Axis of the transfer function; all where not given."),
+        typer.Option(metavar="NAME", help="Axis of the transfer function (default: all)."),
     ] = None,
     damping: Annotated[
-        str, typer.Option(metavar="rayleigh|hinge|none", help="Kind of damping in the equations.")
+        str, typer.Option(metavar="rayleigh|hinge|none", help="Damping model of the equations.")
     ] = "rayleigh",
     out: Annotated[
         Path | None,
-        file_option("Write to a file instead of the terminal."),
+        file_option("Write the equations to a file instead of the terminal."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -66,7 +67,7 @@ def equations(
 
     Energies, Lagrange's equations, the matrices M, C and K, and transfer functions.
     """
-    _one_of("--format", form, _FORMATS)
+    _one_of("--to", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)
     described = load_stage(stage)

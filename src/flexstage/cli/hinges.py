@@ -43,20 +43,21 @@ def hinges(
         str, typer.Option(metavar="LENGTH", help='Width of the hinge, such as "10 mm".')
     ] = "10 mm",
     material: Annotated[
-        str, typer.Option(metavar="NAME", help="A material of the catalogue.")
+        str, typer.Option(metavar="NAME", help="Name of a material in the catalogue.")
     ] = "Al 7075-T6",
     radius: Annotated[
         str | None,
         typer.Option(metavar="LENGTH", help="Radius of a circular notch, or of the fillets."),
     ] = None,
     length: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Length of the whole notch.")
+        str | None, typer.Option(metavar="LENGTH", help="Total length of the notch.")
     ] = None,
     depth: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on a side.")
+        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on one side.")
     ] = None,
-    angle: Annotated[
-        str | None, typer.Option(metavar="ANGLE", help="Half opening angle of a v notch.")
+    half_angle: Annotated[
+        str | None,
+        typer.Option(metavar="ANGLE", help='Half opening angle of a v notch, such as "30 deg".'),
     ] = None,
     exponent: Annotated[
         float | None, typer.Option(metavar="N", help="Exponent of a power notch.")
@@ -70,8 +71,8 @@ def hinges(
     """Compute stiffness and range of a hinge by every method.
 
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
-    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
-    power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
+    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
+    power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
     """
     from flexstage.material import material as find_material
     from flexstage.units import parse
@@ -80,7 +81,7 @@ def hinges(
         "radius": radius,
         "length": length,
         "depth": depth,
-        "angle": angle,
+        "half-angle": half_angle,
         "exponent": None if exponent is None else str(exponent),
     }
     if profile == "circular" and not any(given.values()):
@@ -105,7 +106,7 @@ _OPTIONS = {
     "leaf_length": "length",
     "half_length": "length",
     "notch_depth": "depth",
-    "half_opening_angle": "angle",
+    "half_opening_angle": "half-angle",
     "exponent": "exponent",
 }
 
@@ -133,7 +134,7 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
         if option == "exponent":
             values[name] = float(str(text))
         else:
-            size = parse(text, "angle" if option == "angle" else "length")
+            size = parse(text, "angle" if option == "half-angle" else "length")
             values[name] = 0.5 * size if name == "half_length" else size
     return cls(neck_thickness=parse(neck, "length"), one_sided=one_sided, **values)
 

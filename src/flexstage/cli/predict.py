@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    InputUnitOption,
     JsonOption,
+    OutputUnitOption,
     console,
     figure_option,
     make_table,
@@ -50,37 +52,33 @@ __all__ = [
 def predict(
     model: Annotated[
         Path,
-        typer.Argument(metavar="MODEL", help="A model that `flexstage identify --out` wrote."),
+        typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
     ],
     records: Annotated[
         list[Path],
         typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
     ],
     input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
+        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
     ],
     output: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
     ] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
-    input_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
-    ] = None,
-    output_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um".')
-    ] = None,
+    input_unit: InputUnitOption = None,
+    output_unit: OutputUnitOption = None,
     start: Annotated[
         str,
         typer.Option(
             metavar="auto|rested|TIME",
-            help="What the drive did before the record: rest at the first command, or move for so "
-            'long, such as "30 s" or inf, since it left the low end of its range; auto takes what '
-            "comes nearest over the samples that are not counted.",
+            help="State before the record: rested at the first command, or in motion for a time, "
+            'such as "30 s" or inf, since the low end of the range; auto estimates it from the '
+            "first samples.",
         ),
     ] = "auto",
     rows: RowsOption = None,

@@ -24,7 +24,7 @@ def show(
     stage: StageArgument,
     out: Annotated[
         Path | None,
-        file_option("A .svg, .png or .pdf file; NAME.svg where not given."),
+        file_option("Write the drawing (.svg, .png or .pdf; default: NAME.svg)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:

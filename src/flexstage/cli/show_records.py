@@ -17,7 +17,6 @@ from flexstage.cli.records import (
     TimeOption,
     column,
     file_rates,
-    row_range,
 )
 from flexstage.errors import RecordError
 
@@ -43,6 +42,7 @@ def records(
 ) -> None:
     """List columns, units, rate and gaps of measured files."""
     from flexstage.records import read_record
+    from flexstage.records.rows import row_range
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     found = []
