@@ -92,7 +92,7 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("study", "parallelogram", "--models", "lumped", "--out", "d", "--json")
+    words = ("study", "parallelogram", "--model", "lumped", "--folder", "d", "--json", "-q")
     assert run(*words, *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
@@ -147,7 +147,7 @@ def test_every_model_of_a_stage_side_by_side(
 
 
 def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json")
+    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json", "--quiet")
     assert run("analyse", "parallelogram", *words) == 0
     captured = capsys.readouterr()
     assert captured.err == ""

@@ -38,20 +38,21 @@ def hinges(
         str, typer.Option(metavar="LENGTH", help='Width of the hinge, such as "10 mm".')
     ] = "10 mm",
     material: Annotated[
-        str, typer.Option(metavar="NAME", help="A material of the catalogue.")
+        str, typer.Option(metavar="NAME", help="Name of a material in the catalogue.")
     ] = "Al 7075-T6",
     radius: Annotated[
         str | None,
         typer.Option(metavar="LENGTH", help="Radius of a circular notch, or of the fillets."),
     ] = None,
     length: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Length of the whole notch.")
+        str | None, typer.Option(metavar="LENGTH", help="Total length of the notch.")
     ] = None,
     depth: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on a side.")
+        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on one side.")
     ] = None,
-    angle: Annotated[
-        str | None, typer.Option(metavar="ANGLE", help="Half opening angle of a v notch.")
+    half_angle: Annotated[
+        str | None,
+        typer.Option(metavar="ANGLE", help='Half opening angle of a v notch, such as "30 deg".'),
     ] = None,
     exponent: Annotated[
         float | None, typer.Option(metavar="N", help="Exponent of a power notch.")
@@ -62,11 +63,11 @@ def hinges(
     plane: PlaneOption = "auto",
     as_json: JsonOption = False,
 ) -> None:
-    """Show the stiffness of a hinge by every method, and how far it may turn.
+    """Compute stiffness and range of a hinge by every method.
 
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
-    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
-    power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
+    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
+    power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
     """
     from flexstage.hinges import hinge_figures
     from flexstage.material import material as find_material
@@ -75,7 +76,7 @@ def hinges(
         "radius": radius,
         "length": length,
         "depth": depth,
-        "angle": angle,
+        "half-angle": half_angle,
         "exponent": None if exponent is None else str(exponent),
     }
     if profile == "circular" and not any(given.values()):
@@ -102,7 +103,7 @@ _OPTIONS = {
     "leaf_length": "length",
     "half_length": "length",
     "notch_depth": "depth",
-    "half_opening_angle": "angle",
+    "half_opening_angle": "half-angle",
     "exponent": "exponent",
 }
 
@@ -132,7 +133,7 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
         else:
             size = (
                 parse(str(text), "angle")
-                if option == "angle"
+                if option == "half-angle"
                 else positive_length(str(text), f"--{option}")
             )
             values[name] = 0.5 * size if name == "half_length" else size

@@ -23,7 +23,7 @@ _UM = 1e6
 def run_experiments(
     stage: Stage, system: MechanicalSystem
 ) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that has a piezo stack with a voltage range.
+    """Identify and compensate each axis of a stage that is driven by a piezo stack.
 
     Parameters
     ----------
@@ -36,13 +36,20 @@ def run_experiments(
     -------
     tuple of dict
         Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
-        such a stack.
+        a stack.
     """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
-    driven = [a.name for a in stage.axes if _has_stack(stage, a.drive)]
+    stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
+    stacks = {name: d for name, d in stacks.items() if isinstance(d, PiezoStack)}
+    driven = [name for name, stack in stacks.items() if stack.voltage_range is not None]
     made: dict[str, AxisExperiment] = {}
-    left_out: dict[str, str] = {}
+    left_out = {
+        name: f"drive '{stack.name}' has no voltage range: add it to the drive in the stage file, "
+        "as in 'voltage_range: [0 V, 120 V]'"
+        for name, stack in stacks.items()
+        if stack.voltage_range is None
+    }
     for i, axis in enumerate(driven):
         with share(i / len(driven), (i + 1) / len(driven)):
             try:
@@ -50,11 +57,6 @@ def run_experiments(
             except FlexstageError as error:  # as of a stage that is not held: the rest stands
                 left_out[axis] = str(error)
     return made, left_out
-
-
-def _has_stack(stage: Stage, drive: str) -> bool:
-    found = stage.drive(drive)
-    return isinstance(found, PiezoStack) and found.voltage_range is not None
 
 
 def hysteresis_section(

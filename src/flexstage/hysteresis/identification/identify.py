@@ -363,7 +363,7 @@ def _passed_over(tried: Mapping[str, _Tried], candidates: Sequence[Candidate]) -
         return ()
     return (
         f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
-        "be made from the model, name one by --model",
+        "be made from the model, name one by --hysteresis-model",
     )
 
 
