@@ -1,4 +1,4 @@
-"""The manual: Sphinx with MyST, and a reference page for every room that exists."""
+"""The manual: Sphinx with MyST, and a page for the API of every subpackage."""
 
 import importlib.util
 from pathlib import Path
@@ -25,7 +25,7 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_custom_sections = ["Validity", "Equation", "Source"]
 
-# Rooms may each have a class of one name, such as Estimate: the link goes to the first of them.
+# Subpackages may each have a class of one name, such as Estimate: the link goes to the first.
 suppress_warnings = ["ref.python"]
 
 html_theme = "alabaster"
@@ -36,11 +36,37 @@ html_theme_options = {
     "description": "Flexure stages: design, verify, identify, drive",
     "page_width": "1180px",
     "body_max_width": "none",
+    "show_powered_by": False,
+    "show_relbar_bottom": True,
+    "font_family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif",
+    "head_font_family": "system-ui, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif",
+    "code_font_family": "ui-monospace, Consolas, 'DejaVu Sans Mono', monospace",
+    # The colours are variables of `_static/custom.css`, which has them for light and dark.
+    **dict.fromkeys(("base_bg", "body_bg"), "var(--page)"),
+    **dict.fromkeys(
+        ("base_text", "body_text", "sidebar_header", "sidebar_text", "sidebar_link", "gray_1",
+         "sidebar_list", "narrow_sidebar_fg", "narrow_sidebar_link"),
+        "var(--ink)",
+    ),
+    "link": "var(--link)",
+    "link_hover": "var(--hover)",
+    **dict.fromkeys(("footer_text", "table_border"), "var(--muted)"),
+    **dict.fromkeys(
+        ("gray_2", "narrow_sidebar_bg", "pre_bg", "xref_bg", "code_highlight_bg", "footnote_bg",
+         "topic_bg", "anchor_hover_bg", "highlight_bg", "warn_bg", "note_bg", "admonition_bg",
+         "sidebar_search_button", "admonition_xref_bg"),
+        "var(--soft)",
+    ),
+    **dict.fromkeys(
+        ("hr_border", "gray_3", "sidebar_hr", "relbar_border", "xref_border", "admonition_border",
+         "footnote_border", "anchor", "sidebar_link_underscore", "warn_border", "note_border"),
+        "var(--line)",
+    ),
 }
 
-# The rooms from low to high, and the parts of a room that are not named in its own `__all__`. What
+# The subpackages from low to high, and those parts of one that its own `__all__` does not name. What
 # does not exist yet has no page.
-ROOMS = [
+SUBPACKAGES = [
     "errors", "units", "estimate", "material", "characteristic", "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
@@ -60,26 +86,26 @@ ROOMS = [
 def _exists(name: str) -> bool:
     try:
         spec = importlib.util.find_spec(name)
-    except ModuleNotFoundError:  # the room that it would be a part of
+    except ModuleNotFoundError:  # the subpackage that it would be a part of
         return False
     return spec is not None and spec.origin is not None
 
 
 def write_reference() -> None:
-    """Write one page for each room, and the list of them."""
+    """Write one page for each subpackage, and the list of them."""
     folder = Path(__file__).parent / "reference" / "api"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):
         old.unlink()
-    rooms = [room for room in ROOMS if _exists(f"flexstage.{room}")]
-    for room in rooms:
-        module = f".. automodule:: flexstage.{room}\n   :members:\n   :show-inheritance:"
-        if importlib.util.find_spec(f"flexstage.{room}").submodule_search_locations:
-            # A room shows what its `__all__` names, wherever in the room that lives.
+    names = [name for name in SUBPACKAGES if _exists(f"flexstage.{name}")]
+    for name in names:
+        module = f".. automodule:: flexstage.{name}\n   :members:\n   :show-inheritance:"
+        if importlib.util.find_spec(f"flexstage.{name}").submodule_search_locations:
+            # A package shows what its `__all__` names, in whichever of its modules that is.
             module += "\n   :imported-members:"
-        page = f"# flexstage.{room}\n\n```{{eval-rst}}\n{module}\n```\n"
-        (folder / f"{room}.md").write_text(page, encoding="utf-8")
-    listing = "# The rooms of the library\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(rooms)
+        page = f"# flexstage.{name}\n\n```{{eval-rst}}\n{module}\n```\n"
+        (folder / f"{name}.md").write_text(page, encoding="utf-8")
+    listing = "# API reference\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names)
     (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
 
 

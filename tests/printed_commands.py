@@ -48,10 +48,13 @@ def commands(code: str) -> list[Command]:
     return found
 
 
-def differences(printed: list[str], got: str, *, digits: bool = True) -> list[str]:
+def differences(
+    printed: list[str], got: str, *, digits: bool = True, noise: float = 0.0
+) -> list[str]:
     """Return the printed lines that did not come, in their order; one of '…' stands for any.
 
-    A long line may be folded in print. Without digits any number will do.
+    A long line may be folded in print. Without digits any number will do; with noise one that differs
+    by that share of itself.
     """
     came = " ".join(got.split())
     missed, at = [], 0
@@ -60,7 +63,7 @@ def differences(printed: list[str], got: str, *, digits: bool = True) -> list[st
         if not wanted or wanted == "…" or _RULE.match(line):
             continue
         hits = re.compile(_pattern(wanted)).finditer(came, at)
-        hit = next((h for h in hits if not digits or _near_all(wanted, h)), None)
+        hit = next((h for h in hits if not digits or _near_all(wanted, h, noise)), None)
         if hit is None:
             missed.append(line)
         else:
@@ -77,17 +80,17 @@ def _pattern(wanted: str) -> str:
     return ".*?".join(parts)
 
 
-def _near_all(wanted: str, hit: re.Match[str]) -> bool:
+def _near_all(wanted: str, hit: re.Match[str], noise: float) -> bool:
     pairs = zip(_NUMBER.findall(wanted.replace("…", " ")), hit.groups(), strict=True)
-    return all(_near(a, b) for a, b in pairs)
+    return all(_near(a, b, noise) for a, b in pairs)
 
 
-def _near(wanted: str, came: str) -> bool:
+def _near(wanted: str, came: str, noise: float) -> bool:
     mantissa, _, power = wanted.replace("\N{MINUS SIGN}", "-").partition("e")
     decimals = len(mantissa.partition(".")[2])
     digit = 10.0 ** (int(power or 0) - decimals)
     values = [float(text.replace("\N{MINUS SIGN}", "-")) for text in (wanted, came)]
-    return abs(values[0] - values[1]) <= _DIGIT * digit * (1.0 + 1e-9)
+    return abs(values[0] - values[1]) <= _DIGIT * digit * (1.0 + 1e-9) + noise * abs(values[0])
 
 
 class Shell:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

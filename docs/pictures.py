@@ -1,0 +1,276 @@
+"""The pictures of the index, and those of the pages that no command of the page draws.
+
+``python -m docs.pictures [NAME ...]`` writes them into ``docs/images``; without names all of them.
+"""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.designs import design
+from flexstage.report.figures.style import (
+    CYCLE, FIXED, GRID, INK, MUTED, encode, new_figure,
+)  # fmt: skip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+IMAGES = Path(__file__).parent / "images"
+_MM = 1e3
+_CARD = (3.6, 2.4)
+
+
+def card() -> tuple["Figure", "Axes"]:
+    """A picture of the index: one drawing, no axes."""
+    figure = new_figure(*_CARD)
+    axes = figure.subplots()
+    axes.set_axis_off()
+    return figure, axes
+
+
+def plate(axes: "Axes", *, moved: dict[str, tuple[float, float, float]] | None = None) -> None:
+    """Draw the bodies of the piezo stage, in place or moved about their centres."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.transforms import Affine2D
+
+    from flexstage.report.figures.drawing import fill_of
+    from flexstage.report.figures.shapes import body_shapes
+    from flexstage.stage import mass_properties
+
+    stage = design("vgtu-piezo")
+    masses = mass_properties(stage)
+    for shape in body_shapes(stage):
+        name = shape.body.name
+        x, y, angle = (moved or {}).get(name, (0.0, 0.0, 0.0))
+        place = Affine2D()
+        if moved and name in masses:
+            centre = [_MM * c for c in masses[name].centre]
+            place = place.rotate_around(*centre, angle).translate(_MM * x, _MM * y)
+        fill = fill_of(stage, name)
+        axes.add_patch(
+            PathPatch(
+                shape.path(_MM), facecolor=fill, edgecolor=INK, linewidth=0.4,
+                transform=place + axes.transData, zorder=1 if fill == FIXED else 2,
+            )
+        )  # fmt: skip
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+
+
+def card_stage() -> "Figure":
+    """The piezo stage with its drives and probes."""
+    figure, axes = card()
+    plate(axes)
+    stage = design("vgtu-piezo")
+    for drive in stage.drives:
+        (x0, y0), (x1, y1) = ((_MM * a, _MM * b) for a, b in drive.at)
+        a = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+        to = a[0] + 14.0 * np.cos(drive.direction), a[1] + 14.0 * np.sin(drive.direction)
+        back = 2.0 * a[0] - to[0], 2.0 * a[1] - to[1]
+        arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "lw": 1.8}
+        axes.annotate("", to, back, arrowprops=arrow, zorder=4)
+    for probe in stage.probes:
+        x, y = (_MM * c for c in probe.at)
+        to = x + 22.0 * np.cos(probe.direction), y + 22.0 * np.sin(probe.direction)
+        arrow = {"arrowstyle": "-|>", "color": CYCLE[2], "lw": 1.8}
+        axes.annotate("", to, (x, y), arrowprops=arrow, zorder=4)
+    return figure
+
+
+def card_mode() -> "Figure":
+    """The first mode of the piezo stage, by rigid bodies."""
+    from flexstage.lumped import lumped_system
+    from flexstage.report.figures.mode_shapes import mode_motion
+    from flexstage.system import modes
+
+    stage = design("vgtu-piezo")
+    system = lumped_system(stage)
+    shape = modes(system, drives="removed", count=1).shapes[:, 0]
+    size = 0.008  # largest displacement in the picture [m]
+    motion = mode_motion(system, shape, stage)
+    figure, axes = card()
+    plate(axes, moved={n: (size * x, size * y, size * a) for n, (x, y, a) in motion.items()})
+    return figure
+
+
+def card_hysteresis() -> "Figure":
+    """Loops of a piezo stack within each other."""
+    from flexstage.hysteresis import virtual_stack
+
+    t = np.linspace(0.0, 7.0, 7000)
+    size = np.interp(t, [0.0, 1.0, 7.0], [60.0, 60.0, 10.0])
+    volts = 60.0 - size * np.cos(2.0 * np.pi * t)
+    moved = virtual_stack((0.0, 120.0), 38e-6, 0.16).simulate(volts).values
+    figure, axes = card()
+    axes.plot(volts[1000:], 1e6 * moved[1000:], color=CYCLE[0], linewidth=1.3)
+    return figure
+
+
+def card_response() -> "Figure":
+    """Frequency responses of both axes of the piezo stage, drives removed."""
+    from flexstage.fem import superelement_model
+    from flexstage.system import frequency_response
+
+    system = superelement_model(design("vgtu-piezo")).system
+    f = np.geomspace(60.0, 2000.0, 1200)
+    figure, axes = card()
+    for axis, colour in zip("xy", CYCLE, strict=False):
+        axes.loglog(f, np.abs(frequency_response(system, f, axis, axis).value), color=colour)
+    return figure
+
+
+def card_centring() -> "Figure":
+    """The error of an eccentric scale over a turn, before and after the move."""
+    from flexstage.centring import ARCSEC, exact_error, scale_errors
+
+    theta = np.linspace(0.0, 2.0 * np.pi, 721)
+    own = scale_errors(range(2, 20), 8.0 * ARCSEC, seed=3).at(theta)
+    figure = new_figure(*_CARD)
+    axes = figure.add_subplot(projection="polar")
+    for place, colour in (((50e-6, -20e-6), CYCLE[1]), ((0.0, 0.0), CYCLE[0])):
+        error = (exact_error(theta, place, 50e-3) + own) / ARCSEC
+        axes.plot(theta, error, color=colour, linewidth=1.4)
+    axes.plot(theta, 0.0 * theta, color=MUTED, linewidth=0.8, linestyle="--")
+    axes.set(ylim=(-450.0, 280.0), xticklabels=[], yticklabels=[])
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.spines["polar"].set_color(GRID)
+    return figure
+
+
+def _twin_steps(step: float, dwell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Targets and readings of a staircase of the twin under position control."""
+    from flexstage.instruments.acquire import run_waveform
+    from flexstage.instruments.connect import connect
+    from flexstage.instruments.protocol import Signal
+    from flexstage.instruments.waveform import Waveform
+
+    rate, start = 1000.0, 30e-6
+    levels = [0, 0, 1, 2, 3, 4, 3, 2, 1, 0]
+    target = start + step * np.repeat(levels, round(dwell * rate)).astype(float)
+    twin = connect("twin://vgtu-piezo?model=lumped&seed=3")
+    try:
+        x = twin.axes["x"]
+        x.set_closed_loop(True)
+        x.move_to(start)
+        twin.pause(2.0)
+        wave = Waveform(values={"x": target}, sample_rate_hz=rate, quantity="position")
+        signal = Signal(kind="position", source="x", name="x")
+        record = run_waveform(twin, wave, [signal], rate_hz=rate)
+    finally:
+        twin.close()
+    return record.time, target, record.channel("x").values
+
+
+def card_twin() -> "Figure":
+    """Steps of 50 nm of the twin under position control: target, and what its sensor reads."""
+    time, target, reading = _twin_steps(50e-9, 0.1)
+    figure, axes = card()
+    axes.plot(time, 1e9 * (reading - target[0]), color=CYCLE[0], linewidth=0.7)
+    axes.plot(time, 1e9 * (target - target[0]), color=CYCLE[1], linewidth=1.2)
+    return figure
+
+
+def card_control() -> "Figure":
+    """A spiral of both axes."""
+    from flexstage.control import spiral
+
+    path = spiral(
+        ("x", "y"), (35e-6, 32e-6), 25e-6, 5e-6, sample_rate_hz=1000.0, turn_rate_hz=2.0
+    )  # fmt: skip
+    figure, axes = card()
+    axes.plot(1e6 * path.positions["x"], 1e6 * path.positions["y"], color=CYCLE[0], linewidth=1.2)
+    axes.set_aspect("equal")
+    return figure
+
+
+def _cut() -> dict[str, list[np.ndarray]]:
+    """Lines of the layers of the DXF of the piezo stage [mm]."""
+    import io
+
+    import ezdxf
+    from ezdxf.path import make_path
+
+    from flexstage.export import dxf_files
+
+    (content,) = dxf_files(design("vgtu-piezo"), kerf=0.28e-3).values()
+    drawing = ezdxf.read(io.StringIO(content.decode() if isinstance(content, bytes) else content))
+    found: dict[str, list[np.ndarray]] = {}
+    for entity in drawing.modelspace():
+        if entity.dxftype() in {"LWPOLYLINE", "LINE", "ARC", "CIRCLE"}:
+            points = np.array([(p.x, p.y) for p in make_path(entity).flattening(0.01)])
+            found.setdefault(entity.dxf.layer, []).append(points)
+    return found
+
+
+_LAYERS = {
+    "OUTLINE": INK,
+    "SLOTS": INK,
+    "WIRE_PATH": CYCLE[1],
+    "START_HOLES": CYCLE[0],
+    "LEAD_IN": CYCLE[0],
+}
+
+
+def card_cut() -> "Figure":
+    """The path of the wire about a lever."""
+    figure, axes = card()
+    cut = _cut()
+    for layer, colour in _LAYERS.items():
+        for points in cut[layer]:
+            axes.plot(*points.T, color=colour, linewidth=1.1)
+    axes.set_aspect("equal")
+    axes.set(xlim=(-17.0, 14.0), ylim=(-18.0, 2.6))
+    return figure
+
+
+def guide() -> "Figure":
+    """The guide of the first tutorial, as `flexstage show` draws it."""
+    import re
+    import tempfile
+
+    from flexstage.report.figures import draw_stage
+    from flexstage.stage import read_stage
+
+    page = Path(__file__).parent / "tutorials" / "first-stage.md"
+    text = re.search(r"```yaml\n(# file: guide.yaml\n.*?)```", page.read_text("utf-8"), re.DOTALL)
+    assert text is not None
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "guide.yaml"
+        file.write_text(text[1], "utf-8")
+        return draw_stage(read_stage(file))
+
+
+def piezo_stage() -> "Figure":
+    """The piezo stage of the study, as `flexstage show` draws it."""
+    from flexstage.report.figures import draw_stage
+
+    return draw_stage(design("vgtu-piezo"))
+
+
+#: Every picture that is made here, by the name of its file in `docs/images`.
+PICTURES: dict[str, Callable[[], "Figure"]] = {
+    "card-stage": card_stage,
+    "card-mode": card_mode,
+    "card-hysteresis": card_hysteresis,
+    "card-response": card_response,
+    "card-centring": card_centring,
+    "card-twin": card_twin,
+    "card-control": card_control,
+    "card-cut": card_cut,
+    "guide": guide,
+    "vgtu-piezo": piezo_stage,
+}
+
+
+def main(names: list[str]) -> None:
+    """Write the pictures."""
+    for name in names or list(PICTURES):
+        (IMAGES / f"{name}.png").write_bytes(encode(PICTURES[name](), "png"))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
