@@ -134,7 +134,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
         axes,
         title
         or f"{number(area.value)} ± {_short(area.expanded)} µm², off square by "
-        f"{number(angle.value)} ± {_short(angle.expanded)} µrad",
+        f"{number(angle.value)} ± {_short(angle.expanded)} µrad (statistical)",
     )
     return figure
 
