@@ -208,9 +208,9 @@ def _with_estimates(
             known.append(_left(steps, key))
         rows.append(replace(row, uncertainty=max(known) if known else None))
     words = (
-        f"Mesh refined until {quantity} was known to {estimate(steps, quantity):.2g} of itself "
-        f"(asked for: {accuracy:.2g}); uncertainties come from the changes between meshes, and do "
-        "not hold errors of geometry, material or support."
+        f"Mesh refined until {quantity} converged to {100.0 * estimate(steps, quantity):.2g} % "
+        f"(requested: {100.0 * accuracy:.2g} %); uncertainties come from the changes between "
+        "meshes, and do not include errors of geometry, material or supports."
     )
     return replace(
         analysis,

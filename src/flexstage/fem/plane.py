@@ -108,8 +108,9 @@ def plane_model(
         settings,
         name="plane",
         validity=(
-            f"Plane finite elements: notches in plane {words} (plane strain from five necks of "
-            "width on), bodies in plane stress; motion out of the plane is left out.",
+            f"Plane finite elements: plane {words} at the notches (plane strain where the "
+            "width is at least 5 neck thicknesses), bodies in plane stress; motion out of the "
+            "plane is left out.",
             *common_validity(stage, faces.held),
         ),
         choices={

@@ -232,7 +232,7 @@ def _said(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
     stiffer = (path.force[-1] / path.displacement[-1]) / axis.input_stiffness - 1.0
     return (
         f"Over the full stroke of {axis.axis}, with finite displacements: the ratio is "
-        f"{_percent(path.ratio_change)} of itself from that at rest, the force "
+        f"{_percent(path.ratio_change)} from that at rest, the force "
         f"{_percent(stiffer)} from the linear one, and the natural frequency of the axis "
         f"{_percent(rise)} at the end."
     )

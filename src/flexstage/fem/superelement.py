@@ -241,9 +241,10 @@ def superelement_model(
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in placed for n in p.part.necks})) or "stress"
     validity = (
-        f"Plane finite elements of each body, condensed to its necks: notches in plane {planes} "
-        "(plane strain from five necks of width on), bodies in plane stress; motion out of the "
-        "plane is left out. Modes that bend single bodies are up to 3 % high.",
+        f"Plane finite elements of each body, condensed to its necks: plane {planes} at the "
+        "notches (plane strain where the width is at least 5 neck thicknesses), bodies in plane "
+        "stress; motion out of the plane is left out. Modes that bend single bodies are up to 3 % "
+        "high.",
         *common_validity(stage, held),
     )
     choices = {

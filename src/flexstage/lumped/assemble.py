@@ -304,7 +304,8 @@ def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) ->
         "transmission ratio is 2.5 to 4.5 % large and its first frequencies are 1 to 2.5 % high; "
         "motion across the axis, which comes from bending of the platform, is far too small.",
         "Plane motion only: modes out of the plane are left out.",
-        f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",
+        f"Plane {' and '.join(planes)} at the notches (plane strain where the width is at least "
+        "5 neck thicknesses).",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
     ]
     if method not in WITH_ROOTS:

@@ -76,15 +76,15 @@ class CentringTrial:
     angles: tuple[Array, Array]
 
 
-def run_measurement(stage: "Stage", references: Characteristics, *, seed: int) -> Measurement | str:
-    """Measure a virtual stage, and compare.
+def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
+    """Measure a virtual stage.
+
+    It is made from published values and random errors, so that its figures are compared with none.
 
     Parameters
     ----------
     stage : Stage
         The stage.
-    references : Characteristics
-        Rows of models and publications.
     seed : int
         Seed of the virtual stage and of its measurement.
 
@@ -101,7 +101,7 @@ def run_measurement(stage: "Stage", references: Characteristics, *, seed: int) -
         found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     except FlexstageError as error:
         return str(error)
-    return set_beside(found, stage, references)
+    return set_beside(found, stage, Characteristics())
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
@@ -218,6 +218,7 @@ def _with_spread(estimate: "Estimate", factor: float) -> str:
 
 def _resonances(found: Measurement) -> Iterator[str]:
     published = Characteristics(() if found.stage is None else found.stage.published)
+    estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
     for i, result in enumerate(found.found.results):
         fit = result.details.get("fit")
         if fit is None or not fit.modes:
@@ -226,7 +227,13 @@ def _resonances(found: Measurement) -> Iterator[str]:
         rows = published.select("natural_frequency_hz", axis, "published-measured")
         known = rows[0].value if rows else None
         svg = inline_svg(
-            draw_resonance(fit, title=axis, label="simulated measurement", published_hz=known),
+            draw_resonance(
+                fit,
+                axis=axis,
+                label="simulated measurement",
+                frequency_hz=estimates.get(("natural_frequency_hz", axis)),
+                published_hz=known,
+            ),
             f"resonance-{i}", f"resonance of {axis}",
         )  # fmt: skip
         agree = (

@@ -138,7 +138,8 @@ def front_page(study: "Study") -> str:
 
 def _marked(sentence: str) -> str:
     """Set off the words before the colon that a sentence begins with."""
-    return re.sub(r"^([^:]{3,40}):", r"<b>\1:</b>", escape(sentence))
+    bold = re.sub(r"^([^:]{3,40}):", r"<b>\1:</b>", escape(sentence))
+    return bold.replace(" %", "\u00a0%")
 
 
 def _curves(study: "Study") -> Iterator[str]:

@@ -109,27 +109,31 @@ def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[s
 
 
 def _table(result: Measurement) -> str:
+    simulated = result.found.campaign.origin == "virtual"
+    # a simulated stage is made from published values and random errors: it tests no model
+    references = () if simulated else result.references
     heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
     heads += "<th>value</th><th>±&nbsp;(95&nbsp;%)</th>"
-    for origin in result.references:
+    for origin in references:
         heads += f"<th>{escape(column_title(origin))}</th>"
-    simulated = result.found.campaign.origin == "virtual"
     here = "simulated measurement" if simulated else "measured here"
     groups = f'<th></th><th></th><th colspan="2">{here}</th>'
-    published = [o for o in result.references if o.startswith("published")]
-    models = [o for o in result.references if not o.startswith("published")]
+    published = [o for o in references if o.startswith("published")]
+    models = [o for o in references if not o.startswith("published")]
     for title, origins in (("published", published), ("computed here", models)):
         if origins:
             groups += f'<th colspan="{len(origins)}">{title}</th>'
     lines, before = [], ""
     for row in result.rows:
         opening = '<tr class="next">' if row.figure.quantity != before else "<tr>"
-        lines.append(f"{opening}{_cells(row, result.references)}</tr>")
+        lines.append(f"{opening}{_cells(row, references)}</tr>")
         before = row.figure.quantity
     key = (
         "<p>Small print: (measured − reference)/reference; * = larger than its 95 % uncertainty. "
         "A model or a publication that states no uncertainty counts as exact.</p>"
-        if result.references
+        if references
+        else "<p>Simulated, not measured: no figure is compared with a model or a publication.</p>"
+        if simulated
         else ""
     )
     return (
@@ -207,7 +211,7 @@ def _motion(result: TestResult, key: str) -> str:
     if curves is None:
         return ""
     axis = result.test.axis
-    plots = [
+    plots = [  # the legend of the first serves all
         inline_svg(
             draw_motion_error(
                 result.details["stroke"].curve,
@@ -227,6 +231,7 @@ def _motion(result: TestResult, key: str) -> str:
             position_label=f"position {axis}",
             label="rotation" if turning else "distance from the line",
             line="none" if turning else "least_squares",
+            legend=False,
         )
         plots.append(inline_svg(figure, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}"))
     return f'<div class="plots two">{"".join(plots)}</div>'

@@ -69,7 +69,10 @@ def percent(value: float | None) -> str:
     str
         One decimal; empty for none.
     """
-    return "" if value is None else f"{value:+.1f} %".replace("-", "−")
+    if value is None:
+        return ""
+    # a difference that rounds to nothing has no sign
+    return "0.0 %" if abs(value) < 0.05 else f"{value:+.1f} %".replace("-", "−")
 
 
 def characteristics_table(comparison: Comparison, quantities: Collection[str], caption: str) -> str:
@@ -140,8 +143,8 @@ def differences_table(comparison: Comparison) -> str:
     heads = [*_LABEL_HEADS, *[f"<th>{name}</th>" for name in names] * len(comparison.published)]
     lines = []
     for row in shared_rows(comparison.rows):
-        if row.quantity in MANUFACTURE:
-            continue
+        if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
+            continue  # the latter is put into every model
         signed = [
             percent(row.difference_percent(m, c)).removesuffix(" %")
             for c in comparison.published
@@ -258,8 +261,11 @@ def shown_in(row: ComparisonRow) -> Display:
     Returns
     -------
     Display
-        One in which its values are not tiny.
+        One in which its values are not tiny; the usual one where some are published, as it is the
+        one that they are printed in.
     """
+    if any(column.startswith("published") for column in row.cells):
+        return display(row.quantity)
     return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))
 
 

@@ -17,6 +17,7 @@ __all__ = ["draw_bench"]
 
 _MM = 1e3
 _DRIVE, _PROBE = CYCLE[1], CYCLE[2]
+_ALONG = 1e-9  # of a direction, less is across
 
 
 def draw_bench(stage: Stage) -> "Figure":
@@ -43,18 +44,23 @@ def draw_bench(stage: Stage) -> "Figure":
     shapes = body_shapes(stage)
     x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
-    room = 0.34 * size
-    wide, high = x1 - x0 + 2.0 * room, y1 - y0 + 2.0 * room
-    scale = 4.4 / max(wide, high)
-    figure = new_figure(scale * wide, scale * high)
+    box = (x0, y0, x1, y1)
+    ends = [point for probe in stage.probes for point in _reach(probe, box, size)]
+    near = 0.1 * size
+    left, right = (f([e[0] for e in ends], default=x0) for f in (min, max))
+    low, high = (f([e[1] for e in ends], default=y0) for f in (min, max))
+    x_low, x_high = min(x0, left) - near, max(x1, right) + near
+    y_low, y_high = min(y0, low) - near, max(y1, high) + near
+    scale = 4.0 / max(x_high - x_low, y_high - y_low)
+    figure = new_figure(scale * (x_high - x_low), scale * (y_high - y_low))
     axes = figure.subplots()
     axes.set_axis_off()
-    axes.set(xlim=(x0 - room, x1 + room), ylim=(y0 - room, y1 + room), aspect="equal")
+    axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), aspect="equal")
     _outlines(axes, stage)
     for drive in stage.drives:
         _drive(axes, drive, size)
     for probe in stage.probes:
-        _sensor(axes, probe, (x0, y0, x1, y1), size)
+        _sensor(axes, probe, _reach(probe, box, size), size)
     return figure
 
 
@@ -90,38 +96,43 @@ def _drive(axes: "Axes", drive: "Drive", size: float) -> None:
     )  # fmt: skip
 
 
+def _reach(
+    probe: "Probe", box: tuple[float, float, float, float], size: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where the sensor of a probe begins and ends, on its line outside the outline."""
+    x, y = _MM * probe.at[0], _MM * probe.at[1]
+    c, s = math.cos(probe.direction), math.sin(probe.direction)
+    edges = [
+        ((box[2] if c > 0.0 else box[0]) - x) / c if abs(c) > _ALONG else math.inf,
+        ((box[3] if s > 0.0 else box[1]) - y) / s if abs(s) > _ALONG else math.inf,
+    ]
+    start = max(min(edges), 0.0) + 0.07 * size
+    end = start + 0.09 * size
+    return (x + c * start, y + s * start), (x + c * end, y + s * end)
+
+
 def _sensor(
-    axes: "Axes", probe: "Probe", box: tuple[float, float, float, float], size: float
+    axes: "Axes",
+    probe: "Probe",
+    place: tuple[tuple[float, float], tuple[float, float]],
+    size: float,
 ) -> None:
-    """Draw a sensor outside the outline, on the line on which its probe reads."""
+    """Draw a sensor on the line on which its probe reads."""
     from matplotlib.patches import Polygon
 
     x, y = _MM * probe.at[0], _MM * probe.at[1]
     c, s = math.cos(probe.direction), math.sin(probe.direction)
-    reach = [
-        (edge - at) / along
-        for edge, at, along in (
-            (box[2] if c > 0.0 else box[0], x, c),
-            (box[3] if s > 0.0 else box[1], y, s),
-        )
-        if abs(along) > 1e-9
-    ]
-    start = min(r for r in reach if r >= 0.0) if any(r >= 0.0 for r in reach) else 0.0
-    start += 0.07 * size
-    axes.plot((x, x + c * start), (y, y + s * start), color=_PROBE, linewidth=1.0,
-              linestyle=(0, (5, 2)))  # fmt: skip
+    start, end = place
+    axes.plot((x, start[0]), (y, start[1]), color=_PROBE, linewidth=1.0, linestyle=(0, (5, 2)))
     axes.plot(x, y, "o", color=_PROBE, markersize=4)
-    half, length = 0.028 * size, 0.09 * size
-    corners = [
-        (x + c * a - s * b, y + s * a + c * b)
-        for a, b in (
-            (start, half), (start, -half), (start + length, -half), (start + length, half),
-        )
-    ]  # fmt: skip
+    half = 0.028 * size
+    corners = [(px - s * b, py + c * b) for px, py in place for b in (half, -half)]
+    corners[2:] = corners[:1:-1]  # round the box, not across it
     axes.add_patch(Polygon(corners, facecolor=_PROBE, edgecolor=INK, linewidth=0.5))
-    end = start + length
+    beyond = abs(s) > 0.5
+    at = end if beyond else (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]) + half)
     axes.annotate(
-        f"sensor {probe.name}", (x + c * end, y + s * end), fontsize=7.5, color=INK,
-        xytext=(0.0, 5.0 if s >= -0.5 else -5.0), textcoords="offset points",
-        ha="center", va="bottom" if s >= -0.5 else "top", parse_math=False,
+        f"sensor {probe.name}", at, fontsize=7.5, color=INK,
+        xytext=(0.0, -5.0 if s < -0.5 else 5.0), textcoords="offset points", ha="center",
+        va="top" if s < -0.5 else "bottom", parse_math=False,
     )  # fmt: skip

@@ -30,7 +30,8 @@ __all__ = ["draw_stage", "fill_of"]
 
 _MM = 1e3
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
-_LONGEST = 7.2  # longer side of the drawing itself [inch]
+#: Longer side of the drawing itself [inch], with a key beside it and alone.
+_LONGEST, _ALONE = 7.2, 4.2
 
 
 def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
@@ -60,7 +61,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     longest = max(x1 - x0, y1 - y0)
     margin = 0.07 * longest
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
-    per_inch = max(x1 - x0, y1 - y0) / _LONGEST
+    per_inch = max(x1 - x0, y1 - y0) / (_LONGEST if key else _ALONE)
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
     tall = max(height, 3.4)
     width = max(width, 2.5)

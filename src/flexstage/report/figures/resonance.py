@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexstage.estimate import Estimate
 from flexstage.experiment.modal import ModalFit
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 from flexstage.report.quantities import beside
@@ -15,7 +16,12 @@ __all__ = ["draw_resonance", "strongest_output"]
 
 
 def draw_resonance(
-    fit: ModalFit, *, title: str, label: str, published_hz: float | None = None
+    fit: ModalFit,
+    *,
+    axis: str,
+    label: str,
+    frequency_hz: Estimate | None = None,
+    published_hz: float | None = None,
 ) -> "Figure":
     """Draw the magnitude of a response with its strongest mode.
 
@@ -23,10 +29,12 @@ def draw_resonance(
     ----------
     fit : ModalFit
         The fit.
-    title : str
-        What stands above it.
+    axis : str
+        The axis.
     label : str
         What the points are.
+    frequency_hz : Estimate, optional
+        The natural frequency, with all that is uncertain in it [Hz].
     published_hz : float, optional
         A published natural frequency, drawn as an upright line [Hz].
 
@@ -48,16 +56,15 @@ def draw_resonance(
     if published_hz is not None:
         axes.axvline(published_hz, color=INK, linewidth=0.9, linestyle=(0, (5, 2)),
                      label=f"published, measured: {published_hz:.10g} Hz")  # fmt: skip
-    # of several modes, that at which the response is largest
-    mode = max(
-        fit.modes, key=lambda m: float(np.interp(m.frequency_hz.value, f, measured))
-    ).frequency_hz
-    value, spread = beside(mode.value, mode.expanded)
     axes.set_xlim(f[0], f[-1])
     axes.set_xlabel("frequency [Hz]", color=INK)
     axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", color=INK, parse_math=False)
-    axes.legend(loc="lower left", fontsize=7.0, frameon=False, labelcolor=MUTED)
-    entitle(axes, f"{title}: {value} ± {spread} Hz (statistical)")
+    axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
+    title = f"{axis}, {label}"
+    if frequency_hz is not None:
+        value, spread = beside(frequency_hz.value, frequency_hz.expanded)
+        title += f": {value} ± {spread} Hz"
+    entitle(axes, title)
     return figure
 
 
