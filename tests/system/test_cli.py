@@ -299,7 +299,7 @@ def test_work_that_fails_leaves_nothing(
         raise error
 
     # the last thing before the files are written
-    monkeypatch.setattr("flexstage.report.report_html", fail)
+    monkeypatch.setattr("flexstage.report.report_pages", fail)
     assert run("study", "parallelogram", "--models", "lumped", *BRIEFLY) == status
     captured = capsys.readouterr()
     assert captured.out == ""

@@ -70,11 +70,11 @@ def study(
 ) -> None:
     """Compare all models with published values, in a report.
 
-    Writes report.html and results.json.
+    Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
     from flexstage.report import (
         characteristic_row,
-        report_html,
+        report_pages,
         require_writable,
         results_json,
         run_study,
@@ -106,7 +106,7 @@ def study(
     files = write_files(
         directory,
         {
-            "report.html": report_html(result).encode(),
+            **{name: page.encode() for name, page in report_pages(result).items()},
             "results.json": results_json(study_results(result)),
         },
     )

@@ -7,7 +7,7 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.report.comparison import Comparison, ComparisonRow, compare, difference_percent
     from flexstage.report.files import require_writable, write_files
-    from flexstage.report.html import SECTIONS, report_html
+    from flexstage.report.html import SECTIONS, report_html, report_pages
     from flexstage.report.measurement import (
         MeasuredRow,
         Measurement,
@@ -53,6 +53,7 @@ __all__ = [
     "number",
     "positioning_tables",
     "report_html",
+    "report_pages",
     "require_writable",
     "results_json",
     "run_model",

@@ -214,7 +214,7 @@ def run_study(
         with share(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
             made = replace(
                 made,
-                virtual=run_measurement(stage, made.characteristics, seed=seed),
+                virtual=run_measurement(stage, seed=seed),
                 centring=run_centring(stage, seed=seed),
             )
     if not hysteresis:

@@ -7,7 +7,7 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.system.analysis import Analysis, analyse
     from flexstage.system.axis import AxisAnalysis, analyse_axis
-    from flexstage.system.characteristics import axis_characteristics, axis_mode
+    from flexstage.system.characteristics import axis_characteristics, axis_mode, pulsating_limit
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.mechanical import (
         STANDARD_GRAVITY,
@@ -73,6 +73,7 @@ __all__ = [
     "modal_reduction",
     "modes",
     "probe_stiffness",
+    "pulsating_limit",
     "state_space",
     "static_displacements",
     "static_forces",

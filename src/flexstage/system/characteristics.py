@@ -14,7 +14,7 @@ from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
 from flexstage.system.statics import probe_stiffness, static_loads
 
-__all__ = ["axis_characteristics", "axis_mode"]
+__all__ = ["axis_characteristics", "axis_mode", "pulsating_limit"]
 
 
 def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -> int:
@@ -144,12 +144,40 @@ def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
     its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
     """
-    limit, strength = material.fatigue_limit, material.yield_strength
-    if limit is None or strength is None or stress <= 0.0:
+    allowed = pulsating_limit(material)
+    if allowed is None or stress <= 0.0:
         return None
     cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
     note = f"stroke from zero to full and back, Soderberg line{cycles}"
-    return 1.0 / (0.5 * stress / limit + 0.5 * stress / strength), note
+    return allowed / stress, note
+
+
+def pulsating_limit(material: Material) -> float | None:
+    r"""Return the peak stress that fatigue allows when it goes from zero to it and back.
+
+    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
+    mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
+
+    Parameters
+    ----------
+    material : Material
+        The material.
+
+    Returns
+    -------
+    float or None
+        The peak [Pa]; None if fatigue limit or yield strength is unknown.
+
+    Examples
+    --------
+    >>> from flexstage.material import material
+    >>> print(f"{pulsating_limit(material('Al 7075-T6')) / 1e6:.0f} MPa")
+    242 MPa
+    """
+    limit, strength = material.fatigue_limit, material.yield_strength
+    if limit is None or strength is None:
+        return None
+    return 2.0 / (1.0 / limit + 1.0 / strength)
 
 
 def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
