@@ -125,7 +125,7 @@ def test_a_result_without_uncertainty_is_drawn(tmp_path, equation):
     )
     done = run(path, "--figure", picture, "--json")
     assert done.exit_code == 0
-    assert json.loads(done.stdout)["monte_carlo"]["uncertainty"] < 1e-12
+    assert json.loads(done.stdout)["monte_carlo"]["standard_uncertainty"] < 1e-12
     assert "stroke [µm]" in picture.read_text(encoding="utf-8")
 
 
