@@ -1,9 +1,13 @@
-"""Run the benchmarks: `python -m benchmarks [--json] [CASE ...]`."""
+"""Run the benchmarks: `python -m benchmarks [--json] [CASE ...]`.
+
+Results come on standard output at the end; standard error says what runs meanwhile.
+"""
 
 import argparse
 import json
 import platform
 import sys
+import time
 from itertools import groupby
 
 from benchmarks import (
@@ -38,23 +42,56 @@ CASES = {
 }
 
 
+#: How long cases took on two cores beside other work; the others take longer.
+_TAKES = {
+    "analysis": "1.5 minutes",
+    "equations": "1 minute",
+    "exported": "2 minutes",
+    "twin": "1.5 minutes",
+}
+_LONG = "some minutes"
+
+
+def _timed(names: list[str]) -> list[cases.Row]:
+    """Run cases, and say on standard error which one runs, what it has done, and for how long."""
+    _say(f"{len(names)} of {len(CASES)} cases, about so long each on two busy cores:")
+    for name in names:
+        _say(f"  {name:<16}  {_TAKES.get(name, _LONG):<12}  {_what(name)}")
+    rows: list[cases.Row] = []
+    began = time.monotonic()
+    for number, name in enumerate(names, start=1):
+        start = time.monotonic()
+        _say(f"{number}/{len(names)} {name} ...")
+        for row in CASES[name]():
+            rows.append(row)
+            _say(f"    {row.case}: {row.route}: {row.time}")
+        now = time.monotonic()
+        _say(
+            f"{number}/{len(names)} {name}: done in {now - start:.0f} s, {now - began:.0f} s in all"
+        )
+    return rows
+
+
+def _what(name: str) -> str:
+    return (CASES[name].__doc__ or "").splitlines()[0]
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description="Time flexstage against named alternatives."
+    )
     parser.add_argument("names", nargs="*", metavar="CASE", help=", ".join(CASES))
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
     options = parser.parse_args()
     unknown = set(options.names) - set(CASES)
     if unknown:
         parser.error(f"unknown case '{min(unknown)}': expected {', '.join(CASES)}")
-    rows: list[cases.Row] = []
-    for name in options.names or CASES:
-        for row in CASES[name]():
-            rows.append(row)
-            if sys.stderr.isatty():
-                sys.stderr.write(f"\r{row.case}: {row.route}\033[K")
-                sys.stderr.flush()
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")
+    rows = _timed(options.names or list(CASES))
     machine = f"{platform.machine()}, Python {platform.python_version()}"
     if options.json:
         print(

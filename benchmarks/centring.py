@@ -146,7 +146,7 @@ CASES = {"fit": fit, "heads": heads, "turns": turns}
 
 
 def centring() -> Iterator[Row]:
-    """Time all cases."""
+    """Time fits of harmonics and of the eccentricity, and how they grow with heads and turns."""
     for case in CASES.values():
         yield from case()
 

@@ -343,7 +343,7 @@ CASES = {
 
 
 def hysteresis() -> Iterator[Row]:
-    """Time all of these."""
+    """Time steps, stages and batches of every hysteresis model."""
     for case in CASES.values():
         yield from case()
 

@@ -251,7 +251,7 @@ CASES = {"campaigns": campaigns, "budget": budget, "modal": modal}
 
 
 def characterise() -> Iterator[Row]:
-    """Time all cases."""
+    """Time virtual tests by kind, trials of a budget, and modal fits."""
     for case in CASES.values():
         yield from case()
 

@@ -4,6 +4,7 @@ import atexit
 import math
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 
@@ -23,6 +24,11 @@ os.environ["FLEXSTAGE_CACHE"] = _CACHE
 os.environ["FLEXSTAGE_CATALOGUE"] = f"{_CACHE}/catalogue.sqlite"
 os.environ["FLEXSTAGE_STATE"] = f"{_CACHE}/state"
 atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)
+
+
+# What is started behind `&` or `nohup` ignores Ctrl-C, and so do its children; tests send it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)

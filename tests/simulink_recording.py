@@ -1,6 +1,5 @@
 """Builds exported Simulink models in Octave, with stand-ins that record and check every call."""
 
-import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ import numpy as np
 from scipy.io import loadmat, savemat
 
 from flexstage.export.diagram import Block, Diagram, Line
+from tests.octave_program import run_octave
 
-OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 STAND_INS = Path(__file__).parent / "octave"
 _CHAINS = {"hysteresis": "hysteresis", "voltage": "amplifier", "lags": "creep"}
 
@@ -45,18 +44,7 @@ class Recording:
 def octave(folder: Path, code: str, **given: np.ndarray) -> subprocess.CompletedProcess[str]:
     """Run Octave in a folder, with the stand-ins and what is given; `out` is saved as out.mat."""
     savemat(folder / "given.mat", given)
-    (folder / "run_it.m").write_text(
-        f"addpath('{STAND_INS}');\naddpath(pwd);\nload('given.mat');\n{code}\n"
-    )
-    assert OCTAVE is not None
-    return subprocess.run(
-        [OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "run_it.m"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
+    return run_octave(folder, f"addpath('{STAND_INS}');\naddpath(pwd);\nload('given.mat');\n{code}")
 
 
 def write(folder: Path, files: Mapping[str, bytes]) -> None:

@@ -18,6 +18,7 @@ from scipy.io import savemat
 
 from flexstage.errors import RecordError
 from flexstage.records import read_record
+from flexstage.records.unpacked import most_unpacked
 
 U = np.array([0.3, 1.7, 2.9, 0.4, -1.1, 0.2, 5.3])
 JUNK = bytes(np.random.default_rng(17).integers(0, 256, 4000, dtype=np.uint8))
@@ -48,9 +49,9 @@ def npy(array: np.ndarray, *, pickled: bool = False) -> bytes:
     return stream.getvalue()
 
 
-def npz(**arrays: np.ndarray) -> bytes:
+def npz(*, compressed: bool = False, **arrays: np.ndarray) -> bytes:
     stream = io.BytesIO()
-    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    (np.savez_compressed if compressed else np.savez)(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()
 
 
@@ -75,6 +76,11 @@ def datasets(**arrays: object) -> bytes:
 
 def huge(file: h5py.File) -> None:
     file.create_dataset("u", shape=(2**40,), dtype="f8", chunks=(1024,))
+
+
+def large(file: h5py.File) -> None:
+    """Half a gigabyte of which nothing is in the file."""
+    file.create_dataset("u", shape=(2**26,), dtype="f8", chunks=(1024,), compression="gzip")
 
 
 def loops(file: h5py.File) -> None:
@@ -169,6 +175,7 @@ FILES: dict[str, tuple[str, bytes]] = {
     "h5 empty groups": ("a.h5", hdf5(lambda file: file.create_group("a/b/c"))),
     "h5 links": ("a.h5", hdf5(loops)),
     "h5 huge": ("a.h5", hdf5(huge)),
+    "h5 large": ("a.h5", hdf5(large)),
     "h5 of text": ("a.h5", datasets(u=[b"one", b"two", b"three"])),
     "h5 three dimensions": ("a.h5", datasets(u=np.ones((4, 5, 2)))),
     "h5 no samples": ("a.h5", datasets(u=np.zeros(0), y=np.zeros((0, 3)))),
@@ -244,7 +251,7 @@ def test_a_broken_file_is_refused_in_one_sentence(
         (("mat that says too much",), "longer than its variable"),
         (("mat of unequal columns", "h5 unequal columns", "tdms of unequal columns"), "dataset"),
         (("mat of large integers", "h5 large integers"), "beyond 2^53"),
-        (("h5 huge",), "too large to read"),
+        (("h5 huge", "h5 large"), "too large to read"),
         (("tdms cut in the data", "tdms cut by one sample"), "not written to its end"),
         (("npy with infinity", "too large a number"), "is infinite at sample"),
     ],
@@ -255,6 +262,25 @@ def test_the_reason_is_said(tmp_path: Path, names: tuple[str, ...], said: str) -
         (tmp_path / file).write_bytes(content)
         with pytest.raises(RecordError, match=re.escape(said)):
             read_record(tmp_path / file, sample_rate_hz=200.0)
+
+
+def test_a_small_file_is_not_unpacked_to_more_than_memory_should_hold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert most_unpacked(100) == 2**28
+    monkeypatch.setattr("flexstage.records.unpacked._ALWAYS", 2**20)  # packing less takes no time
+    zeros = np.zeros(2**18)
+    (tmp_path / "a.npz").write_bytes(npz(compressed=True, u=zeros))
+    body = struct.pack("<II", 14, 48 + zeros.nbytes)
+    body += struct.pack("<4I", 6, 8, 6, 0) + struct.pack("<4I", 5, 8, zeros.size, 1)
+    body += struct.pack("<HH4s", 1, 1, b"u") + struct.pack("<II", 9, zeros.nbytes)
+    packed = zlib.compress(body + zeros.tobytes(), 1)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    (tmp_path / "a.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
+    for name in ("a.npz", "a.mat"):
+        with pytest.raises(RecordError, match=r"too large to read: \d+ MB from a file of") as error:
+            read_record(tmp_path / name, sample_rate_hz=200.0)
+        assert name in str(error.value)
 
 
 @pytest.mark.parametrize("name", WHOLE)

@@ -115,6 +115,20 @@ def test_tables_and_figure(file, tmp_path):
         assert word in text
 
 
+@pytest.mark.parametrize("equation", ["l * 0", "l * 1"])
+def test_a_result_without_uncertainty_is_drawn(tmp_path, equation):
+    path, picture = tmp_path / "b.yaml", tmp_path / "b.svg"
+    given = "5 nm" if equation == "l * 0" else "0 nm"
+    path.write_text(
+        f"quantity: stroke\nunit: um\nequation: {equation}\n"
+        f"influences:\n  - {{name: l, value: 63.12 um, uncertainty: {given}}}\n"
+    )
+    done = run(path, "--figure", picture, "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["monte_carlo"]["standard_uncertainty"] < 1e-12
+    assert "stroke [µm]" in picture.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -31,7 +31,7 @@ from flexstage.lumped import lumped_system
 from flexstage.report import write_files
 from flexstage.stage import Stage, read_stage
 from tests.c_compiler import compile_program
-from tests.simulink_recording import OCTAVE
+from tests.octave_program import OCTAVE, run_octave
 
 _EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
 _HOSTILE = "*/ #\"'<&>%s \\ äΩ微🔧"
@@ -176,11 +176,7 @@ def test_octave_runs_the_script_of_a_stage_called_sin(tmp_path: Path) -> None:
     files = matlab_files(stage, lumped_system(stage))
     write_files(tmp_path, files)
     code = "warning('off'); stage_sin; printf('%d modes\\n', numel(S.omega));"
-    assert OCTAVE is not None
-    done = subprocess.run(
-        [OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "--eval", code],
-        cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = run_octave(tmp_path, code)
     assert done.returncode == 0, done.stderr
     assert "9 modes" in done.stdout
 

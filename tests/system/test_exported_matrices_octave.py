@@ -1,7 +1,5 @@
 """Octave runs the exported matrices and scripts, and gets what flexstage gets."""
 
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +13,9 @@ from flexstage.export.matlab import matlab_files
 from flexstage.hysteresis import Amplifier, BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from flexstage.system import time_response
+from tests.octave_program import OCTAVE, run_octave
 
-_OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
-pytestmark = pytest.mark.skipif(_OCTAVE is None, reason="Octave is not installed")
+pytestmark = pytest.mark.skipif(OCTAVE is None, reason="Octave is not installed")
 
 _STAGES = {name: design(name) for name in ("vgtu-piezo", "vgtu-mechanical")}
 _SYSTEMS = {name: lumped_system(stage) for name, stage in _STAGES.items()}
@@ -30,17 +28,9 @@ def _octave(folder: Path, model: DynamicModel, script: str, **given: np.ndarray)
     for file, content in matlab_files(stage, model.system, model=model, name="stage").items():
         (folder / file).write_bytes(content)
     savemat(folder / "given.mat", given)
-    (folder / "run_it.m").write_text(
-        f"S = load('stage.mat'); load('given.mat');\n{script}\nsave('-v6', 'out.mat', 'out');\n"
-    )
-    assert _OCTAVE is not None
-    done = subprocess.run(
-        [_OCTAVE, "--no-gui", "--norc", "--no-history", "--quiet", "run_it.m"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+    done = run_octave(
+        folder,
+        f"S = load('stage.mat'); load('given.mat');\n{script}\nsave('-v6', 'out.mat', 'out');",
     )
     assert done.returncode == 0, done.stderr[-2000:]
     found = loadmat(folder / "out.mat", squeeze_me=True)

@@ -17,7 +17,8 @@ from flexstage.hysteresis import Amplifier, BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
-from tests.simulink_recording import OCTAVE, Recording, build, octave, rebuilt, write
+from tests.octave_program import OCTAVE
+from tests.simulink_recording import Recording, build, octave, rebuilt, write
 
 pytestmark = pytest.mark.skipif(OCTAVE is None, reason="GNU Octave is not installed")
 

@@ -19,7 +19,8 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
     Preisach,
 )
-from tests.simulink_recording import OCTAVE, octave
+from tests.octave_program import OCTAVE
+from tests.simulink_recording import octave
 
 pytestmark = pytest.mark.skipif(OCTAVE is None, reason="GNU Octave is not installed")
 

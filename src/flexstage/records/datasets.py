@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns, as_float, complex_parts, labelled
+from flexstage.records.unpacked import require_unpacked
 
 __all__ = ["Leaf", "Tree", "chosen_columns"]
-
-# four gigabytes of floats: a file that says more is damaged, or needs a choice
-_LARGEST = 2**29
 
 _RATE_NAMES = frozenset(
     ("fs", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency")
@@ -100,11 +98,14 @@ class Tree:
         Its single numbers, by path.
     texts : Mapping
         Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading.
+    file_size : int
+        Size of the file [bytes].
     """
 
     leaves: tuple[Leaf, ...]
     numbers: Mapping[str, float] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
+    file_size: int
 
 
 def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
@@ -137,8 +138,8 @@ def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
     if len(lengths) > 1:
         listed = ", ".join(map(str, leaves))
         raise RecordError(f"the datasets {listed} differ in length: choose equally long ones")
-    if sum(leaf.samples * leaf.width for leaf in leaves) > _LARGEST:
-        raise RecordError(f"{_some(leaves)} is too large to read: save a part of it")
+    size = 8 * sum(leaf.samples * leaf.width for leaf in leaves)
+    require_unpacked(size, tree.file_size, _some(leaves))
     columns: list[Column] = []
     notes: list[str] = []
     for leaf in leaves:

@@ -43,7 +43,12 @@ def read_hdf5(path: Path, dataset: str | None = None) -> Columns:
         with h5py.File(str(path), "r") as file:
             walk = _Walk(matlab="MATLAB_class" in _attribute_names(file))
             walk.group("", file, 0)
-            tree = Tree(leaves=tuple(walk.leaves), numbers=walk.numbers, texts=walk.texts)
+            tree = Tree(
+                leaves=tuple(walk.leaves),
+                numbers=walk.numbers,
+                texts=walk.texts,
+                file_size=path.stat().st_size,
+            )
             return chosen_columns(tree, dataset)
     except RecordError:
         raise

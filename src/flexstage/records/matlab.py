@@ -56,6 +56,8 @@ def read_matlab(path: Path, dataset: str | None = None) -> Columns:
             # it warns of a variable that it cannot read, which is missing then and said to be
             warnings.simplefilter("ignore")
             variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
+    except RecordError as error:
+        raise RecordError(f"'{path}': {error}") from error
     except Exception as error:  # a damaged file makes nearly any error there
         raise RecordError(
             f"'{path}' cannot be read as a MATLAB file ({_first_line(error)}): save it again"
@@ -64,7 +66,12 @@ def read_matlab(path: Path, dataset: str | None = None) -> Columns:
     for name, value in variables.items():
         if not name.startswith("__"):
             walk.visit("", name, value, 0)
-    tree = Tree(leaves=tuple(walk.leaves), numbers=walk.numbers, texts=walk.texts)
+    tree = Tree(
+        leaves=tuple(walk.leaves),
+        numbers=walk.numbers,
+        texts=walk.texts,
+        file_size=path.stat().st_size,
+    )
     if walk.unread and not any(leaf.usable for leaf in tree.leaves):
         raise RecordError(
             f"'{path}' holds objects that only MATLAB reads ({', '.join(walk.unread)}): save their "

@@ -8,6 +8,8 @@ followed here first: MathWorks, MAT-File Format, 2019, chapter 1.
 import struct
 import zlib
 
+from flexstage.records.unpacked import most_unpacked, require_unpacked
+
 __all__ = ["require_sound"]
 
 _MATRIX, _COMPRESSED = 14, 15
@@ -16,7 +18,7 @@ _NAMES = (1, 2, 16)
 _TEXT_TYPES = frozenset((1, 2, 3, 4, 16, 17, 18))
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _NUMERIC = range(6, 16)
-_LARGEST = 2**32
+_MOST_ENTRIES = 2**32
 _DEEPEST = 40
 
 
@@ -32,18 +34,22 @@ def require_sound(data: bytes) -> None:
     ------
     ValueError
         It is cut short or damaged; the message says what is wrong.
+    RecordError
+        It unpacks to too much.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("its heading is damaged")
-    position = 128
+    position, unpacked, most = 128, 0, most_unpacked(len(data))
     while position + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, position)
         start, position = position + 8, position + 8 + size
         if position > len(data):
             raise ValueError("it is cut short")
         if kind == _COMPRESSED:
-            inner = _inflated(data[start:position])
+            inner = _inflated(data[start:position], most - unpacked)
+            unpacked += len(inner)
+            require_unpacked(unpacked, len(data), "the whole of its variables")
             walk = _Walk(inner, order)
             kind, start, end, _ = walk.tag(0, len(inner))
             if kind != _MATRIX:
@@ -55,9 +61,10 @@ def require_sound(data: bytes) -> None:
             raise ValueError(f"a variable of the unknown type {kind}")
 
 
-def _inflated(packed: bytes) -> bytes:
+def _inflated(packed: bytes, most: int) -> bytes:
+    """Unpack a variable, and no more than a byte beyond what it may have."""
     try:
-        inner = zlib.decompressobj().decompress(packed, _LARGEST)
+        inner = zlib.decompressobj().decompress(packed, most + 1)
     except zlib.error as error:
         raise ValueError("a compressed variable is damaged") from error
     return inner
@@ -116,7 +123,7 @@ class _Walk:
         count = 1
         for n in shape:
             count *= n
-            if n < 0 or count > _LARGEST:
+            if n < 0 or count > _MOST_ENTRIES:
                 raise ValueError("the dimensions of a variable are damaged")
         *_, at = self.element(at, end, _NAMES)
         if kind in _NUMERIC:

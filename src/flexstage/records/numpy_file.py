@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.datasets import Leaf, Tree, chosen_columns
+from flexstage.records.unpacked import require_unpacked
 
 __all__ = ["read_numpy"]
-
-_LARGEST = 2**32
 
 
 def read_numpy(path: Path, dataset: str | None = None) -> Columns:
@@ -38,7 +37,7 @@ def read_numpy(path: Path, dataset: str | None = None) -> Columns:
         The file is damaged, holds objects, or does not say which columns are meant.
     """
     try:
-        return chosen_columns(_tree(_arrays(path)), dataset)
+        return chosen_columns(_tree(_arrays(path), path.stat().st_size), dataset)
     except RecordError:
         raise
     except Exception as error:  # a damaged file makes nearly any error there
@@ -66,13 +65,12 @@ def _arrays(path: Path) -> dict[str, NDArray]:
             f"'{path}' is an archive of other files than NumPy's, such as a workbook: save the "
             "columns as CSV"
         )
-    if size > _LARGEST:
-        raise RecordError(f"'{path}' is too large to read ({size} bytes): save a part of it")
+    require_unpacked(size, path.stat().st_size, f"'{path}'")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
 
 
-def _tree(arrays: dict[str, NDArray]) -> Tree:
+def _tree(arrays: dict[str, NDArray], file_size: int) -> Tree:
     leaves: list[Leaf] = []
     numbers: dict[str, float] = {}
     texts: dict[str, str] = {}
@@ -86,7 +84,7 @@ def _tree(arrays: dict[str, NDArray]) -> Tree:
             numbers[path] = float(array.reshape(-1)[0])
         else:
             leaves.append(_leaf(parent, name or "column", array))
-    return Tree(leaves=tuple(leaves), numbers=numbers, texts=texts)
+    return Tree(leaves=tuple(leaves), numbers=numbers, texts=texts, file_size=file_size)
 
 
 def _leaf(parent: str, name: str, array: NDArray) -> Leaf:

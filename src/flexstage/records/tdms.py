@@ -47,7 +47,7 @@ def read_tdms(path: Path, dataset: str | None = None) -> Columns:
                     f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
                     "it again"
                 )
-            tree = _tree(file)
+            tree = _tree(file, path.stat().st_size)
             return chosen_columns(tree, dataset)
     except RecordError:
         raise
@@ -69,7 +69,7 @@ def _quiet() -> Iterator[None]:
         log_manager.set_level(level)
 
 
-def _tree(file: Any) -> Tree:
+def _tree(file: Any, file_size: int) -> Tree:
     leaves = []
     texts = {str(k): str(v) for k, v in file.properties.items()}
     for group in file.groups():
@@ -77,7 +77,7 @@ def _tree(file: Any) -> Tree:
         for channel in group.channels():
             if len(channel):
                 leaves.append(_leaf(group.name, channel))
-    return Tree(leaves=tuple(leaves), texts=texts)
+    return Tree(leaves=tuple(leaves), texts=texts, file_size=file_size)
 
 
 def _leaf(group: str, channel: Any) -> Leaf:

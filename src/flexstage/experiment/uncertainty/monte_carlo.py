@@ -277,6 +277,8 @@ def _adaptive(
         u = math.sqrt(float(np.mean(table[:, 1] ** 2)) + float(np.var(table[:, 0])))
         # a fifth of half a digit would be one in a thousand of 0.99, for 30 million trials
         tolerance = max(0.2 * numerical_tolerance(u, digits), _FINEST * u)
+        # nor does rounding fall with the number
+        tolerance = max(tolerance, float(np.spacing(np.abs(table[:, 0]).max())))
         error = 2.0 * table.std(axis=0, ddof=1).max() / math.sqrt(len(parts))
         if error <= tolerance:
             return parts, tolerance

@@ -66,7 +66,8 @@ def _distribution(
     dress(axes)
     tails = 0.5e-3
     ends = np.quantile(drawn.values, (tails, 1.0 - tails))
-    span = max(float(np.ptp(ends)), 1e-12 * abs(drawn.value))
+    # where nothing is uncertain one bar stands in a unit about the value
+    span = max(float(np.ptp(ends)), 1e-12 * abs(drawn.value)) or factor
     edges = np.linspace(ends[0] - 0.06 * span, ends[1] + 0.06 * span, _BINS + 1)
     counts = np.diff(np.searchsorted(drawn.values, edges))
     density = counts / (drawn.trials * np.diff(edges)) * factor
