@@ -775,7 +775,7 @@ def test_records_without_a_response_are_refused() -> None:
     u, y = random_pair(1, 100)
     with pytest.raises(RecordError, match="a record over frequency, got one over time"):
         response_from_record(record(u, y))
-    with pytest.raises(RecordError, match="holds no frequency response"):
+    with pytest.raises(RecordError, match="contains no frequency response"):
         response_from_record(record(u, y, over="frequency"))
     given, _, _ = over_frequency()
     spectrum = over_frequency(**{"kind of 7:+z/3:+x": "cross spectrum"})[0]
