@@ -218,7 +218,7 @@ def test_smallest_steps_are_the_resolution() -> None:
     figure = found.figure("resolution", "y")
     near(figure.estimate, 31e-9, 2e-9)
     assert figure.estimate.note.startswith("mean of the smallest steps")
-    with pytest.raises(RecordError, match=r"test 's': no size of step is told from the noise"):
+    with pytest.raises(RecordError, match=r"test 's': no step size is resolved from the noise"):
         run(test, staircase(1e-10, 4e-9))
 
 

@@ -330,7 +330,7 @@ def test_heat_comes_on_with_the_first_value():
 
 def test_what_has_no_equilibrium_is_said():
     loose = strip(20e-3, 2e-3, shift=1.0)
-    with pytest.raises(ModelError, match="nothing holds the part"):
+    with pytest.raises(ModelError, match="the part is not constrained"):
         follow_load(loose, np.zeros(loose.size), [1.0])
     part = strip(20e-3, 2e-3, held="left")
     with pytest.raises(ModelError, match="degrees of freedom"):

@@ -336,7 +336,7 @@ def test_noise_of_the_virtual_table_is_seeded_and_of_the_size_given() -> None:
         (lambda t, y: cross_calibration(t, y[:1], positions=[0.0], orders=(1,)), "two positions"),
         (
             lambda t, y: cross_calibration(t, y, positions=[0.1] * 4, orders=(1,)),
-            "cannot tell the scales apart",
+            "cannot separate the scales",
         ),
         (
             lambda t, y: self_calibration(

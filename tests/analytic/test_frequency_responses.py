@@ -316,7 +316,7 @@ def test_two_inputs_by_two_periodic_records() -> None:
     np.testing.assert_allclose(h.response[:, 0, 1], delayed, rtol=1e-7)
     with pytest.raises(RecordError, match="2 inputs that repeat together need as many records"):
         estimate_response(records[0], ["a", "b"], "y", excitation="periodic")
-    with pytest.raises(RecordError, match="cannot be told apart"):
+    with pytest.raises(RecordError, match="cannot be separated"):
         estimate_response([records[0]] * 2, ["a", "b"], "y", excitation="periodic")
 
 
@@ -539,7 +539,7 @@ def test_hv_of_many_inputs_is_that_of_one() -> None:
 
 def test_correlated_inputs_are_refused() -> None:
     given, _ = mixed(4, share=0.85)
-    with pytest.raises(RecordError, match="inputs cannot be told apart: the others explain 98"):
+    with pytest.raises(RecordError, match="inputs cannot be separated: the others explain 98"):
         estimate_response(given, ["a", "b"], "x", segment=256, excitation="random")
     with pytest.raises(ModelError, match="H2 is defined for one input"):
         estimate_response(given, ["a", "b"], "x", estimator="H2")
@@ -775,7 +775,7 @@ def test_records_without_a_response_are_refused() -> None:
     u, y = random_pair(1, 100)
     with pytest.raises(RecordError, match="a record over frequency, got one over time"):
         response_from_record(record(u, y))
-    with pytest.raises(RecordError, match="holds no frequency response"):
+    with pytest.raises(RecordError, match="contains no frequency response"):
         response_from_record(record(u, y, over="frequency"))
     given, _, _ = over_frequency()
     spectrum = over_frequency(**{"kind of 7:+z/3:+x": "cross spectrum"})[0]

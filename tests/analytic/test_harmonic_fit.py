@@ -572,7 +572,7 @@ EVEN = np.arange(60) * 2.0 * np.pi / 60
         (EVEN, np.full(60, np.nan), {}, "not finite"),
         (EVEN[:5], EVEN[:5], {"orders": 3}, "too few"),
         (0.7 * EVEN, EVEN, {"orders": 3}, "cover 0.7"),
-        (np.tile(EVEN[::12], 12), np.tile(EVEN[::12], 12), {"orders": 3}, "apart"),
+        (np.tile(EVEN[::12], 12), np.tile(EVEN[::12], 12), {"orders": 3}, "do not separate"),
         (np.zeros(60), EVEN, {}, "did not turn"),
         (EVEN, EVEN[:-1], {}, "row of values"),
         (EVEN, EVEN, {"orders": (0, 1)}, "1 or more"),

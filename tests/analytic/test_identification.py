@@ -229,8 +229,8 @@ def test_errors_of_the_chain_belong_to_the_chain(model):
 def test_one_rate_tells_neither():
     found = identify(chained(1.3, 0.01, 1500, 7, Lag(delay=0.012)), "u", "y", model="dahl")
     (said,) = (w for w in found.warnings if "rate" in w)
-    assert said.startswith("one rate only (1.3 Hz): lag, creep and hysteresis cannot be told apart")
-    assert "what was found of delay and creep belongs to this fit" in said
+    assert said.startswith("one rate only (1.3 Hz): lag, creep and hysteresis cannot be separated")
+    assert "the values of delay and creep belong to this fit" in said
     assert "a second rate" in said
     assert {e.name: e.standard_error for e in found.chain} == {
         "delay": np.inf,

@@ -66,10 +66,10 @@ def test_where_an_axis_stands_counts() -> None:
     wave = voltage(40.0, 41.0)
     step = 900.0 / 70.0
     check_waveform({"x": LIMITS}, wave, start={"x": 40.0 - step, "y": -1e9})
-    with pytest.raises(LimitError, match="stands at 27 V and the waveform begins at 40 V"):
+    with pytest.raises(LimitError, match="is at 27 V and the waveform begins at 40 V"):
         check_waveform({"x": LIMITS}, wave, start={"x": 27.0})
     check_waveform({"x": LIMITS}, wave, start={"x": 27.0}, tolerance=0.2)
-    with pytest.raises(LimitError, match="stands at nan"):
+    with pytest.raises(LimitError, match="reads nan, so its distance"):
         check_waveform({"x": LIMITS}, wave, start={"x": np.nan})
     check_waveform({"x": AxisLimits(voltage=(0.0, 50.0))}, wave, start={"x": 0.0})  # no slew known
 

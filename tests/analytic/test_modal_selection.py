@@ -226,7 +226,7 @@ def test_guessed_modes_are_those_nearest():
     assert mode.frequency_hz.value == pytest.approx(211.7, rel=1e-3)
     assert any("not asked for" in note for note in fit.notes)
     nothing = fit_modes(response(1e-3), frequency_guess=[150.0])
-    assert any("does not stand out of the noise" in note for note in nothing.notes)
+    assert any("does not rise above the noise" in note for note in nothing.notes)
     with pytest.raises(ModelError, match="lie in the band from 20 to"):
         fit_modes(response(1e-3), frequency_guess=[900.0])
 

@@ -172,13 +172,13 @@ def test_modulus_and_necks_trade_against_each_other():
         stage, {(F, "x"): seen(frequency(stage), 0.02)}, parameters=[NECKS, MODULUS]
     )
     assert found.correlation[0, 1] < -0.99
-    assert "hardly tell" in found.unidentified[0]
+    assert "hardly determine" in found.unidentified[0]
     # a modulus that is known leaves the neck alone
     known = dataclasses.replace(MODULUS, spread=1e-5)
     alone = update_stage(stage, {(F, "x"): seen(frequency(stage), 0.02)}, parameters=[NECKS, known])
     assert alone.learned["necks"] > 0.999
     assert alone.unidentified == (
-        "the measured values hardly tell modulus: 100 % of its spread remains",
+        "the measured values hardly determine modulus: 100 % of its spread remains",
     ) or ("modulus" in alone.unidentified[0])
 
 

@@ -199,7 +199,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "gcs two counts": (
         "a.dat",
         replaced(ARRAY, "# NAME0", "# NDATA = 7\n# NAME0"),
-        "says NDATA = 7, a line above NDATA = 3",
+        "has NDATA = 7, and a line above NDATA = 3",
     ),
     "gcs separator": (
         "a.dat",

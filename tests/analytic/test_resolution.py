@@ -298,7 +298,7 @@ def test_verdicts_follow_the_resolution() -> None:
     assert "yes" not in {s.told for s in found.steps[6:]}
     assert found.smallest_told is not None
     assert found.smallest_told.value == pytest.approx(5e-9, abs=0.5e-9)
-    assert found.smallest_told.note == "3 of 3 steps told from none"
+    assert found.smallest_told.note == "3 of 3 steps resolved"
     assert [len(found.sizes), found.samples] == [3, 140]
     assert found.bandwidth_hz == pytest.approx(1000.0 / 280.0)
     assert found.steps[0].probability > 0.999

@@ -228,7 +228,10 @@ def test_what_comes_from_a_run_that_is_not_there_is_refused(catalogue):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: run(1, started=START.replace(tzinfo=None)), "start of a run must say its zone"),
+        (
+            lambda: run(1, started=START.replace(tzinfo=None)),
+            "start of a run must have a time zone",
+        ),
         (lambda: run(1, status="done"), "one of complete, recovered, failed, got 'done'"),
         (lambda: run(1, samples=-1), "a run of -1 samples at 7812.5 Hz is impossible"),
         (lambda: run(1, sample_rate_hz=float("nan")), "impossible"),
@@ -357,7 +360,7 @@ def test_a_database_of_another_program_is_left_alone(address):
     engine = catalogue_engine(address)
     with engine.connect() as connection, connection.begin():
         connection.execute(sa.text("CREATE TABLE runs (kilometres INTEGER)"))
-    with pytest.raises(RecordError, match="tables of another program"):
+    with pytest.raises(RecordError, match="belongs to another program"):
         Catalogue.open(address)
     assert sa.inspect(engine).get_table_names() == ["runs"]
     engine.dispose()

@@ -45,10 +45,10 @@ def test_an_object_of_the_users_own():
 @pytest.mark.parametrize(
     ("address", "sentence"),
     [
-        ("", "is no address of an instrument: write gcs://HOST:PORT"),
-        ("192.168.0.3:50000", "is no address of an instrument"),
-        ("http://host", "is no address of an instrument"),
-        ("gcs://[::1", "is no address of an instrument"),
+        ("", "is not the address of an instrument: write gcs://HOST:PORT"),
+        ("192.168.0.3:50000", "is not the address of an instrument"),
+        ("http://host", "is not the address of an instrument"),
+        ("gcs://[::1", "is not the address of an instrument"),
         ("gcs://", "names no host"),
         ("gcs:///dev/ttyUSB0", "names no host"),
         ("gcs://host:99999999", "port of .* must be a number from 1 to 65535"),
@@ -84,9 +84,9 @@ def test_what_is_neither_an_address_nor_a_gateway_is_refused(thing):
 
 def test_a_stage_must_be_known_to_connect_to_hardware():
     for address in ("gcs://127.0.0.1:1", "serial:///dev/ttyUSB0"):
-        with pytest.raises(ModelError, match="say which stage is connected to it"):
+        with pytest.raises(ModelError, match="needs the stage that is mounted there"):
             connect(address)
-    with pytest.raises(ModelError, match="does not say which stage it is of"):
+    with pytest.raises(ModelError, match="names no stage"):
         connect("twin://")
     with pytest.raises(StageError, match="no built-in design 'nonsense'"):
         connect("twin://nonsense")

@@ -390,7 +390,7 @@ def test_a_waveform_that_begins_elsewhere_is_not_started():
     controller.axes["x"].set_voltage(40.0)
     controller.waves.load(wave(x=[0.0, 1.0, 2.0]))
     script.log.clear()
-    with pytest.raises(LimitError, match="axis 'x' stands at 40 V and the waveform begins at 0 V"):
+    with pytest.raises(LimitError, match="axis 'x' is at 40 V and the waveform begins at 0 V"):
         controller.waves.start()
     assert moved(script.log) == []
 

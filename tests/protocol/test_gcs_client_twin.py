@@ -245,7 +245,7 @@ def test_a_second_client_may_look_and_stop_and_not_move():
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
-        with pytest.raises(ControllerError, match="holds control") as info:
+        with pytest.raises(ControllerError, match="another program controls it") as info:
             second.axes["x"].set_voltage(0.0)
         assert info.value.code == 1005
         first.axes["x"].set_closed_loop(True)

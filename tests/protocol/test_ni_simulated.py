@@ -384,7 +384,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ControllerError, match="no waveform was loaded"):
         instrument.waves.start()
     instrument.waves.load(cosine())
-    with pytest.raises(LimitError, match=r"stands at 0\.4 V and the waveform begins at 6 V"):
+    with pytest.raises(LimitError, match=r"is at 0\.4 V and the waveform begins at 6 V"):
         instrument.waves.start()
     with pytest.raises(LimitError, match="1 time or more"):
         instrument.waves.start(0)

@@ -366,7 +366,7 @@ def test_a_stream_has_its_ending_and_its_folder(tmp_path):
         ({"settings": {"P": 0.1}}, "must be texts by name"),
         ({"identifier": "XYZ"}, "must be 32 hexadecimal digits"),
         ({"started": "yesterday"}, "must be a date and time such as 2"),
-        ({"started": "2031-05-17T09:30:00"}, "must say its zone"),
+        ({"started": "2031-05-17T09:30:00"}, "must have a time zone"),
     ],
 )
 def test_a_run_says_only_what_can_be(words, said):

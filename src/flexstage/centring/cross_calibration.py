@@ -101,7 +101,7 @@ def cross_calibration(
     seen = visibility > blindness
     if not seen.any():
         raise RecordError(
-            "these positions cannot tell the scales apart at any of the orders: turn them by other "
+            "these positions cannot separate the scales at any of the orders: turn them by other "
             "angles"
         )
     power = np.where(seen, phi.size * visibility, 1.0)
@@ -123,7 +123,7 @@ def _check(
 ) -> None:
     if phi.ndim != 1 or phi.size < 2 or not np.isfinite(phi).all():
         raise ModelError(
-            f"two scales are told apart in two positions or more, got {phi.size}: turn one of "
+            f"separating two scales needs two positions or more, got {phi.size}: turn one of "
             "them on the other and measure again"
         )
     if d.ndim != 2 or d.shape[0] != phi.size:

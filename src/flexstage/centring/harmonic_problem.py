@@ -123,7 +123,7 @@ def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     if np.linalg.cond(gram * np.outer(scale, scale)) > _WORST_CONDITION:
         raise RecordError(
-            f"the samples do not tell the harmonics up to order {orders[-1]} apart: more than "
+            f"the samples do not separate the harmonics up to order {orders[-1]}: more than "
             f"{2 * orders[-1]} different angles in a turn are needed, without large gaps; fit "
             "fewer orders"
         )

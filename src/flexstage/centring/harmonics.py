@@ -240,7 +240,7 @@ def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:
     if turns.coverage < _LEAST_COVERAGE:
         raise RecordError(
             f"the samples cover {turns.coverage:.2f} of a turn: {_LEAST_COVERAGE:g} or more are "
-            "needed, as otherwise offset and harmonics cannot be told apart; check the unit of the "
+            "needed, as otherwise offset and harmonics cannot be separated; check the unit of the "
             "angle"
         )
 

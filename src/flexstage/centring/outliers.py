@@ -135,8 +135,8 @@ def without_outliers(
     if near.mean() < 1.0 - _MOST and alone > 0.5 * (near.size - near.sum()):
         raise RecordError(
             f"{near.size - int(near.sum())} of {near.size} samples stand out from the others, "
-            f"{alone} of them alone: that is no handful of outliers; check the columns and their "
-            "units, or fit without naming outliers"
+            f"{alone} of them singly: too many for outliers; check the columns and their units, or "
+            "fit without marking outliers"
         )
     return keep
 

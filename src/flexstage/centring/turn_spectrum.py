@@ -210,7 +210,7 @@ def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
     normal = X.T @ X
     if np.linalg.cond(normal) > _WORST_CONDITION:
         raise RecordError(
-            "the angles do not tell the orders apart: ask for fewer, or sample more evenly"
+            "the angles do not separate the orders: ask for fewer, or sample more evenly"
         )
     inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     solution, *_ = np.linalg.lstsq(X, y.T, rcond=None)

@@ -235,8 +235,8 @@ def compensate(
     notes = [s for a in made for s in (models[a].outside(voltage[a]),) if s]
     if limited:
         notes.append(
-            f"{limited} samples of the motion are out of reach and were led back to what the drive "
-            "reaches: make it smaller, or shift it"
+            f"{limited} samples of the motion are out of range and were limited to the range of "
+            "the drive: reduce the motion, or shift it"
         )
     return Compensation(
         lead_in=lead_in,

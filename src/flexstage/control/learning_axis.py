@@ -151,8 +151,8 @@ class AxisLearner:
         self.drive = own if isinstance(own, DriveModel) else None
         if self.drive is not None and start.quantity != "voltage":
             raise ModelError(
-                "the model of a drive says what voltages do: to learn targets of a control, give "
-                "the response of the closed loop"
+                "the model of a drive describes the effect of voltages: to learn targets of a "
+                "position control, give the response of the closed loop"
             )
         if servo is not None and self.drive is None:
             raise ModelError(

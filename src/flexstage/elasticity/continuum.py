@@ -155,8 +155,8 @@ class Continuum:
             return
         if self.free.all() and not self.shift:
             raise ModelError(
-                "nothing holds the part, so it has no static solution: hold a boundary, or give "
-                "a shift"
+                "the part is not constrained, so it has no static solution: fix a boundary, or "
+                "give a shift"
             )
         with parallel():
             tell("assembly")

@@ -65,8 +65,8 @@ class _Path:
         self.free = np.array(space.FreeDofs(), dtype=bool)
         if self.free.all():
             raise ModelError(
-                "nothing holds the part, so it has no static solution: hold a boundary (a shift "
-                "does not serve finite displacements)"
+                "the part is not constrained, so it has no static solution: fix a boundary (a "
+                "shift does not work with finite displacements)"
             )
         self.vector = self._checked("the row or load", vector)
         self.load = 0.0 if load is None else self._checked("the other load", load)

@@ -104,8 +104,7 @@ def dynamic_model(
     found = modes(system, drives="in place", count=None)
     if not np.all(found.omega > 0.0):
         raise ModelError(
-            f"stage '{system.name}' has a motion without stiffness: hold it before it is handed to "
-            "another program"
+            f"stage '{system.name}' has a motion without stiffness: constrain it before the export"
         )
     kept = found.omega.size if mode_count is None else min(int(mode_count), found.omega.size)
     if kept < 1:

@@ -83,8 +83,8 @@ class Constrained:
         A = A * self._row[:, None]
         if floating and (len(A) < 3 or np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max()) < 3):
             raise ModelError(
-                "a body hangs on no hinge and is not fixed, so it cannot be condensed: join it by "
-                "a hinge, or hold it"
+                "a body has no hinge and is not fixed, so it cannot be condensed: add a hinge, or "
+                "fix it"
             )
         self._column = 1.0 / np.abs(A).max(axis=0, initial=0.0) if len(A) else np.zeros(0)
         A = A * self._column

@@ -254,8 +254,8 @@ def _require_held(stage: Stage) -> None:
     reached = {b.name for b in stage.bodies if b.fixed}
     if not reached:
         raise StageError(
-            f"no body of stage '{stage.name}' is fixed, so nothing holds it against a load: set "
-            "'fixed: true' on the body that is bolted down"
+            f"no body of stage '{stage.name}' is fixed, so it has no support: set 'fixed: true' "
+            "on the body that is bolted down"
         )
     while True:
         more = {n for h in stage.hinges if reached & set(h.bodies) for n in h.bodies} - reached
@@ -265,8 +265,7 @@ def _require_held(stage: Stage) -> None:
     loose = [b.name for b in stage.bodies if b.name not in reached]
     if loose:
         raise StageError(
-            f"body '{loose[0]}' hangs on no hinge that leads to a fixed body, so nothing holds it: "
-            "join it by a hinge, or fix it"
+            f"body '{loose[0]}' is connected to no fixed body by hinges: add a hinge, or fix it"
         )
 
 

@@ -231,7 +231,7 @@ def superelement_model(
     for body in stage.bodies:
         if not body.fixed and not any(body.name in h.bodies for h in stage.hinges):
             raise ModelError(
-                f"body '{body.name}' hangs on no hinge and is not fixed, so it cannot be "
+                f"body '{body.name}' has no hinge and is not fixed, so it cannot be "
                 "condensed: join it by a hinge, or fix it"
             )
     placed = cut_free(stage, settings, plane=plane, modes=modes, supports=supports)

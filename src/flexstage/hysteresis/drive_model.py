@@ -238,5 +238,5 @@ class DriveModel:
         return (
             f"the commands, {readable(self.input_unit, given.min(), given.max())}, go beyond the "
             f"{readable(self.input_unit, low, high)} that the model was identified on, by up to "
-            f"{100.0 * beyond:.2g} % of that range: what it says there is extrapolated"
+            f"{100.0 * beyond:.2g} % of that range: its output there is extrapolated"
         )

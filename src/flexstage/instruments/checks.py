@@ -218,17 +218,17 @@ def _check_start(
     rate, quantity = _rate(limits, waveform.quantity), waveform.quantity
     if not math.isfinite(stands):
         raise LimitError(
-            f"axis '{axis}' stands at {stands}, so that nothing says how far it is from the first "
-            "sample: look at its sensor"
+            f"the {quantity} of axis '{axis}' reads {stands}, so its distance from the first "
+            "sample of the waveform is unknown: check its sensor and cable"
         )
     if rate is None:
         return
     allowed = rate * (1.0 + _ROUNDING) / waveform.sample_rate_hz + more
     if abs(first - stands) > allowed:
         raise LimitError(
-            f"axis '{axis}' stands at {_text(stands, quantity)} and the waveform begins at "
+            f"axis '{axis}' is at {_text(stands, quantity)} and the waveform begins at "
             f"{_text(first, quantity)}: at most {_text(allowed, quantity)} may lie between, so "
-            "lead it there first"
+            "move it there first"
         )
 
 

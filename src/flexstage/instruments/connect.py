@@ -171,8 +171,7 @@ def _twin(
     if stage is None:
         if not name:
             raise ModelError(
-                f"'{address}' does not say which stage it is of: write twin://vgtu-piezo, or give "
-                "the stage"
+                f"'{address}' names no stage: write twin://vgtu-piezo, or give the stage"
             )
         stage = design(name)
     elif name not in ("", stage.name):
@@ -307,9 +306,9 @@ def _wait(timeout: float | None, usual: float = 2.0) -> float:
 
 def _given(stage: Stage | None, address: str) -> Stage:
     if stage is None:
-        raise ModelError(f"to connect to {address}, say which stage is connected to it")
+        raise ModelError(f"connecting to {address} needs the stage that is mounted there: give it")
     return stage
 
 
 def _no_address(address: str) -> str:
-    return f"'{address}' is no address of an instrument: write {_FORMS}"
+    return f"'{address}' is not the address of an instrument: write {_FORMS}"

@@ -160,8 +160,8 @@ class RecordedRun:
             if waited > most:
                 raise ControllerError(
                     f"{self.done} of {self.samples} samples came in {waited:.4g} s, and all should "
-                    f"have come in {expected:.4g} s: the recorder stands still, so look whether it "
-                    "was started and at what rate it records"
+                    f"have come in {expected:.4g} s: check that the recorder was started, and its "
+                    "rate"
                 )
             self.instrument.pause(step)
             waited += step

@@ -164,7 +164,7 @@ def equilibrium(
         except np.linalg.LinAlgError as error:
             raise ModelError(
                 "the mechanism can move without deforming a hinge, so it has no equilibrium: "
-                "hold a body or add a hinge"
+                "fix a body or add a hinge"
             ) from error
         step = solution[:n] * scale
         q = q + step

@@ -191,7 +191,7 @@ def _begun(work: Work, *, resume: bool) -> RunState:
     before = read_state(folder)
     if before is not None and not resume:
         raise PlanError(
-            f"'{folder}' holds a run already: take it up again with --resume, or choose another "
+            f"'{folder}' contains a run already: continue it with --resume, or choose another "
             "folder"
         )
     identity = work.instrument.identity

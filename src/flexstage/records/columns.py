@@ -443,7 +443,7 @@ def _is_rounded(values: NDArray) -> bool:
 def _seconds(values: NDArray, what: str) -> NDArray[np.float64]:
     flat = values.reshape(-1)
     if np.isnat(flat).any():
-        raise RecordError(f"{what} holds a date that is none, at sample {np.isnat(flat).argmax()}")
+        raise RecordError(f"{what} has an invalid date at sample {np.isnat(flat).argmax()}")
     origin = flat[0] if flat.dtype.kind == "M" and flat.size else flat.dtype.type(0, "ns")
     steps = (flat - origin).astype("timedelta64[ns]").astype(np.int64)
     return (steps * 1e-9).reshape(values.shape)

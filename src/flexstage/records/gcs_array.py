@@ -107,8 +107,8 @@ def _heading(lines: Sequence[str]) -> tuple[dict[str, str], int]:
             key, value = found.groups()
             if keys.get(key, value) != value:
                 raise RecordError(
-                    f"line {number + 1} says {key} = {value}, a line above {key} = {keys[key]}: "
-                    "the file was put together; take it apart"
+                    f"line {number + 1} has {key} = {value}, and a line above {key} = {keys[key]}: "
+                    "the file joins several records; split it"
                 )
             keys[key] = value
     raise RecordError(

@@ -234,7 +234,7 @@ def _distinct(raw: Columns) -> Columns:
                 name += "'"
             taken.add(name)
         columns.append(replace(column, name=name))
-    note = f"columns of the same name ({', '.join(again)}) are told apart by their number"
+    note = f"columns of the same name ({', '.join(again)}) are distinguished by their number"
     return replace(raw, columns=tuple(columns), notes=(*raw.notes, note))
 
 

@@ -89,7 +89,8 @@ def write_record(record: Record, path: str | Path) -> Path:
     known = _SUFFIXES.get(target.suffix.lower())
     if known is None:
         raise RecordError(
-            f"'{target.name}' must end in one of {', '.join(_SUFFIXES)}: the suffix says the format"
+            f"'{target.name}' must end in one of {', '.join(_SUFFIXES)}: the suffix selects the "
+            "format"
         )
     content = record_bytes(record, known)
     try:

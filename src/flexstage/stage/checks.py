@@ -150,8 +150,8 @@ def _mechanism(stage: Stage) -> Iterator[Finding]:
         yield _error(
             "no-fixed-body",
             (),
-            "no body is fixed, so nothing holds the stage: write 'fixed: true' for the one that is "
-            "bolted down",
+            "no body is fixed, so the stage is not constrained: write 'fixed: true' for the body "
+            "that is bolted down",
         )
         return
     held = reachable_bodies(stage)
@@ -218,8 +218,8 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Fin
         yield _error(
             "drive-on-one-body",
             (name, drive.pushes),
-            f"drive '{name}' pushes and stands on the same body '{drive.pushes}', so it "
-            "moves nothing",
+            f"drive '{name}' pushes body '{drive.pushes}' and also reacts on it, so it moves "
+            "nothing",
         )
         return
     if stage.body(drive.pushes).fixed and stage.body(drive.reacts).fixed:
@@ -320,5 +320,5 @@ def _published(stage: Stage) -> Iterator[Finding]:
             "published-axis",
             (name,),
             f"a published figure belongs to axis '{name}', which the stage does not have "
-            f"(it has {', '.join(sorted(axes)) or 'none'}), so nothing will stand beside it",
+            f"(it has {', '.join(sorted(axes)) or 'none'}), so it is compared with nothing",
         )

@@ -59,8 +59,8 @@ def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array,
 
 
 _SINGULAR = (
-    "the stage can move without deforming a hinge, so it has no stiffness to compute with: "
-    "hold a body, add a hinge, or run 'flexstage check' on it"
+    "the stage can move without deforming a hinge, so its stiffness matrix is singular: fix a "
+    "body, add a hinge, or run 'flexstage check' on it"
 )
 
 

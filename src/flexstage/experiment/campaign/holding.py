@@ -61,9 +61,8 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
     if test.smallest_steps:
         if found.smallest_told is None:
             raise RecordError(
-                f"test '{test.name}': no size of step is told from the noise at "
-                f"{100.0 * test.confidence:g} %, so the steps are not the resolution: average more "
-                "samples on each level"
+                f"test '{test.name}': no step size is resolved from the noise at "
+                f"{100.0 * test.confidence:g} % confidence: average more samples on each level"
             )
         raw, note = found.smallest_told, f"mean of the smallest steps; {found.smallest_told.note}"
     return TestResult(

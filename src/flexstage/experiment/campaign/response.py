@@ -127,7 +127,7 @@ def mode_of_axis(modes: tuple[Mode, ...]) -> Mode:
 def _strongest(test: Test, fit: RingDown) -> DecayMode:
     if not fit.modes:
         raise RecordError(
-            f"test '{test.name}': no mode stands out of the noise: give a record that begins with "
+            f"test '{test.name}': no mode rises above the noise: give a record that begins with "
             "the decay"
         )
     return max(fit.modes, key=lambda m: float(np.abs(m.amplitudes).max()))
@@ -136,7 +136,7 @@ def _strongest(test: Test, fit: RingDown) -> DecayMode:
 def _found(test: Test, modes: tuple[Mode, ...]) -> Mode:
     if not modes:
         raise RecordError(
-            f"test '{test.name}': no mode stands out of the noise: widen the band, or average more"
+            f"test '{test.name}': no mode rises above the noise: widen the band, or average more"
         )
     return mode_of_axis(modes)
 

@@ -113,7 +113,7 @@ def assembled(
     if wanted is not None:
         needed = threshold(basis, blocks)
         notes += [
-            f"the mode at {mode.frequency_hz.value:.5g} Hz does not stand out of the noise"
+            f"the mode at {mode.frequency_hz.value:.5g} Hz does not rise above the noise"
             for mode in modes
             if mode.significance < needed
         ]
@@ -289,13 +289,13 @@ def _notes(
 ) -> list[str]:
     notes = []
     if not modes:
-        notes.append("no mode stands out of the noise in the band")
+        notes.append("no mode rises above the noise in the band")
     if not any(part.given for part in parts):
-        notes.append("no variance was given: it is found from what the fit leaves")
+        notes.append("no variance was given: it is estimated from the residuals")
     largest = max(float(one.residual_rms.max()) for one in fitted)
     if largest > _UNEXPLAINED and modes:
         notes.append(
-            f"the fit leaves {100.0 * largest:.2g} % of a response: fit it in a narrower band, "
+            f"the residual is {100.0 * largest:.2g} % of a response: fit it in a narrower band, "
             "with a delay, or with complex modes"
         )
     windowed = added_damping_rate > 0.0 or any(part.measured.blur > 0.0 for part in parts)
@@ -304,10 +304,10 @@ def _notes(
         width = 2.0 * max(zeta, 0.0) * f
         if f - 0.5 * width < band[0] or f + 0.5 * width > band[1]:
             notes.append(
-                f"the mode at {f:.5g} Hz is at the edge of the band: half of its peak is not seen"
+                f"the mode at {f:.5g} Hz is at the edge of the band: half of its peak is outside"
             )
         if zeta <= 0.0:
-            notes.append(f"the mode at {f:.5g} Hz has no damping that could be told from 0")
+            notes.append(f"the mode at {f:.5g} Hz has a damping not distinguishable from 0")
         spacing = min(_spacing(part, f) for part in parts)
         if 0.0 < width < 2.0 * spacing:
             doubt = "that of the window" if windowed else "known badly"

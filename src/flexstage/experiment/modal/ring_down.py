@@ -316,7 +316,7 @@ def _notes(modes: Sequence[DecayMode], clock: Array, found: bool, begin: float) 
     if found:
         notes.append(f"the decay is taken to begin at {begin:.6g} s")
     if not modes:
-        notes.append("no mode stands out of the noise")
+        notes.append("no mode rises above the noise")
     for mode in modes:
         f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
         if 2.0 * math.pi * f * zeta * clock[-1] < 0.2:

@@ -145,7 +145,7 @@ class RigidMotion:
 
         if np.isfinite(self.degrees_of_freedom):
             raise ModelError(
-                "whether a body is rigid is told by the noise of its points: give their covariance"
+                "a test of rigidity needs the noise of the points: give their covariance"
             )
         return np.asarray(chdtrc(self.redundancy, self.chi_squared), dtype=np.float64)
 

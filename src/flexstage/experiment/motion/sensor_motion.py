@@ -163,8 +163,8 @@ def from_sensors(
     if rank < len(names):
         unseen = names[int(np.argmax(np.abs(Vt[-1])))] if len(Vt) == len(names) else names[-1]
         raise ModelError(
-            f"{len(p)} sensors tell {rank} of the {len(names)} motions apart, {unseen} is among "
-            "those that they do not: add a sensor, or leave motions out that cannot occur"
+            f"{len(p)} sensors determine {rank} of the {len(names)} motions, and not {unseen}: add "
+            "a sensor, or leave out motions that cannot occur"
         )
     inverse = (Vt.T / S) @ U.T
     found = y / noise @ inverse.T

@@ -146,5 +146,5 @@ def _rounds(q: Array, c: Array, r: float, *, fixed: bool) -> tuple[Array, float,
         if np.abs(step).max() > 1e-9 * max(1.0, r):
             raise ConvergenceError(f"the fit of a sphere did not settle in {_ROUNDS} rounds")
     if not 0.0 < r < 1e6:
-        raise ConvergenceError("the points lie on no sphere that can be told from a plane")
+        raise ConvergenceError("the points determine no sphere: they lie nearly in a plane")
     return c, r, J, np.linalg.norm(q - c, axis=1) - r

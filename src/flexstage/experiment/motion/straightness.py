@@ -349,8 +349,8 @@ def _estimate(value: float, gradient: Array, covariance: ArrayLike | None) -> Es
         unit="m",
         components=(Component(name="noise of the points", uncertainty=uncertainty),),
         note=(
-            "noise is no small part of it and widens it: take it off (less_noise), or the width of "
-            "a smooth curve through the points"
+            "noise contributes to it noticeably: subtract it (less_noise), or take the width of a "
+            "smooth curve through the points"
             if mean > _SHARE_OF_NOISE * value
             else ""
         ),

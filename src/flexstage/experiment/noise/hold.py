@@ -267,6 +267,6 @@ def _notes(correlated: bool, freedom: float) -> tuple[str, ...]:
     if not correlated and freedom >= _FEW:
         return ()
     return (
-        f"the noise is slow, with {freedom:.0f} degrees of freedom in this record: it is not told "
-        "from drift, and all is less certain than given; record for longer",
+        f"the noise is slow, with {freedom:.0f} degrees of freedom in this record: it "
+        "cannot be separated from drift, and uncertainties are underestimated; record for longer",
     )

@@ -102,7 +102,7 @@ def resolution(
         bounds=(factor * low, factor * high),
         note=(
             f"two averages of {samples} samples, bandwidth "
-            f"{0.5 * sample_rate_hz / samples:.4g} Hz, told apart at {100.0 * probability:g} %"
+            f"{0.5 * sample_rate_hz / samples:.4g} Hz, distinguishable at {100.0 * probability:g} %"
         ),
     )
 

@@ -231,7 +231,7 @@ def _sizes(
         weights = np.where(inside, sign, 0.0) / inside.sum()
         verdicts = [steps[i].told for i in np.flatnonzero(inside)]
         mean = fit.combination(weights, unit)
-        note = f"{verdicts.count('yes')} of {len(verdicts)} steps told from none"
+        note = f"{verdicts.count('yes')} of {len(verdicts)} steps resolved"
         estimates.append(replace(mean, note=note))
         every.append(verdicts.count("yes") == len(verdicts))
     return tuple(estimates), every

@@ -256,7 +256,7 @@ def _completed(
     spectra = _excited(cut.spectra, cut.segment, power_floor)
     h, variance, coherence = transfer(spectra, estimator, noise_ratio)
     if variance is None:
-        notes = [*notes, "too few averages to tell noise from response"]
+        notes = [*notes, "too few averages to separate noise from response"]
     if cut.added_damping_rate > 0.0:
         rate = f"{cut.added_damping_rate:.6g}"
         notes = [*notes, f"an exponential window adds {rate} 1/s to every decay rate"]

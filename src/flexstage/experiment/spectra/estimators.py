@@ -178,7 +178,7 @@ def _regular(coherence: Complex) -> Complex:
 def _correlated(number: int | None, share: float) -> RecordError:
     which = "an input" if number is None else f"input {number + 1}"
     return RecordError(
-        f"the inputs cannot be told apart: the others explain {100.0 * share:.3g} % of the power "
+        f"the inputs cannot be separated: the others explain {100.0 * share:.3g} % of the power "
         f"of {which}; drive them by signals of their own, or one after the other, with at least as "
         "many averages as inputs"
     )

@@ -216,7 +216,7 @@ def _solved(xx: Complex) -> Complex:
         return 1.0 / xx
     if np.any(np.linalg.cond(xx) > 1e10):
         raise RecordError(
-            "the inputs of the records cannot be told apart: repeat the measurement with other "
+            "the inputs of the records cannot be separated: repeat the measurement with other "
             "phases of one input against the others, one record for each input"
         )
     return np.asarray(np.linalg.inv(xx), dtype=np.complex128)

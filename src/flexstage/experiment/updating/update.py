@@ -275,7 +275,8 @@ def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> 
         if len(main) == 1:
             what = parameters[main[0]].name
         found.append(
-            f"the measured values hardly tell {what}: {100.0 * remains:.0f} % of its spread remains"
+            f"the measured values hardly determine {what}: {100.0 * remains:.0f} % of its spread "
+            "remains"
         )
     return tuple(found)
 

@@ -142,7 +142,7 @@ def fitted_damping(system: MechanicalSystem) -> RayleighDamping:
     found = modes(system, drives="in place", count=min(2, system.order))
     if not np.all(found.omega > 0.0):
         raise ModelError(
-            f"stage '{system.name}' has a motion without stiffness: hold it before it is drawn"
+            f"stage '{system.name}' has a motion without stiffness: constrain it before it is drawn"
         )
     ratios = np.asarray(found.damping_ratio, dtype=np.float64)
     rows = 0.5 * np.stack((1.0 / found.omega, found.omega), axis=1)

@@ -326,17 +326,17 @@ def _shortcomings(plan: Plan, movement: Movement, coverage: float) -> list[str]:
     slowest, fastest = plan.rates_hz[0], plan.rates_hz[-1]
     if slowest == fastest:
         found.append(
-            "one rate only: lag, creep and hysteresis cannot be told apart; give a second one, ten "
+            "one rate only: lag, creep and hysteresis cannot be separated; give a second one, ten "
             "times slower or faster"
         )
     elif fastest < NEAREST_RATES * slowest * (1.0 - 1e-9):
         found.append(
-            f"the rates are only a factor of {fastest / slowest:.3g} apart: lag and creep are told "
-            f"apart poorly; at least {NEAREST_RATES:g} is better"
+            f"the rates are only a factor of {fastest / slowest:.3g} apart: lag and creep are "
+            f"poorly separated; at least {NEAREST_RATES:g} is better"
         )
     if coverage < _GOOD_COVERAGE:
         found.append(
-            f"only {100.0 * coverage:.0f} % of the memory is looked at: a model is uncertain in "
+            f"only {100.0 * coverage:.0f} % of the memory is covered: a model is uncertain in "
             "loops that are not in the record; give it more time"
         )
     if math.isinf(movement.slope_limit):

@@ -607,21 +607,21 @@ def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
     if own <= held:
         return ()
     return (
-        f"creep of what the drive did before changes readings by up to {own:.2g} % of the stroke, "
-        "more than the model is off: before it is recorded, and before the model is used, let it "
-        "rest or move alike for as long as the record lasts",
+        f"creep from earlier motion changes readings by up to {own:.2g} % of the stroke, more than "
+        "the error of the model: before recording, and before using the model, let the drive rest "
+        "or repeat its motion for as long as the record lasts",
     )
 
 
 def _untold(m: Measurement, found: FoundChain) -> tuple[str, ...]:
     """Say which values of the chain mean nothing by themselves, and why."""
     names = " and ".join(n.split("_")[0] for n, e in found.errors.items() if math.isinf(e))
-    alone = f"; what was found of {names} belongs to this fit and means nothing by itself"
+    alone = f"; the values of {names} belong to this fit and mean nothing by themselves"
     if len(m.rates_hz) > 1:
-        return (f"the records do not tell {names}{alone}",) if names else ()
+        return (f"the records do not determine {names}{alone}",) if names else ()
     at = f"{m.rates_hz[0]:.3g} Hz" if m.rates_hz else "one rate"
     return (
-        f"one rate only ({at}): lag, creep and hysteresis cannot be told apart"
+        f"one rate only ({at}): lag, creep and hysteresis cannot be separated"
         f"{alone if names else ''}; record the same cycles at a second rate, ten times slower or "
         "faster",
     )
@@ -631,9 +631,9 @@ def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
     if train is None or not _stands_still(data):
         return ()
     return (
-        "the input hardly moves over the samples that were held out: their error says nothing of "
-        "the hysteresis, and the model was chosen by parts of what was fitted; hold out whole "
-        "cycles",
+        "the input hardly moves over the samples that were held out: their error says nothing "
+        "about the hysteresis, and the model was chosen on parts of the fitted samples; hold out "
+        "whole cycles",
     )
 
 

@@ -128,7 +128,7 @@ def _warnings(found: tuple[Estimate, ...], covariance: Array) -> tuple[str, ...]
                 continue
             if abs(correlation[i, j]) > _INSEPARABLE:
                 said.append(
-                    f"the record hardly tells {found[j].name} and {found[i].name} apart "
+                    f"the record hardly separates {found[j].name} and {found[i].name} "
                     f"(correlation {correlation[i, j]:.3f})"
                 )
     return tuple(said)

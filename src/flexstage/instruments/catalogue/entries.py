@@ -223,5 +223,5 @@ class ModelEntry:
 def _require_zone(time: datetime, what: str) -> None:
     if time.tzinfo is None:
         raise RecordError(
-            f"{what} must say its zone, got {time.isoformat()}: add tzinfo, such as datetime.UTC"
+            f"{what} must have a time zone, got {time.isoformat()}: add tzinfo, as in datetime.UTC"
         )

@@ -129,7 +129,7 @@ def schema_version(connection: Connection) -> int:
     if "schema_version" not in tables:
         if {"runs", "stages", "models", "calibrations"} & tables:
             raise RecordError(
-                "the database holds tables of another program: give the catalogue one of its own"
+                "the database belongs to another program: give the catalogue one of its own"
             )
         return 0
     return connection.scalar(select(_version_table.c.version)) or 0

@@ -316,7 +316,7 @@ class PiAxis:
         if self._client.stops != self._stops:
             self._stops, self._target = self._client.stops, None
             raise ControllerError(
-                f"axis '{self.name}' was stopped on its way and stands where it was then", 10
+                f"axis '{self.name}' was stopped before it reached its target", 10
             )
 
     def _check_target(self) -> None:

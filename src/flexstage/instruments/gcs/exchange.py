@@ -220,8 +220,8 @@ class Exchange:
         except NoAnswerError:
             self.put_in_step("ERR?")
             raise NoAnswerError(
-                f"{self.name} did not say within {self._timeout:g} s whether it carried out "
-                f"'{shown(command)}': look where the stage is"
+                f"{self.name} did not confirm '{shown(command)}' within {self._timeout:g} s: check "
+                "the position of the stage"
             ) from None
         try:
             return whole_number(lines[0] if len(lines) == 1 else " | ".join(lines), "ERR?")

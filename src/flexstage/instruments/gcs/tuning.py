@@ -163,8 +163,8 @@ class Tuning:
         key = self._core.profile.parameter(pattern)
         if key is None:
             raise ModelError(
-                "the controller does not say in which unit it counts the gains of its control, so "
-                "that they cannot be set from here"
+                "the controller does not report the unit of its control gains, so they cannot be "
+                "set from here"
             )
         return key
 

@@ -156,7 +156,7 @@ class RunMetadata:
             ) from error
         if time.tzinfo is None:
             raise RecordError(
-                f"the start of a run must say its zone, as in {self.started}+00:00, got "
+                f"the start of a run must have a time zone, as in {self.started}+00:00, got "
                 f"{self.started!r}"
             )
         return time.astimezone(datetime.UTC)

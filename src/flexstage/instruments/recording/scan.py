@@ -144,8 +144,8 @@ def _head(file: BinaryIO, path: Path) -> tuple[StreamHead, int, int]:
             "HDF5 file beside it"
         )
     raise RecordError(
-        f"the head of the stream '{path}' is damaged in both of its copies, so nobody can say what "
-        "its numbers are"
+        f"the head of the stream '{path}' is damaged in both of its copies, so its numbers cannot "
+        "be read"
     )
 
 
