@@ -79,7 +79,7 @@ SUBPACKAGES = [
     "instruments.guard", "instruments.lock", "instruments.gcs", "instruments.ni",
     "instruments.recording", "instruments.catalogue", "instruments.twin.build",
     "instruments.twin.stage",
-    "control", "plans", "explore", "export", "report", "web",
+    "control", "plans", "explore", "export", "report", "interactive", "web",
 ]  # fmt: skip
 
 

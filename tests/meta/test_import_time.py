@@ -1,9 +1,27 @@
-"""``import flexstage`` is fast, because it loads no heavy library."""
+"""`import flexstage` and the commands are fast: they load no library that they do not use."""
 
+import importlib
 import subprocess
 import sys
+from pathlib import Path
 
-HEAVY = {"sympy", "matplotlib", "pint", "scipy", "shapely", "control", "ngsolve", "dask", "typer"}
+import pytest
+
+import flexstage
+
+HEAVY = {
+    "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "numba", "pint",
+    "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer", "xlsxwriter",
+}  # fmt: skip
+COMMAND = """
+import sys
+from flexstage.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit as ended:
+    assert not ended.code, ended.code
+print("\\nloaded", *sys.modules)
+"""
 SCRIPT = """
 import sys, time
 start = time.perf_counter()
@@ -26,3 +44,36 @@ def test_import_takes_under_half_a_second() -> None:
 
 def test_import_loads_nothing_heavy() -> None:
     assert HEAVY & fresh_import()[1] == set()
+
+
+# What each command may load of the heavy libraries; of SciPy only the parts that are named.
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        (["--help"], set()),
+        (["check", "vgtu-piezo"], {"shapely"}),
+        (["show", "vgtu-piezo", "--out", "stage.svg"], {"shapely", "matplotlib"}),
+        (["analyse", "vgtu-piezo", "--model", "lumped"], {"scipy"}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_a_command_loads_what_it_uses(
+    arguments: list[str], allowed: set[str], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-c", COMMAND, *arguments]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    loaded = set(ran.stdout.rpartition("\nloaded ")[2].split())
+    assert "flexstage.cli" in loaded
+    assert HEAVY & loaded <= allowed | {"typer"}
+    slow = {"matplotlib.pyplot", "scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.stats"}
+    assert slow & loaded == set()
+
+
+def test_a_module_does_not_hide_a_function_of_its_name() -> None:
+    module = importlib.import_module("flexstage.report.measurement")
+    assert flexstage.report.measurement is module.measurement
+
+
+def test_a_package_says_what_it_lacks() -> None:
+    with pytest.raises(AttributeError, match=r"'flexstage\.fem' has no attribute 'superelment'"):
+        flexstage.fem.superelment  # type: ignore[attr-defined]  # noqa: B018

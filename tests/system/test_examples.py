@@ -1,10 +1,16 @@
 """The examples of the manual run, and print what the theory at their top says."""
 
 import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 from docs.examples import notch_comparison, parallelogram_guide, piezo_stage
+from tests.notebooks import code_cells, run_cell
+
+NOTEBOOK = Path(__file__).parents[2] / "docs" / "examples" / "first_stage.ipynb"
 
 
 def test_parallelogram_guide(capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,3 +57,20 @@ def test_notch_comparison(capsys: pytest.CaptureFixture[str]) -> None:
     assert order == ["parabolic", "circular", "elliptical", "corner-filleted"]
     assert [rows[name][3] for name in order] == sorted(row[3] for row in rows.values())
     assert rows["circular"][1] == pytest.approx(3.890, abs=0.001)
+
+
+def test_the_notebook_shows_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    pictures = 0
+    for cell in code_cells(NOTEBOOK):
+        printed, value = run_cell("".join(cell["source"]), names)
+        shown = {"stream": printed, "execute_result": repr(value)}
+        for output in cell["outputs"]:
+            stored = output.get("text") or output["data"]["text/plain"]
+            assert "".join(stored) == shown[output["output_type"]]
+        picture = getattr(value, "_repr_svg_", None) or getattr(value, "_repr_html_", None)
+        if picture is not None:
+            assert ElementTree.fromstring(picture()).tag
+            pictures += 1
+    assert pictures == 5

@@ -85,7 +85,7 @@ class HingeResult:
 
         return draw_notch(self.profile)
 
-    def todata_frame(self) -> "pandas.DataFrame":
+    def to_frame(self) -> "pandas.DataFrame":
         """Return the stiffness by every method as a data frame; needs pandas.
 
         Returns

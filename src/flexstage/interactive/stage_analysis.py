@@ -100,13 +100,14 @@ class StageAnalysis:
         """
         return _figure(self.run, kind, axis)
 
-    def todata_frame(self) -> "pandas.DataFrame":
+    def to_frame(self) -> "pandas.DataFrame":
         """Return the characteristics as a data frame; needs pandas.
 
         Returns
         -------
         pandas.DataFrame
-            Columns quantity, axis, origin, value, unit, uncertainty, note; SI units.
+            Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom;
+            SI units.
 
         Raises
         ------

@@ -88,13 +88,14 @@ class StageStudy:
         """
         return self.analysis(self.study.main.system.model).plot(kind, axis)
 
-    def todata_frame(self) -> "pandas.DataFrame":
+    def to_frame(self) -> "pandas.DataFrame":
         """Return all characteristics as a data frame, a row for each origin; needs pandas.
 
         Returns
         -------
         pandas.DataFrame
-            Columns quantity, axis, origin, value, unit, uncertainty, note; SI units.
+            Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom;
+            SI units.
 
         Raises
         ------
