@@ -420,19 +420,22 @@ def make_table(title: str, *columns: str) -> "Table":
         A table without rows.
     """
     from rich import box
+    from rich.align import Align
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     for i, column in enumerate(columns):
         left = i == 0 or column.startswith("<")
+        head = Text(column.removeprefix("<"))
         table.add_column(
-            Text(column.removeprefix("<")),
+            # a heading is beside its column, a cell beside the first line of its row
+            Align(head, "left" if left else "right", vertical="bottom"),
             justify="left" if left else "right",
             # where there is no room a line is broken; no digit is ever left out
             overflow="fold",
             no_wrap=i == 0,
-            vertical="bottom",
+            vertical="top",
         )
     return table
 
