@@ -66,7 +66,7 @@ def _exists(name: str) -> bool:
 
 
 def write_reference() -> None:
-    """Write one page for each room, and the list of them."""
+    """Write the page of the command line, one page for each room, and the list of them."""
     folder = Path(__file__).parent / "reference" / "api"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):
@@ -79,6 +79,10 @@ def write_reference() -> None:
             module += "\n   :imported-members:"
         page = f"# flexstage.{room}\n\n```{{eval-rst}}\n{module}\n```\n"
         (folder / f"{room}.md").write_text(page, encoding="utf-8")
+    from flexstage.cli.reference import command_line_page
+
+    page = folder.parent / "command-line.md"
+    page.write_text(command_line_page(), encoding="utf-8")
     listing = "# The rooms of the library\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(rooms)
     (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
 
