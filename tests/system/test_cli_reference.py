@@ -1,5 +1,7 @@
 """The page of the manual on the command line holds every command, option and default."""
 
+import re
+
 from flexstage.cli.command import FORMER_OPTIONS
 from flexstage.cli.reference import command_line_page
 from tests.system.test_cli_json import commands
@@ -15,7 +17,9 @@ def test_every_command_and_option_is_there() -> None:
         rows = [line for line in section.splitlines() if line.startswith("| `-")]
         for parameter in command.params:
             if parameter.param_type_name == "option":
-                row = next(r for r in rows if parameter.opts[0] in r.split("|")[1])
+                row = next(
+                    r for r in rows if re.search(rf"{parameter.opts[0]}(?![\w-])", r.split("|")[1])
+                )
                 assert parameter.help.split()[0].replace("|", "\\|") in row
                 plain = isinstance(parameter.default, int | str) and not parameter.is_flag
                 assert not (plain and parameter.default) or f": {parameter.default}" in row
