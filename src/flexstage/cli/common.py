@@ -1,6 +1,7 @@
 """What all commands share: reading a stage, printing tables and JSON."""
 
 import difflib
+import errno
 import json
 from contextlib import contextmanager
 from pathlib import Path
@@ -281,13 +282,11 @@ def writable(path: Path) -> Path:
 
     Raises
     ------
-    typer.BadParameter
-        It is a folder.
     OSError
-        Its folder takes no file.
+        It is a folder, or its folder takes no file.
     """
     if path.is_dir():
-        raise typer.BadParameter(f"'{path}' is a folder: name a file in it")
+        raise IsADirectoryError(errno.EISDIR, "it is a folder: name a file in it", str(path))
     _folder(path.parent)
     return path
 
