@@ -56,7 +56,7 @@ lock: python ## write the requirement locks again
 	PYTHON="$(PYTHON)" scripts/lock.sh
 
 clean: ## remove the environments, outputs and caches
-	rm -rf .venv .venv-dev .venv-lock .venv.lock .venv-dev.lock $(OUT) dist docs/reference/api
+	rm -rf .venv .venv-dev .venv-lock .venv.lock .venv-dev.lock $(OUT) dist docs/reference/api docs/reference/command-line.md
 	rm -rf .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find src tests docs benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 

@@ -92,7 +92,7 @@ def _exists(name: str) -> bool:
 
 
 def write_reference() -> None:
-    """Write one page for each subpackage, and the list of them."""
+    """Write the page of the command line, one for each subpackage, and the list of these."""
     folder = Path(__file__).parent / "reference" / "api"
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):
@@ -105,6 +105,10 @@ def write_reference() -> None:
             module += "\n   :imported-members:"
         page = f"# flexstage.{name}\n\n```{{eval-rst}}\n{module}\n```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
+    from flexstage.cli.reference import command_line_page
+
+    page = folder.parent / "command-line.md"
+    page.write_text(command_line_page(), encoding="utf-8")
     listing = "# API reference\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names)
     (folder / "index.md").write_text(listing + "\n```\n", encoding="utf-8")
 

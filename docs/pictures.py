@@ -12,7 +12,13 @@ import numpy as np
 
 from flexstage.designs import design
 from flexstage.report.figures.style import (
-    CYCLE, FIXED, GRID, INK, MUTED, encode, new_figure,
+    CYCLE,
+    FIXED,
+    GRID,
+    INK,
+    MUTED,
+    encode,
+    new_figure,
 )  # fmt: skip
 
 if TYPE_CHECKING:

@@ -264,7 +264,7 @@ def test_a_long_name_still_makes_a_directory(elsewhere: Path) -> None:
     assert run("show", "long.yaml") == 0
 
 
-@pytest.mark.parametrize("command", [["study"], ["analyse", "--json"], ["show"]])
+@pytest.mark.parametrize("command", [["study"], ["analyse"], ["show"]])
 def test_a_place_that_cannot_be_written_is_status_1(
     elsewhere: Path, capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:

@@ -347,9 +347,9 @@ def test_bad_options(capsys, tmp_path):
         ("nothing.yaml", (tmp_path / "nothing.yaml",)),
         ("the campaign has no test", (campaign,)),
         ("stands alone", (campaign, path)),
-        ("--along, --unit has no meaning", (campaign, "--along", "1", "--unit", "along=um")),
-        ("--virtual needs --stage", ("--virtual", "3")),
-        ("--virtual needs --stage", (path, "--virtual", "3", "--stage", "vgtu-piezo")),
+        ("--along, --column-unit has no meaning", (campaign, "--along", "1", "--unit", "along=um")),
+        ("--virtual-seed needs --stage", ("--virtual", "3")),
+        ("--virtual-seed needs --stage", (path, "--virtual", "3", "--stage", "vgtu-piezo")),
         ("--across has no meaning with --virtual",
          ("--virtual", "3", "--stage", "parallelogram", "--across", "1")),
         ("no built-in design", (path, *ROLES, "--stage", "vgtu-pieso")),
@@ -359,8 +359,8 @@ def test_bad_options(capsys, tmp_path):
         ("evaluated from one file, got 2", (path, other, *ROLES)),
         ("no column 'sensr'", (path, "--command", "drive", "--along", "sensr")),
         ("needs the column of 'along'", (path, "--command", "drive")),
-        ("--unit must be a role and a unit", (path, *ROLES, "--unit", "um")),
-        ("--unit must be a role and a unit.*roles", (path, *ROLES, "--unit", "alonng=um")),
+        ("--column-unit must be a role and a unit", (path, *ROLES, "--unit", "um")),
+        ("--column-unit must be a role and a unit.*roles", (path, *ROLES, "--unit", "alonng=um")),
         ("share between 0 and 100", (path, *ROLES, "--calibration", "120%")),
         ("angle", (path, *ROLES, "--alignment", "3 mm")),
         ("frequency", (path, *ROLES, "--sample-rate", "3 mm")),
@@ -476,7 +476,7 @@ def test_a_description_finds_its_files_from_its_own_folder(capsys, tmp_path, mon
 def test_help(capsys):
     status, out, _ = run(capsys, "--help")
     assert status == 0
-    for option in ("--stage", "--virtual", "--unit", "--out", "--json", "--spheres"):
+    for option in ("--stage", "--virtual-seed", "--column-unit", "--folder", "--json", "--spheres"):
         assert option in out
 
 

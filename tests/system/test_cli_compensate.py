@@ -157,7 +157,7 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--limits", "5"), '--limits must be a range such as "0:120"'),
+        (("--limits", "5"), '--voltage must be a range such as "0:120"'),
         (("--limits", "80:20"), "must rise"),
         (("--limits", "0:9 m"), "not a unit of voltage"),
         (("--slew", "5 V"), "slew rate"),
@@ -199,7 +199,7 @@ def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
     words = ("--reference", tmp_path / "r.txt", "--sample-rate", 250)
     status, _, err = run(capsys, "compensate", model_file, *words)
     assert status == 2
-    assert "--unit" in err
+    assert "--reference-unit" in err
 
 
 def test_a_model_without_unit_and_a_reference_with_one(

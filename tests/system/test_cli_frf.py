@@ -400,7 +400,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("must rise", (*named, "--band", "800:200")),
         ("two frequencies", (*named, "--band", "800")),
         ("Hz", (*named, "--band", "2 m:5 m")),
-        ("--modes must be", (*named, "--modes", "many")),
+        ("--fit-modes must be", (*named, "--modes", "many")),
         ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
@@ -413,7 +413,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("differ", (*named, "--near", "137,250", "--modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),
         ("--weight is one of noise, relative", (*named, "--weight", "inv")),
-        ("--complex is of fits with --delay", (*named, "--complex")),
+        ("--complex applies to fits with --fit-delay", (*named, "--complex")),
         ("no file", (tmp_path / "nothing.csv", "--input", "force", "--output", "a")),
         ("--output", (struck, "--ring-down")),
         (
@@ -421,7 +421,7 @@ def test_bad_options(capsys, struck, tmp_path):
             (struck, "--ring-down", "--output", "a", "--out", tmp_path / "a.csv"),
         ),
         ("--band.*no meaning", (struck, "--ring-down", "--output", "a", "--band", "8:20")),
-        ("--modes 0", (struck, "--ring-down", "--output", "a", "--modes", "0")),
+        ("--fit-modes 0", (struck, "--ring-down", "--output", "a", "--modes", "0")),
         ("positive", (*named, "--resolution", "-2 Hz")),
         ("exponential", (*named, "--excitation", "hammer", "--exponential", "1.7")),
     ):

@@ -67,7 +67,7 @@ def test_no_type_of_the_language_is_shown(capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "suggested"),
     [
-        (["analize"], "Did you mean 'analyse'? See 'flexstage --help'"),
+        (["analysse"], "Did you mean 'analyse'? See 'flexstage --help'"),
         (["runs", "recove"], "Did you mean 'recover'? See 'flexstage runs --help'"),
         (["analyse", "--mdoel", "x"], "--model"),
     ],

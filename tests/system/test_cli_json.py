@@ -83,7 +83,7 @@ def test_a_refusal_is_an_object_as_well(capsys: pytest.CaptureFixture[str], comm
     ("words", "kind"),
     [
         (["analyse", "parallelogram", "--mdel", "plane", "--json"], "UsageError"),
-        (["analize", "parallelogram", "--json"], "UsageError"),
+        (["analysse", "parallelogram", "--json"], "UsageError"),
         (["analyse", "--json"], "UsageError"),
         (["analyse", "parallelogram", "--model", "liquid", "--json"], "ModelError"),
     ],

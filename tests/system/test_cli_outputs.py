@@ -69,7 +69,7 @@ def test_a_folder_is_no_file(
     monkeypatch.chdir(tmp_path)
     Path("plots.svg").mkdir()
     status, said = refused(capsys, *words, "plots.svg")
-    assert (status, "'plots.svg' is a folder: name a file in it" in said) == (2, True)
+    assert (status, "'plots.svg': it is a folder: name a file in it" in said) == (1, True)
 
 
 @pytest.fixture

@@ -133,9 +133,9 @@ def test_a_dry_run_of_what_cannot_be_done_fails(capsys, plan):
         (("nothing.yaml",), "no ready plan and no file is called 'nothing.yaml'"),
         (("PLAN",), "no instrument is named"),
         (("PLAN", "--instrument", "gsc://x"), "gcs://HOST:PORT"),
-        (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --out"),
+        (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --folder"),
         (("PLAN", "--instrument", TWIN, "--steps", "motions"), "no step 'motions'"),
-        (("PLAN", "--instrument", TWIN, "--steps", ","), "--steps names no step"),
+        (("PLAN", "--instrument", TWIN, "--steps", ","), "--only names no step"),
         (("PLAN", "--instrument", TWIN, "--stage", "vgtu"), "no built-in design"),
     ],
 )
@@ -210,7 +210,7 @@ def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp
     assert started.returncode == {"SIGINT": 130, "SIGTERM": 143}[by]
     assert said == ""
     assert "the stage was stopped" in err
-    assert f"--resume --out {out}" in err
+    assert f"--resume --folder {out}" in err
     assert "Traceback" not in err
     state = read_state(out)
     assert state is not None

@@ -104,6 +104,8 @@ def analyse(
         stroke=stroke,
     )
     names = model_names(model)
+    if not names:
+        raise ModelError("--model names no model: choose from lumped, superelement, plane, solid")
     if vtu and (folder is None or not {"plane", "solid"} & set(names)):
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
     runs: dict[str, ModelRun] = {}
@@ -118,7 +120,7 @@ def analyse(
                         raise
                     left_out[name] = str(error)
     if not runs:
-        raise ModelError(f"no model is possible: {next(iter(left_out.values()), 'none is named')}")
+        raise ModelError(f"no model is possible: {next(iter(left_out.values()))}")
     files = _written(runs, folder, figure, vtu=vtu)
     if json:
         print_json(_printed(runs, left_out, files))

@@ -1,5 +1,6 @@
 """`flexstage check`: say what is wrong with a stage."""
 
+import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -8,7 +9,9 @@ import typer
 from flexstage.cli.common import JsonOption, StageArgument, count, load_stage, print_json
 
 if TYPE_CHECKING:
-    from flexstage.stage import Stage
+    from collections.abc import Sequence
+
+    from flexstage.stage import Finding, Stage
 
 __all__ = ["check"]
 
@@ -24,12 +27,27 @@ def check(stage: StageArgument, json: JsonOption = False) -> None:
         rows = [asdict(finding) for finding in findings]
         print_json({"stage": described.name, "ok": errors == 0, "findings": rows})
     else:
-        for finding in findings:
-            typer.echo(f"{finding.severity}: {finding.message}", err=True)
+        for line in _lines(findings):
+            typer.echo(line, err=True)
         if not errors:
             typer.echo(_summary(described, len(findings)))
     if errors:
         raise typer.Exit(2)
+
+
+def _lines(findings: "Sequence[Finding]") -> list[str]:
+    """A line for each finding; of several that differ in names and numbers alone, the first one."""
+    alike: dict[tuple[str, str], list[Finding]] = {}
+    for finding in findings:
+        sentence = re.sub(r"'[^']*'|[-\d.]+", "", finding.message)
+        alike.setdefault((finding.severity, sentence), []).append(finding)
+    made = []
+    for (severity, _), found in alike.items():
+        made.append(f"{severity}: {found[0].message}")
+        if len(found) > 1:
+            others = "; ".join(" at ".join(finding.what) for finding in found[1:])
+            made.append(f"  the same for {len(found) - 1} more: {others}")
+    return made
 
 
 def _summary(stage: "Stage", warnings: int) -> str:

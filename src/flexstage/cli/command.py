@@ -5,7 +5,7 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["FORMER_OPTIONS", "Command", "Group"]
+__all__ = ["FORMER_OPTIONS", "Command", "Group", "arguments", "name_of", "section_of"]
 
 #: Former names of options by command, and the present ones: they still work, and are not listed.
 FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
@@ -53,22 +53,54 @@ class Command(TyperCommand):
     """A command: a usage line as manuals have it, options in sections, former names understood."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse."""
+        """Put present names of options in place of former ones, and parse.
+
+        Parameters
+        ----------
+        ctx : typer.Context
+            The context of the command.
+        args : list of str
+            The words behind its name.
+
+        Returns
+        -------
+        list of str
+            The words that are left.
+        """
         return super().parse_args(ctx, _present(self.name, args))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage line: optional arguments are in brackets."""
+        """Return the words of the usage line: optional arguments are in brackets.
+
+        Parameters
+        ----------
+        ctx : typer.Context
+            The context of the command.
+
+        Returns
+        -------
+        list of str
+            The words.
+        """
         return ["[OPTIONS]", *(_in_usage(p) for p in arguments(self.get_params(ctx)))]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what each argument and option does, in the sections that they are declared for."""
+        """Write what each argument and option does, in the sections that they are declared for.
+
+        Parameters
+        ----------
+        ctx : typer.Context
+            The context of the command.
+        formatter : HelpFormatter
+            What the sections are written to.
+        """
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is None:
                 continue
             if parameter.param_type_name == "argument":
-                sections.setdefault("Arguments", []).append((_shown(parameter), record[1]))
+                sections.setdefault("Arguments", []).append((name_of(parameter), record[1]))
             else:
                 section = getattr(parameter, "rich_help_panel", None) or "Options"
                 sections.setdefault(section, []).append(record)
@@ -81,20 +113,38 @@ class Group(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse."""
+        """Put present names of options in place of former ones, and parse.
+
+        Parameters
+        ----------
+        ctx : typer.Context
+            The context of the command.
+        args : list of str
+            The words behind its name.
+
+        Returns
+        -------
+        list of str
+            The words that are left.
+        """
         # what stands behind the name of a command is for that to read
         own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
         return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the first paragraph of the help of each command, section by section."""
+        """Write the first paragraph of the help of each command, section by section.
+
+        Parameters
+        ----------
+        ctx : typer.Context
+            The context of the command.
+        formatter : HelpFormatter
+            What the sections are written to.
+        """
         sections: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
-            section = getattr(command, "rich_help_panel", None)
             sentence = " ".join((command.help or "").split("\n\n")[0].split())
-            # what is not set is a placeholder of the library, and no text
-            title = section if isinstance(section, str) else "Commands"
-            sections.setdefault(title, []).append((name, sentence))
+            sections.setdefault(section_of(command), []).append((name, sentence))
         width = max(map(len, self.commands))
         for title, rows in sections.items():
             with formatter.section(title):
@@ -128,10 +178,40 @@ def arguments(parameters: list[Any]) -> list[Any]:
     return [p for p in parameters if p.param_type_name == "argument"]
 
 
-def _shown(argument: Any) -> str:
+def section_of(command: Any) -> str:
+    """Return the section of the help that a command is listed in.
+
+    Parameters
+    ----------
+    command : typer.core.TyperCommand
+        The command.
+
+    Returns
+    -------
+    str
+        The section.
+    """
+    section = getattr(command, "rich_help_panel", None)
+    # what is not set is a placeholder of the library, and no text
+    return section if isinstance(section, str) else "Commands"
+
+
+def name_of(argument: Any) -> str:
+    """Return what an argument is called in the help.
+
+    Parameters
+    ----------
+    argument : typer.core.TyperArgument
+        The argument.
+
+    Returns
+    -------
+    str
+        Its name in capitals.
+    """
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 
 
 def _in_usage(argument: Any) -> str:
-    return _shown(argument) if argument.required else f"[{_shown(argument)}]"
+    return name_of(argument) if argument.required else f"[{name_of(argument)}]"

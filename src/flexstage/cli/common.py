@@ -1,5 +1,6 @@
 """What all commands share: reading a stage, printing tables and JSON."""
 
+import errno
 import json
 from contextlib import contextmanager
 from pathlib import Path
@@ -293,13 +294,11 @@ def writable(path: Path) -> Path:
 
     Raises
     ------
-    typer.BadParameter
-        It is a folder.
     OSError
-        Its folder takes no file.
+        It is a folder, or its folder takes no file.
     """
     if path.is_dir():
-        raise typer.BadParameter(f"'{path}' is a folder: name a file in it")
+        raise IsADirectoryError(errno.EISDIR, "it is a folder: name a file in it", str(path))
     _folder(path.parent)
     return path
 
@@ -432,19 +431,22 @@ def make_table(title: str, *columns: str) -> "Table":
         A table without rows.
     """
     from rich import box
+    from rich.align import Align
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=Text(title), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     for i, column in enumerate(columns):
         left = i == 0 or column.startswith("<")
+        head = Text(column.removeprefix("<"))
         table.add_column(
-            Text(column.removeprefix("<")),
+            # a heading is beside its column, a cell beside the first line of its row
+            Align(head, "left" if left else "right", vertical="bottom"),
             justify="left" if left else "right",
             # where there is no room a line is broken; no digit is ever left out
             overflow="fold",
             no_wrap=i == 0,
-            vertical="bottom",
+            vertical="top",
         )
     return table
 

@@ -175,10 +175,7 @@ def part(
 def _size(text: str) -> float:
     from flexstage.units import parse
 
-    size = parse(text, "length", bare_unit="mm")
-    if not size > 0.0:
-        raise typer.BadParameter(f"--size must be a positive length, such as 2 mm, got '{text}'")
-    return size
+    return parse(text, "length", bare_unit="mm")
 
 
 def _point(text: str) -> tuple[float, ...]:

@@ -1,0 +1,61 @@
+"""What is printed for people: tables whose names stand beside their text, equal findings once."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from flexstage.cli import main
+from flexstage.cli.common import make_table
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "parallelogram.yaml"
+
+
+def test_a_name_is_beside_the_first_line_of_its_text() -> None:
+    table = make_table("drift", "quantity", "published\nFEM", "<condition")
+    table.add_row("Thermal drift", "2.75", "drives in place, and a text that has to be broken")
+    written = io.StringIO()
+    Console(width=48, file=written).print(table)
+    lines = written.getvalue().splitlines()
+    row = next(line for line in lines if "Thermal drift" in line)
+    assert "2.75" in row
+    assert "drives in place" in row
+    head = next(line for line in lines if "quantity" in line)
+    assert "FEM" in head, "a heading is just above its column"
+
+
+def checked(capsys: pytest.CaptureFixture[str], path: Path, *words: str) -> tuple[list[str], str]:
+    with pytest.raises(SystemExit) as end:
+        main(["check", str(path), *words])
+    assert end.value.code == 2
+    printed = capsys.readouterr()
+    return printed.err.splitlines(), printed.out
+
+
+def test_one_slip_in_every_hinge_is_told_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = EXAMPLE.read_text(encoding="utf-8")
+    path = tmp_path / "wide.yaml"
+    path.write_text(text.replace("radius: 1.5}", "radius: 4.5}"), encoding="utf-8")
+    lines, _ = checked(capsys, path)
+    assert [line.split(maxsplit=2)[:2] for line in lines] == [["error:", "hinge"], ["the", "same"]]
+    assert lines[1].startswith(
+        "  the same for 7 more: left foot at left leg; left head at left leg"
+    )
+    _, printed = checked(capsys, path, "--json")
+    assert len(json.loads(printed)["findings"]) == 8
+
+
+def test_what_is_wrong_in_two_ways_is_told_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = EXAMPLE.read_text(encoding="utf-8").replace("radius: 1.5}", "radius: 4.5}", 1)
+    path = tmp_path / "two.yaml"
+    path.write_text(re.sub(r"at: \[81, 53\]", "at: [181, 53]", text), encoding="utf-8")
+    lines, _ = checked(capsys, path)
+    assert sum(line.startswith("error: hinge") for line in lines) == 1
+    assert sum(line.startswith("error: probe") for line in lines) == 1
