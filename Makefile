@@ -21,8 +21,8 @@ parallel := -n auto --dist worksteal --durations=20
 .PHONY: study test slow evidence bench docs lint format lock clean help python env env-dev
 
 study: env ## both stages of the study, with a report each, into out/
-	$(main)/flexstage study vgtu-mechanical --out $(OUT)/vgtu-mechanical
-	$(main)/flexstage study vgtu-piezo --out $(OUT)/vgtu-piezo
+	$(main)/flexstage study vgtu-mechanical --folder $(OUT)/vgtu-mechanical
+	$(main)/flexstage study vgtu-piezo --folder $(OUT)/vgtu-piezo
 
 test: lint ## lint, then every test but the slow ones
 	$(dev_run) pytest $(parallel) $(PYTEST_ARGS)

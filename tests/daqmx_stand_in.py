@@ -6,6 +6,7 @@ a number of its own plus the number of the sample, and whose outputs hold what w
 """
 
 import inspect
+import re
 from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any, cast
@@ -32,6 +33,19 @@ PARTS: dict[tuple[type, str], type] = {
     (Triggers, "start_trigger"): StartTrigger,
 }
 
+#: A multiplexed card of the X series.
+FACTS: dict[str, Any] = {
+    "product_type": "PCIe-6363",
+    "product_category": nidaqmx.constants.ProductCategory.X_SERIES_DAQ,
+    "serial_num": 0x1D0C2AF,
+    "is_simulated": False,
+    "ai_max_single_chan_rate": 2e6,
+    "ai_max_multi_chan_rate": 1e6,
+    "ai_simultaneous_sampling_supported": False,
+    "ao_max_rate": 2.86e6,
+    "ao_samp_clk_supported": True,
+}
+
 PER_POLL = 250  # samples that come with each question
 
 
@@ -43,7 +57,10 @@ class Card:
         self.tasks: list[Node] = []
         self.faults: dict[str, int] = {}  # name of a call: number of the error it raises
         self.held: dict[str, float] = {}
-        self.ready: list[bool] = []  # whether who waits for the inputs was started before them
+        self.ready: list[bool] = []  # whether who takes the clock of the inputs was started first
+        self.facts: dict[str, Any] = dict(FACTS)  # what the card answers
+        self.readable = True  # it has channels inside that read its outputs
+        self.ahead = 0  # samples in its memory that count as put out
 
     def names(self) -> list[str]:
         return [name for name, _ in self.log]
@@ -123,7 +140,9 @@ class Node:
             if (part := PARTS.get((self._kind, attribute))) is not None:
                 return Node(self._card, part, name, self.task)
             self._card.raise_fault(name)
-            return ANSWERS[name](self._card, getattr(self.task, "state", State()))
+            if self._kind is nidaqmx.system.Device:
+                return self._card.facts[attribute]
+            return ANSWERS[name](self._card, self.task.state)
         signature = inspect.signature(member)
 
         def call(*args: Any, **options: Any) -> Any:
@@ -169,8 +188,24 @@ def value(channel: str) -> float:
     return 0.1 * (1 + int(channel.split("ai")[1]))
 
 
+def output_inside(channel: str) -> str:
+    """The output that a channel inside the card reads; empty where it is an input."""
+    found = re.fullmatch(r"(\w+)/_(ao\d+)_vs_aognd", channel)
+    return "/".join(found.groups()) if found else ""
+
+
 def read_one(card: Card, state: State, given: dict[str, Any]) -> None:
-    given["data"][:] = [value(c) for c in state.channels]
+    given["data"][:] = [
+        card.held.get(output, 0.0) if (output := output_inside(c)) else value(c)
+        for c in state.channels
+    ]
+
+
+def add_input(card: Card, state: State, given: dict[str, Any]) -> None:
+    channel = given["physical_channel"]
+    if output_inside(channel) and not card.readable:
+        raise nidaqmx.errors.DaqError("Physical channel does not exist.", -200170)
+    state.channels.append(channel)
 
 
 def write_many(card: Card, state: State, given: dict[str, Any]) -> int:
@@ -193,7 +228,7 @@ def clock(card: Card, state: State, given: dict[str, Any]) -> None:
 
 def start(card: Card, state: State, given: dict[str, Any]) -> None:
     others = (node.state for node in card.tasks if not node.state.closed)
-    waiting = [s for s in others if s.trigger]
+    waiting = [s for s in others if s.source]
     if not state.samples.size:
         card.ready.append(all(s.started for s in waiting))
     state.started = True
@@ -205,11 +240,23 @@ def trigger(card: Card, state: State, given: dict[str, Any]) -> None:
 
 def done(card: Card, state: State, given: dict[str, Any]) -> bool:
     advance(card, PER_POLL)
-    return state.generated >= state.samples.shape[1]
+    hold(card, state)
+    return state.stopped or state.generated >= state.samples.shape[1]
 
 
 def stop(card: Card, state: State, given: dict[str, Any]) -> None:
     state.stopped = True
+    hold(card, state)
+
+
+def hold(card: Card, state: State) -> None:
+    """Outputs go on giving what they gave."""
+    if state.generated:
+        card.held |= dict(zip(state.channels, state.samples[:, state.generated - 1], strict=True))
+
+
+def counted(card: Card, state: State) -> int:
+    return min(state.generated + card.ahead, state.samples.shape[1])
 
 
 def close(card: Card, state: State, given: dict[str, Any]) -> None:
@@ -217,9 +264,7 @@ def close(card: Card, state: State, given: dict[str, Any]) -> None:
 
 
 ACTIONS: dict[str, Callable[[Card, State, dict[str, Any]], Any]] = {
-    "Task.ai_channels.add_ai_voltage_chan": lambda c, s, g: s.channels.append(
-        g["physical_channel"]
-    ),
+    "Task.ai_channels.add_ai_voltage_chan": add_input,
     "Task.ao_channels.add_ao_voltage_chan": lambda c, s, g: s.channels.append(
         g["physical_channel"]
     ),
@@ -238,7 +283,6 @@ ACTIONS: dict[str, Callable[[Card, State, dict[str, Any]], Any]] = {
 ANSWERS: dict[str, Callable[[Card, State], Any]] = {
     "Task.timing.samp_clk_rate": lambda c, s: s.rate,
     "Task.in_stream.avail_samp_per_chan": available,
-    "Task.out_stream.total_samp_per_chan_generated": lambda c, s: s.generated,
-    "Device.product_type": lambda c, s: "PCIe-6363",
-    "Device.serial_num": lambda c, s: 0x1D0C2AF,
+    "Task.timing.ai_conv_rate": lambda c, s: 1e6 / 11.0,  # 1 us, and 10 us to settle
+    "Task.out_stream.total_samp_per_chan_generated": counted,
 }

@@ -1,9 +1,47 @@
 """Design, verify, identify and drive flexure-based micropositioning stages.
 
-The package is a set of rooms with one direction of imports; ``import flexstage`` itself loads none
-of them, so it takes milliseconds. See the reference manual for the rooms.
+``import flexstage as fs`` offers `read` for a stage file, `design` for a built-in stage, `draw`,
+`analyse` for one model of it, `study` for several, `hinge` for a notch, and `read_record` for
+measured data. Everything else is in the subpackages, which the reference manual lists. All of it is
+imported when it is first used.
 """
 
-__all__ = ["__version__"]
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage import centring as centring
+    from flexstage import control as control
+    from flexstage import designs as designs
+    from flexstage import experiment as experiment
+    from flexstage import export as export
+    from flexstage import fem as fem
+    from flexstage import hinges as hinges
+    from flexstage import hysteresis as hysteresis
+    from flexstage import instruments as instruments
+    from flexstage import lumped as lumped
+    from flexstage import material as material
+    from flexstage import plans as plans
+    from flexstage import records as records
+    from flexstage import report as report
+    from flexstage import stage as stage
+    from flexstage import system as system
+    from flexstage import units as units
+    from flexstage.interactive import analyse, design, draw, hinge, read, study
+    from flexstage.records import read_record
+
+__all__ = [
+    "__version__",
+    "analyse",
+    "design",
+    "draw",
+    "hinge",
+    "read",
+    "read_record",
+    "study",
+]
 
 __version__ = "0.1.0"
+
+import_on_use(__name__)

@@ -1,5 +1,8 @@
 """The table that an engineer quotes: a quantity, its axis, where it comes from, its value."""
 
+import difflib
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 
 from flexstage.errors import ModelError
@@ -137,6 +140,10 @@ class Characteristics(tuple[Characteristic, ...]):
 
     __slots__ = ()
 
+    def __repr__(self) -> str:
+        origins = Counter(row.origin for row in self)
+        return f"Characteristics({', '.join(f'{n} {origin}' for origin, n in origins.items())})"
+
     def select(
         self, quantity: str | None = None, axis: str | None = None, origin: str | None = None
     ) -> "Characteristics":
@@ -189,11 +196,23 @@ class Characteristics(tuple[Characteristic, ...]):
             what = f"{quantity} of axis '{axis}'" + (f" from '{origin}'" if origin else "")
             found = ", ".join(row.origin for row in rows)
             raise ModelError(
-                f"there is no {what}"
+                f"there is no {what}{self._instead(quantity, axis)}"
                 if not rows
                 else f"there are {len(rows)} values of {what}: name one origin of {found}"
             )
         return rows[0].value
+
+    def _instead(self, quantity: str, axis: str) -> str:
+        """Say what was probably meant by a quantity and an axis that no row has."""
+        quantities = dict.fromkeys(row.quantity for row in self)
+        if quantity not in quantities:
+            near = difflib.get_close_matches(quantity, quantities, n=1)
+            return f": did you mean '{near[0]}'?" if near else _choices(quantities)
+        rows = self.select(quantity)
+        axes = dict.fromkeys(row.axis for row in rows)
+        if axis not in axes:
+            return f": it is known of axis {', '.join(axes)}"
+        return f": it comes from {', '.join(row.origin for row in rows.select(axis=axis))}"
 
     def columns(self) -> dict[str, list[object]]:
         """Return the table by columns, as data-frame libraries take it.
@@ -205,3 +224,7 @@ class Characteristics(tuple[Characteristic, ...]):
         """
         names = [f.name for f in fields(Characteristic)]
         return {name: [getattr(row, name) for row in self] for name in names}
+
+
+def _choices(names: Collection[str]) -> str:
+    return f": there is {', '.join(names)}" if names else ": the table is empty"

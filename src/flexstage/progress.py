@@ -1,12 +1,17 @@
 """How far long work has come, for whoever wants to be told."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
-__all__ = ["now_and_then", "reporting", "share", "tell"]
+__all__ = ["Lines", "in_lines", "reporting", "share", "tell"]
+
+_LONG = 2.0  # a phase that lasts so long is named [s]
+_EVERY = 10.0  # time between lines within a phase [s]
+_LOOK = 0.5  # time between looks at the clock [s]
 
 
 class _Span(NamedTuple):
@@ -84,41 +89,99 @@ def tell(what: str, done: float = 0.0) -> None:
         span.told(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
 
 
-def now_and_then(
-    write: Callable[[str], None], silent: float, clock: Callable[[], float] = time.monotonic
-) -> Callable[[str, float], None]:
-    """Return a listener for `reporting` that writes a line where a while has passed since the last.
+class Lines:
+    """What long work says of itself in lines: where a long phase began, and every ten seconds.
+
+    Parameters
+    ----------
+    name : str
+        What works.
+    began : float
+        When it began [s], by the clock of `line`.
+    silent : float
+        Work that is shorter says nothing [s].
+
+    Examples
+    --------
+    >>> lines = Lines("identify", 0.0)
+    >>> lines.told("mesh", 0.1)
+    >>> [lines.line(t) for t in (1.0, 4.0, 6.0)]
+    [None, None, 'identify: mesh, 10 %, 6 s so far']
+    """
+
+    def __init__(self, name: str, began: float, silent: float = 5.0) -> None:
+        self._name, self._began, self._silent = name, began, silent
+        self._now = self._shown = ""
+        self._done = 0.0
+        self._seen = self._last = began
+
+    def told(self, what: str, done: float) -> None:
+        """Take what is being done, and the share of the whole that is done, as `reporting` has it.
+
+        Parameters
+        ----------
+        what : str
+            What is being done.
+        done : float
+            The share, 0 to 1.
+        """
+        self._now, self._done = what, done
+
+    def line(self, now: float) -> str | None:
+        """Return the line that is due, to be asked every second or so.
+
+        Parameters
+        ----------
+        now : float
+            The time [s].
+
+        Returns
+        -------
+        str or None
+            The line; None where nothing is due.
+        """
+        what = self._now
+        if what != self._shown:  # a phase that the last call did not see has just begun
+            self._shown, self._seen = what, now
+        due = self._last < self._seen <= now - _LONG or now - self._last >= _EVERY
+        if now - self._began < self._silent or not due:
+            return None
+        self._last = now
+        doing = f"{what}, " if what else ""
+        return f"{self._name}: {doing}{100.0 * self._done:.0f} %, {now - self._began:.0f} s so far"
+
+
+@contextmanager
+def in_lines(write: Callable[[str], None], name: str, silent: float = 5.0) -> Iterator[None]:
+    """Write lines while the work in this block goes on, also where it says nothing for long.
 
     Parameters
     ----------
     write : callable
-        Is given each line.
+        Is given each line, by another thread.
+    name : str
+        What works.
     silent : float
-        Time from the beginning to the first line, and between two lines, at least [s].
-    clock : callable
-        Gives the time [s].
+        Work that is shorter says nothing [s].
 
-    Returns
-    -------
-    callable
-        The listener.
-
-    Examples
-    --------
-    >>> times = iter([0.0, 3.0, 12.0])
-    >>> listener = now_and_then(print, 10.0, lambda: next(times))
-    >>> with reporting(listener):
-    ...     tell("mesh", 0.1)
-    ...     tell("modes", 0.7)
-    70 % after 12 s: modes
+    Yields
+    ------
+    None
     """
-    began = last = clock()
+    lines = Lines(name, time.monotonic(), silent)
+    ended = threading.Event()
 
-    def told(what: str, done: float) -> None:
-        nonlocal last
-        now = clock()
-        if now - last >= silent:
-            last = now
-            write(f"{100.0 * done:.0f} % after {now - began:.0f} s: {what}")
+    def watch() -> None:
+        while not ended.wait(_LOOK):
+            line = lines.line(time.monotonic())
+            if line is not None:
+                write(line)
 
-    return told
+    watching = threading.Thread(target=watch, name="progress", daemon=True)
+    watching.start()
+    try:
+        with reporting(lines.told):
+            yield
+    finally:
+        ended.set()
+        watching.join()

@@ -503,7 +503,7 @@ def test_spheres_that_cannot_tell_a_motion() -> None:
     with pytest.raises(RecordError, match=r"no column 'D\.X'"):
         run(replace(test, columns=Columns(command="command", spheres=("A", "B", "D"))), data)
     bare = tuple(replace(c, unit="") if c.name == "B.Y" else c for c in data.channels)
-    with pytest.raises(RecordError, match=r"'B\.Y' does not say its unit"):
+    with pytest.raises(RecordError, match=r"'B\.Y' does not give its unit"):
         run(test, replace(data, channels=bare))
 
 
@@ -545,7 +545,7 @@ def test_columns_that_cannot_be_used() -> None:
 
     for said, spoiled in (
         ("'along' is in V, and 'along' needs a unit of length", changed("along", unit="V")),
-        ("'yaw' does not say its unit, and 'yaw' needs a unit of angle", changed("yaw", unit="")),
+        ("'yaw' does not give its unit, and 'yaw' needs a unit of angle", changed("yaw", unit="")),
         ("'command' is in N, and 'command' needs one of V, m", changed("command", unit="N")),
         ("dead or not connected", changed("roll", values=lambda v: 0.0 * v + 0.3)),
         ("'along' is cut off at", changed("along", values=lambda v: np.minimum(v, 0.9 * v.max()))),

@@ -471,10 +471,10 @@ def test_sensor_without_noise_is_undone() -> None:
     [
         (lambda: Lag(time_constant=-1e-3), "time_constant of a lag"),
         (lambda: LogCreep(rate_per_decade=-0.01), "not negative"),
-        (lambda: LogCreep(rate_per_decade=0.01, shortest=2.0, longest=1.0), "longest above it"),
+        (lambda: LogCreep(rate_per_decade=0.01, shortest=2.0, longest=1.0), "times of creep must rise"),
         (lambda: LogCreep(rate_per_decade=0.01, per_decade=0), "1 to 100"),
-        (lambda: CreepSpectrum(times=(0.1, 0.1), weights=(0.1, 0.2)), "finite and rising"),
-        (lambda: CreepSpectrum(times=(), weights=()), "finite and rising"),
+        (lambda: CreepSpectrum(times=(0.1, 0.1), weights=(0.1, 0.2)), "constants of creep must rise"),
+        (lambda: CreepSpectrum(times=(), weights=()), "constants of creep must rise"),
         (lambda: CreepSpectrum(times=(0.1, 0.2), weights=(0.1, -0.2)), "none negative"),
         (lambda: CreepSpectrum(times=(0.1, 0.2), weights=(0.1,)), "one weight for each"),
         (lambda: CreepSpectrum(times=(0.1,), weights=(0.0,)), "not all zero"),

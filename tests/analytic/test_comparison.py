@@ -111,8 +111,12 @@ def test_every_model_against_what_was_published() -> None:
     text = differences_table(table)
     for signed in ("+10.0", "−0.5", "+0.2"):
         assert f"<td>{signed}</td>" in text
-    # two of ours leave room for it in the table itself
     few = compare(rows[:3])
-    assert differences_table(few) == ""
-    assert "−0.5 %" in characteristics_table(few)
-    assert "−0.5 %" not in characteristics_table(table)
+    assert "<td>−0.5</td>" in differences_table(few)
+    assert "<td>+0.2</td>" not in differences_table(few)
+    values_of = characteristics_table(table, ["natural_frequency_hz"], "what it is")
+    assert "<caption>what it is</caption>" in values_of
+    for value in ("200<", "220.0<", "199.0<", "200.4<"):
+        assert f">{value}" in values_of
+    # nothing of ours, no row
+    assert characteristics_table(compare(rows[:1]), ["natural_frequency_hz"], "") == ""

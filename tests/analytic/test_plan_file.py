@@ -141,7 +141,7 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         ),
         (HEAD.replace("unit: rad", "unit: deg") + LOOPS, 5, "reads m or rad, got 'deg'"),
         (HEAD.replace("alignment", "alignments") + LOOPS, 4, "did you mean 'alignment'?"),
-        ("plan: 1\nstage: &a s\n", 2, "not used in plans"),
+        ("plan: 1\nstage: &a s\n", 2, "not used in a plan"),
         ("plan: 1\n  stage: s\n", 2, "this is not YAML"),
     ],
 )

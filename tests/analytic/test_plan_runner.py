@@ -352,8 +352,30 @@ def test_the_state_is_refused_where_it_is_none(tmp_path):
     (tmp_path / "run.json").write_text("[1, 2]")
     with pytest.raises(PlanError, match="is not the state of a run"):
         run_plan(made(), bench(), tmp_path, resume=True)
-    (tmp_path / "run.json").write_text("{")
-    with pytest.raises(PlanError, match="cannot be read as the state"):
+    for text in ("{", "[" * 100_000, '{"run": 1, "note": ' + "9" * 5000 + "}"):
+        (tmp_path / "run.json").write_text(text)
+        with pytest.raises(PlanError, match="cannot be read as the state"):
+            run_plan(made(), bench(), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"instrument": "a text"},
+        {"steps": "a text"},
+        {"steps": {"motion": "a text"}},
+        {"steps": {"motion": {"status": "complete", "fingerprint": "", "partial": 3}}},
+        {"steps": {"motion": {"status": 3, "fingerprint": "", "partial": []}}},
+        {"steps": {"motion": {"status": "", "fingerprint": "", "partial": [], "files": "text"}}},
+        {"steps": {"motion": {"status": "", "fingerprint": "", "partial": [[1]]}}},
+        {"started": 7},
+        {"stage": ["x"]},
+        {"unknown": 1},
+    ],
+)
+def test_a_state_with_a_field_of_another_kind_is_refused(tmp_path, change):
+    (tmp_path / "run.json").write_text(json.dumps({"run": 1, "steps": {}, **change}))
+    with pytest.raises(PlanError, match="is not the state of a run"):
         run_plan(made(), bench(), tmp_path, resume=True)
 
 

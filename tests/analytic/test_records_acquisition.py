@@ -64,12 +64,12 @@ def test_g_of_an_acceleration_is_no_gram(
 def test_what_stands_beside_tells_g_from_gram_and_is_said(tmp_path: Path) -> None:
     mass = table(tmp_path, "drive (V),1 [g]\n0.5,1.25\n0.75,-2.5\n")
     assert mass.channels[1].unit == "kg"
-    assert any("say its unit as g_n" in note for note in mass.notes)
+    assert any("give its unit as g_n" in note for note in mass.notes)
     beside = table(tmp_path, "accel 1 (m/s^2),2 [g]\n0.5,1.25\n0.75,-2.5\n")
     named = table(tmp_path, "1 [g],2 [g]\n0.5,1.25\n0.75,-2.5\n", "accel_03.csv")
     for record in (beside, named):
         assert record.channels[1].unit == "m/s^2"
-        assert any("of a mass, say its unit as gram" in note for note in record.notes)
+        assert any("of a mass, give its unit as gram" in note for note in record.notes)
 
 
 @pytest.mark.parametrize(("unit", "si"), [("g_n", "m/s^2"), ("gn", "m/s^2"), ("G", "")])

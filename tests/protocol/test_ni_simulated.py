@@ -1,6 +1,7 @@
 """An NI card with a simulated driver: one clock for inputs and outputs, limits at the drive."""
 
 import threading
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from flexstage.instruments.ni import (
     SensorInput,
     open_address,
 )
-from flexstage.instruments.ni.simulated import SimulatedBackend
+from flexstage.instruments.ni.simulated import SimulatedBackend, _Output
 from flexstage.instruments.protocol import Axis, Capability, Instrument, Recorder, Signal
 from flexstage.instruments.protocol import WaveGenerator as Generator
 from flexstage.instruments.waveform import Waveform
@@ -51,7 +52,15 @@ X = Signal(kind="position", source="x", name="x")
 ROLL = Signal(kind="channel", source="3", name="roll", unit="rad")
 
 
-def card(rate: float = 10e3, *, noise: float = 0.0, lead_to_safe: bool = True) -> NiAcquisition:
+def card(
+    rate: float = 10e3,
+    *,
+    noise: float = 0.0,
+    lead_to_safe: bool = True,
+    simultaneous: bool = True,
+    readable: bool = True,
+    standing: dict[str, float] | None = None,
+) -> NiAcquisition:
     setup = NiSetup(
         device="Dev1",
         inputs=INPUTS,
@@ -59,7 +68,10 @@ def card(rate: float = 10e3, *, noise: float = 0.0, lead_to_safe: bool = True) -
         output_rate_hz=rate,
         lead_to_safe=lead_to_safe,
     )
-    return NiAcquisition(setup, SimulatedBackend(WIRING, noise=noise, seed=5), limits=LIMITS)
+    backend = SimulatedBackend(
+        WIRING, noise=noise, seed=5, simultaneous=simultaneous, readable=readable, standing=standing
+    )
+    return NiAcquisition(setup, backend, limits=LIMITS)
 
 
 def reading(sensor: SensorInput, voltages: dict[str, Array]) -> Array:
@@ -126,6 +138,29 @@ def test_a_waveform_and_what_it_does_are_in_step(cycles: int) -> None:
     assert "simulated: nothing in it was measured" in record.notes
     assert record.attributes["driver"] == "simulated: asked for"
     assert instrument.axes["x"].voltage() == pytest.approx(given_["x"][-1], rel=1e-12)
+
+
+def test_a_multiplexer_samples_one_sensor_after_the_other_and_the_record_says_so() -> None:
+    instrument = card(simultaneous=False)
+    # 250 kS/s and 10 us of settling: 14 us from one conversion to the next.
+    said = instrument.settings()
+    assert "sampled" not in said["sensor x"]
+    assert said["sensor y"].endswith(", sampled 14 us after the first sensor")
+    assert said["sensor roll"].endswith(", sampled 28 us after the first sensor")
+    record = run_waveform(instrument, cosine(), [X, ROLL], rate_hz=10e3)
+    given_ = np.interp(np.arange(4000) / 10.0, np.arange(400), cosine().values["x"])
+    before = np.append(given_[0], given_[:-1])
+    # The first is converted at the edge; 28 us later the outputs have changed.
+    assert record.channel("x").values == pytest.approx(
+        reading(INPUTS[0], {"x": before, "y": 0.6 * before}), abs=1e-15
+    )
+    assert record.channel("roll").values == pytest.approx(
+        reading(INPUTS[2], {"x": given_, "y": 0.6 * given_}), abs=1e-15
+    )
+    # Close to the limit of the card there is no time left to settle.
+    fast = run_waveform(instrument, cosine(), [X, ROLL], rate_hz=80e3)
+    assert fast.attributes["sensor y"].endswith("sampled 4.17 us after the first sensor")
+    assert "sampled" not in str(card(simultaneous=True).settings())
 
 
 @settings(max_examples=25, deadline=None)
@@ -228,7 +263,16 @@ def test_samples_before_the_waveform_run_into_it() -> None:
     assert min(shift) < 1e-12  # in step but for some samples
 
 
-def test_a_stop_holds_and_safety_follows() -> None:
+class Sink:
+    def __init__(self) -> None:
+        self.parts: list[dict[str, Array]] = []
+
+    def append(self, first: int, columns: Mapping[str, Array]) -> None:
+        del first
+        self.parts.append(dict(columns))
+
+
+def test_a_stop_holds_and_safety_follows(monkeypatch: pytest.MonkeyPatch) -> None:
     instrument = card()
     fired = threading.Event()
 
@@ -245,21 +289,85 @@ def test_a_stop_holds_and_safety_follows() -> None:
             thread.join(10.0)
 
     backend.pause = pause  # type: ignore[method-assign]
-    record = run_waveform(instrument, cosine(1000), [U, X], rate_hz=1000.0)
-    u = record.channel("u").values
-    held = instrument.axes["x"].voltage()
+    usual_count = _Output.generated
+
+    def ahead(task: _Output) -> int:
+        # a card's memory that was filled beforehand
+        return min(usual_count(task) + 300, task.volts.shape[1])
+
+    monkeypatch.setattr(_Output, "generated", ahead)
+    sink = Sink()
+    with pytest.raises(ControllerError, match=r"the voltage of axis 'x'\) is not known from"):
+        run_waveform(instrument, cosine(1000), [U, X], rate_hz=1000.0, writer=sink)
     assert fired.is_set()
+    # What was recorded before the stop is whole; the sensor follows the output it saw.
+    u, x = (np.concatenate([p[n] for p in sink.parts]) for n in ("u", "x"))
+    assert 200 < u.size < 500
+    away = np.abs(x - reading(INPUTS[0], {"x": u, "y": 0.0 * u}))
+    assert away.max() < 7.1e-6 * 0.83 / 15.0 * np.abs(np.diff(u)).max()
+    # Where the drive was held is read back.
+    held = instrument.axes["x"].voltage()
     assert 10.0 < held < 76.0
-    assert u[-1] == held
-    assert np.count_nonzero(u == held) > 100
-    # The sensor says the same: the drive stood still.
-    assert record.channel("x").values[-1] == pytest.approx(
+    assert held == pytest.approx(15.0 * backend.read_outputs(OUTPUTS)[0] + 0.4, abs=1e-12)
+    assert instrument.axes["x"].position() == pytest.approx(
         reading(INPUTS[0], {"x": np.array(held), "y": np.array(0.0)}), abs=1e-12
     )
     with pytest.raises(ValueError, match="enough"), guarded(instrument):
         raise ValueError("enough")
     assert instrument.axes["x"].voltage() == 6.0
     assert instrument.axes["y"].voltage() == 0.0
+
+
+def test_a_card_that_cannot_read_its_outputs_claims_no_voltage_after_a_stop() -> None:
+    instrument = card(readable=False)
+    assert "0.4 V when connected (assumed" in instrument.settings()["drive x"]
+    instrument.axes["x"].set_voltage(6.0)
+    instrument.waves.load(cosine())
+    instrument.waves.start()
+    instrument.pause(0.1)
+    assert 6.0 < instrument.axes["x"].voltage() < 76.0  # while it runs
+    instrument.stop()
+    assert np.isnan(instrument.axes["x"].voltage())
+    with pytest.raises(ControllerError, match="this card cannot read it back: measure it"):
+        instrument.axes["x"].set_voltage(3.0)
+    with pytest.raises(ControllerError, match="the voltage of axis 'x' is not known: measure it"):
+        instrument.close()
+
+
+def test_a_ramp_that_is_cut_short_is_read_back() -> None:
+    instrument = card()
+    backend = instrument._backend
+    assert isinstance(backend, SimulatedBackend)
+    usual = backend.pause
+
+    def pause(seconds: float) -> None:
+        usual(seconds)
+        if backend.now > 0.01:
+            instrument.stop()
+
+    backend.pause = pause  # type: ignore[method-assign]
+    instrument.axes["x"].set_voltage(100.0)
+    assert 20.0 < instrument.axes["x"].voltage() < 60.0
+    assert instrument.axes["x"].voltage() == pytest.approx(
+        15.0 * backend.read_outputs(OUTPUTS)[0] + 0.4, abs=1e-12
+    )
+
+
+def test_what_the_outputs_give_is_looked_at_before_the_first_voltage() -> None:
+    # Another program left 3.2 V at the first output: 48.4 V behind the amplifier.
+    instrument = card(standing={"Dev1/ao0": 3.2, "Dev1/ao1": 0.004})
+    assert instrument.axes["x"].voltage() == pytest.approx(48.4)
+    assert instrument.axes["y"].voltage() == 0.0  # what is within the errors of a card is 0 V
+    assert instrument.settings()["drive x"].endswith("48.4 V when connected (read back)")
+    backend = instrument._backend
+    assert isinstance(backend, SimulatedBackend)
+    begin = backend.now
+    instrument.axes["x"].set_voltage(100.0)  # by a ramp from there
+    assert backend.now - begin == pytest.approx((100.0 - 48.4) / 4000.0, rel=0.3)
+    said = DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0, standing=30.0)
+    setup = NiSetup(device="Dev1", inputs=INPUTS, outputs=(said,))
+    with pytest.raises(ControllerError, match=r"gives 3\.2 V, which is 48 V at the drive of axis"):
+        NiAcquisition(setup, SimulatedBackend(WIRING, standing={"Dev1/ao0": 3.2}), limits=LIMITS)
 
 
 def test_close_leads_to_safety_unless_told_not_to() -> None:
@@ -284,8 +392,13 @@ def test_what_does_not_fit_is_refused() -> None:
         instrument.recorder.configure([Signal(kind="target", source="x", name="r")], 1e3, 10)
     with pytest.raises(ModelError, match="'channel' of '4'"):
         instrument.recorder.configure([Signal(kind="channel", source="4", name="r")], 1e3, 10)
-    with pytest.raises(ModelError, match="up to 50000 Hz"):
-        instrument.recorder.configure([X], 60e3, 10)
+    limit = r"up to 83333\.3 Hz \(250000 samples/s shared by 3 inputs\), got 90000.0 Hz"
+    with pytest.raises(ModelError, match=limit):
+        card(simultaneous=False).recorder.configure([X], 90e3, 10)
+    with pytest.raises(ModelError, match=r"up to 250000 Hz \(limit of its inputs\)"):
+        instrument.recorder.configure([X], 260e3, 10)
+    with pytest.raises(ModelError, match="samples at up to 83333"):
+        card(rate=90e3, simultaneous=False)
     with pytest.raises(ControllerError, match="configure the recorder first"):
         instrument.recorder.start()
     with pytest.raises(ModelError, match="sensors 1 to 3"):
@@ -392,6 +505,39 @@ def test_an_address_names_the_wires_of_a_stage() -> None:
     assert other.axes["x"].limits.voltage == (0.0, 10.0)
 
 
+def test_an_address_wires_each_sensor_and_drive_by_itself() -> None:
+    address = (
+        "ni://Dev1?x=ao0,ai0&y=ao1,ai8&roll=ai2&simulated=1&amplifier=15&amplifier.y=18&bias.y=-30V"
+        "&standing.y=24V&sensitivity=8.2um/V&sensitivity.y=-4um/V&sensitivity.roll=30urad/V"
+        "&offset.x=1.3um&offset.roll=2mrad&range=5V&range.roll=0V:10V&terminal=RSE"
+        "&terminal.y=pseudo-diff"
+    )
+    instrument = open_address(address, design("vgtu-piezo"))
+    assert instrument.setup.inputs == (
+        SensorInput(
+            channel="Dev1/ai0", name="x", gain=8.2e-6,
+            offset=1.3e-6, voltage_range=(-5.0, 5.0), terminal="rse",
+        ),
+        SensorInput(
+            channel="Dev1/ai8", name="y", gain=-4e-6,
+            voltage_range=(-5.0, 5.0), terminal="pseudo_diff",
+        ),
+        SensorInput(
+            channel="Dev1/ai2", name="roll", unit="rad", gain=3e-5,
+            offset=2e-3, voltage_range=(0.0, 10.0), terminal="rse",
+        ),
+    )  # fmt: skip
+    assert instrument.setup.outputs == (
+        DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0),
+        DriveOutput(
+            channel="Dev1/ao1", axis="y", sensor="y", gain=18.0, offset=-30.0, standing=24.0
+        ),
+    )
+    # The card gives 3 V at ao1, which the amplifier makes 24 V; the third sensor has no axis.
+    assert instrument.axes["y"].voltage() == 24.0
+    assert instrument.channel(3) == pytest.approx(2e-3, abs=5 * 0.2e-3 * 3e-5)
+
+
 @pytest.mark.parametrize(
     ("address", "match"),
     [
@@ -401,10 +547,25 @@ def test_an_address_names_the_wires_of_a_stage() -> None:
         ("ni://Dev1?simulated=maybe", "'simulated' is 0 or 1"),
         ("ni://Dev1?x=ao0&simulated=1", "an output and an input for 'x'"),
         ("ni://Dev1?x=ai0,ao0&simulated=1", "an output and an input for 'x'"),
-        ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "says something twice"),
+        ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "an option twice"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&seed=-1", "'seed' is a whole number"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um", "a number that is none"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=big", "a number that is none"),
+        (
+            "ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um",
+            "'sensitivity' in the address .* 'um'",
+        ),
+        (
+            "ni://Dev1?x=ao0,ai0&simulated=1&amplifier=big",
+            "expected a number such as 15, got 'big'",
+        ),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&terminal=single", "expected default, diff, nrse, pseudo"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range=5V:-5V", "must rise"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range=5", "has no unit"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&range.z=5V", r"no option 'range.z': sensors \(x\) take"),
+        ("ni://Dev1?x=ao0,ai0&roll=ai2&simulated=1&amplifier.roll=2", "no option 'amplifier.roll'"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&rate.x=2kHz", "no option 'rate.x'"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&standing=11V", "cannot stand at 11 V"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=3urad/V", "'sensitivity' in the address"),
+        ("ni://Dev1?roll=ai2&simulated=1", "names no axis"),
         ("ni://Dev1?x=ao0,ai0&simulated=1&amplifier=-2", "must be positive"),
     ],
 )
@@ -416,9 +577,9 @@ def test_addresses_that_are_none(address: str, match: str) -> None:
 def test_a_screw_takes_no_voltage() -> None:
     with pytest.raises(ModelError, match="has no voltage range"):
         open_address("ni://Dev1?simulated=1", design("vgtu-mechanical"))
-    with pytest.raises(ModelError, match="what it may say is x, y, amplifier"):
+    with pytest.raises(ModelError, match="it takes x, y, rate, simulated, seed, sens"):
         open_address("ni://Dev1?simulated=1&gain=15", design("vgtu-piezo"))
     setup = NiSetup(device="Dev1", inputs=INPUTS, outputs=OUTPUTS)
-    with pytest.raises(ModelError, match="'rate' is said beside a setup"):
+    with pytest.raises(ModelError, match=r"'rate' of .* and 'setup' both describe"):
         open_address("ni://Dev1?simulated=1&rate=1kHz", setup=setup)
     assert open_address("ni://Dev1?simulated=1", setup=setup).setup is setup

@@ -60,6 +60,9 @@ def test_the_state_is_written_whole_or_not_at_all(tmp_path):
     place.state_file.write_text("[1, 2]")
     with pytest.raises(RecordError, match="holds no state"):
         place.read_state()
+    place.state_file.write_text("[" * 100_000)
+    with pytest.raises(RecordError, match="cannot be read"):
+        place.read_state()
     place.state_file.write_text("{")
     with pytest.raises(RecordError, match="cannot be read"):
         place.read_state()

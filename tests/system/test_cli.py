@@ -92,7 +92,7 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("study", "parallelogram", "--models", "lumped", "--out", "d", "--json")
+    words = ("study", "parallelogram", "--model", "lumped", "--folder", "d", "--json", "-q")
     assert run(*words, *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
@@ -147,7 +147,7 @@ def test_every_model_of_a_stage_side_by_side(
 
 
 def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json")
+    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json", "--quiet")
     assert run("analyse", "parallelogram", *words) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
@@ -205,7 +205,7 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),
         (["analyse", "vgtu-piezo", "--model", "superelements"], "choose from lumped, super"),
-        (["analyse", "vgtu-piezo", "--model", "lumped", "--accuracy", "1%"], "no mesh to refine"),
+        (["analyse", "vgtu-piezo", "--model", "lumped", "--accuracy", "1%"], "plane or solid only"),
         (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "2"], "0 and 100 %"),
         (["analyse", "vgtu-piezo", "--model", "plane", "--accuracy", "fine"], "such as 0.1%"),
         (["analyse", "vgtu-piezo", "--model", "solid", "--plane", "strain"], "no plane state"),
@@ -299,12 +299,20 @@ def test_work_that_fails_leaves_nothing(
         raise error
 
     # the last thing before the files are written
-    monkeypatch.setattr("flexstage.report.report_html", fail)
+    monkeypatch.setattr("flexstage.report.report_pages", fail)
     assert run("study", "parallelogram", "--models", "lumped", *BRIEFLY) == status
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert left_behind(elsewhere) == []
+
+
+def test_a_character_of_code_0_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("show", "parallelogram", "--figure", "a\0.svg") == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "character of code 0" in captured.err
 
 
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -214,7 +214,7 @@ def test_units_that_the_file_does_not_say(capsys, tmp_path):
     got = values(found(capsys, *words))
     assert got["output_displacement", "x"]["value"] == pytest.approx(STROKE * 1e-6, rel=1e-3)
     assert got["straightness", "x"]["value"] == pytest.approx(0.21e-9, rel=5e-2)
-    refused(capsys, "'side' does not say its unit", tmp_path, bare, *ROLES)
+    refused(capsys, "'side' does not give its unit", tmp_path, bare, *ROLES)
     refused(capsys, "unknown unit|no unit|unit", tmp_path, *words[:-1], "across=parsec2")
 
 

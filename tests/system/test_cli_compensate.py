@@ -265,11 +265,11 @@ def test_a_reference_of_uneven_times_is_made_even(capsys, tmp_path, model_file):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "is no drive model"),
-        (b"\xff\xfe\x00\x01", "is not text"),
+        (b"", "the file is empty, expected a model file"),
+        (b"\xff\xfe\x00\x01", "not UTF-8 text"),
         (b"name: vgtu-piezo\n", "is no drive model"),
         (b"flexstage-drive-model: 3\n", "newer flexstage"),
-        (None, "there is no model file"),
+        (None, "`flexstage identify --out` writes one"),
     ],
 )
 def test_files_that_are_no_models(capsys, tmp_path, reference_file, content, said):

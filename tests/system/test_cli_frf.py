@@ -401,7 +401,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("two frequencies", (*named, "--band", "800")),
         ("Hz", (*named, "--band", "2 m:5 m")),
         ("--modes must be", (*named, "--modes", "many")),
-        ("--figure must end", (*named, "--figure", tmp_path / "a.txt")),
+        ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
         ("--input and --output", (struck, "--output", "a")),

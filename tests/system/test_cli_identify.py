@@ -308,7 +308,10 @@ BAD_OPTIONS = [
     (("--decimal", ";"), "decimal"),
     (("--time", "9"), "9"),
     (("--figure", "loop.bmp"), "bmp"),
-    (("--figure", "loop"), "--figure must end in one of .svg, .png, .pdf, got 'loop'"),
+    (
+        ("--figure", "loop"),
+        "must end in one of .svg, .png, .pdf, which says the format, got 'loop'",
+    ),
     (("--out", ""), "--out"),
     (("--output", "0"), "same column"),
     (("--input", "4", "--output", "0"), "the output leads the input"),

@@ -88,7 +88,7 @@ def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFix
         (["--material", "2=Invar 36"], "no solid '2' to give a material to: it has 1 body1"),
         (["--material", "Invar 36", "--material", "Ti-6Al-4V"], "both for all solids"),
         (["--solids", "2"], "has the solids 1 body1; got '2'"),
-        (["--figure", "picture.txt"], "--figure must end in"),
+        (["--figure", "picture.txt"], "'--figure': the name must end in"),
     ],
 )
 def test_bad_input(

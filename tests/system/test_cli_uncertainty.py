@@ -122,7 +122,6 @@ def test_tables_and_figure(file, tmp_path):
         (("--trials", "1.5"), "whole number or auto"),
         (("--trials", "10"), "1000 to"),
         (("--confidence", "95"), "between 0 and 1"),
-        (("--figure", "x.gif"), "must end in one of"),
     ],
 )
 def test_bad_options_are_one_sentence(file, words, message):
@@ -132,6 +131,12 @@ def test_bad_options_are_one_sentence(file, words, message):
     assert isinstance(done.exception, ValueError)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
+
+
+def test_a_figure_is_a_picture(file):
+    done = run(file, "--figure", "x.gif")
+    assert done.exit_code == 2
+    assert "must end in one of .svg" in done.output
 
 
 @pytest.mark.parametrize(

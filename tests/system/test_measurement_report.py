@@ -22,10 +22,11 @@ from flexstage.report import (
     run_study,
     study_results,
 )
-from flexstage.report.html import BENCH_SECTIONS
+from flexstage.report.html import SECTIONS
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.
+BENCH = ("measured", "virtual", "centring")
 LAB = Laboratory(cycles=4, samples=120, hold=1024, levels=8, per_level=40, hits=3, repeats=3)
 
 
@@ -58,6 +59,11 @@ class Tables(HTMLParser):
             self._row = None
 
 
+def as_measured(found):
+    """The same figures as of a real stage, which are compared with models and publications."""
+    return replace(found, campaign=replace(found.campaign, origin="measured"))
+
+
 def characterised(stage, seed=4, kinds=None):
     made = virtual_campaign(as_built(stage, seed=seed), laboratory=LAB, seed=seed)
     kept = tuple(t for t in made.campaign.tests if kinds is None or t.kind in kinds)
@@ -72,7 +78,7 @@ def characterised(stage, seed=4, kinds=None):
 )
 def result(request):
     stage = design(request.param)
-    return measurement(characterised(stage), stage, ("lumped",))
+    return measurement(as_measured(characterised(stage)), stage, ("lumped",))
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +119,16 @@ def test_numbers_of_the_table_are_those_of_the_results(result, page):
         shown = display(one["quantity"])
         assert cells[0].startswith(shown.label)
         assert cells[1] == one["axis"]
-        value = shown.factor * one["value"]
-        assert numeral(cells[2]) == pytest.approx(value, rel=2e-3)
-        half = 0.5 * shown.factor * (one["interval"][1] - one["interval"][0])
+        unit = re.search(r"\[(.*)\]", cells[0])
+        steps = (
+            "µnp".index(unit[1][0]) - "µnp".index(shown.unit[0])
+            if unit and (unit[1] != shown.unit)
+            else 0
+        )
+        factor = shown.factor * 1e3**steps
+        half = 0.5 * factor * (one["interval"][1] - one["interval"][0])
+        # to the second digit of its uncertainty
+        assert numeral(cells[2]) == pytest.approx(factor * one["value"], abs=0.051 * half)
         assert numeral(cells[3]) == pytest.approx(half, rel=0.06)
         for cell, origin in zip(cells[4:], result.references, strict=True):
             given = one["differences"].get(origin)
@@ -196,7 +209,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def study_page(study):
-    sections = {key: write(study) for key, (_, write) in BENCH_SECTIONS.items()}
+    sections = {key: SECTIONS[key][1](study) for key in BENCH}
     return "".join(f'<section id="{k}">{text}</section>' for k, text in sections.items())
 
 
@@ -226,17 +239,42 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
     assert sum("measured" in h for h in heads) == 1
 
 
+def test_a_simulated_measurement_is_compared_with_nothing(result):
+    found = replace(result.found, campaign=replace(result.found.campaign, origin="virtual"))
+    quiet = replace(found, results=tuple(replace(r, details={}) for r in found.results))
+    text = measurement_text(measurement(quiet, result.stage, ("lumped",)))
+    rows = Tables(text).sections["figures"]
+    assert rows[0] == ["", "", "simulated measurement"]
+    assert {len(cells) for cells in rows[1:]} == {4}
+    assert "measured here" not in text
+    assert " *" not in re.sub(r"<(style|script)>.*?</\1>", "", text, flags=re.S)
+
+
+def test_half_a_page_on_the_simulated_measurement_is_in_the_report(study):
+    section = SECTIONS["virtual"][1](study)
+    rows = Tables(section).sections[""]
+    assert [cells[0] for cells in rows][1] == "Output displacement [µm]"
+    figure = next(
+        r.figure for r in study.virtual.rows if r.figure.quantity == "output_displacement"
+    )
+    value = numeral(rows[1][1].split(" ± ")[0])
+    assert value == pytest.approx(1e6 * figure.estimate.value, abs=1e-3)
+    # the resonance with the published frequency beside it
+    assert "published, measured: 337 Hz" in section
+    assert 'href="virtual-measurement.html"' in section
+
+
 def test_a_virtual_campaign_that_joins_a_study_is_not_its_own_reference(study):
     found = replace(study.measured, campaign=replace(study.measured.campaign, origin="virtual"))
     found = replace(found, results=tuple(replace(r, details={}) for r in found.results))
-    section = BENCH_SECTIONS["measured"][1](replace(study, measured=found))
+    section = SECTIONS["measured"][1](replace(study, measured=found))
     heads = Tables(section).sections[""][1]
     assert "virtual" not in " ".join(heads)
 
 
 def test_sections_that_were_not_asked_for_are_empty(study):
     bare = replace(study, measured=None, virtual=None, centring=None)
-    assert [write(bare) for _, write in BENCH_SECTIONS.values()] == ["", "", ""]
+    assert [SECTIONS[key][1](bare) for key in BENCH] == ["", "", ""]
 
 
 def test_results_of_a_study(study):
@@ -260,7 +298,7 @@ def test_results_of_a_study(study):
 def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
     made = run_study(design("parallelogram"), ("lumped",), virtual=True, seed=3)
     assert isinstance(made.centring, str)
-    assert "No scale could be centred: " in BENCH_SECTIONS["centring"][1](made)
+    assert "No scale could be centred: " in SECTIONS["centring"][1](made)
     results = study_results(made)
     assert results["centring"] == {"left_out": made.centring}
     assert results["virtual_measurement"]["stage"] == "parallelogram"

@@ -5,7 +5,7 @@ Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr an
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, cast
 
 import typer
@@ -15,6 +15,8 @@ from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
 from flexstage.cli.check import check
+from flexstage.cli.command import Command, Group
+from flexstage.cli.common import print_json
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
 from flexstage.cli.excite import excite
@@ -44,36 +46,23 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: The commands. Their modules import what is heavy only when a command runs.
 app = typer.Typer(
     name="flexstage",
+    cls=Group,
     help="Design, verify, identify and drive flexure-based micropositioning stages.",
     no_args_is_help=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for _command in (
-    study,
-    show,
-    check,
-    analyse,
-    equations,
-    export,
-    hinges,
-    part,
-    records,
-    excite,
-    identify,
-    predict,
-    compensate,
-    characterise,
-    frf,
-    uncertainty,
-    centre,
-    run,
-    twin,
-):
-    app.command()(_command)
-app.add_typer(runs)
+_SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Design": (check, show, analyse, study, hinges, equations, part, export),
+    "Drives": (excite, identify, predict, compensate),
+    "Measurements": (records, frf, characterise, uncertainty, centre),
+    "Bench": (twin, run),
+}
+for _section, _commands in _SECTIONS.items():
+    for _command in _commands:
+        app.command(cls=Command, rich_help_panel=_section)(_command)
+app.add_typer(runs, rich_help_panel="Bench")
 
 
 @app.callback(invoke_without_command=True)
@@ -110,25 +99,37 @@ def _run(arguments: list[str] | None) -> int:
         if hasattr(stream, "reconfigure"):
             # a terminal that cannot show a letter shows a question mark, and nothing fails
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    words = sys.argv[1:] if arguments is None else arguments
+    # a command line that cannot be parsed says by this word alone what its reader is
+    as_json = "--json" in words[: words.index("--") if "--" in words else None]
+    if any("\0" in word for word in words):
+        message = "an argument holds a character of code 0, which no text or path has"
+        return _fail("UsageError", message, 2, as_json)
     # every misuse of the command line is one of these, whichever library parses it
     misuse = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         status = app(arguments, prog_name="flexstage", standalone_mode=False)
     except misuse as error:
-        return _fail(_usage(error), 2)
+        return _fail("UsageError", _usage(error), 2, as_json)
     except FlexstageError as error:
-        return _fail(str(error), 2 if isinstance(error, ValueError) else 1)
+        status = 2 if isinstance(error, ValueError) else 1
+        return _fail(type(error).__name__, str(error), status, as_json)
     except OSError as error:
-        return _fail(_file_error(error), 1)
+        # nobody reads on where the pipe is broken
+        read_on = as_json and not isinstance(error, BrokenPipeError)
+        return _fail(type(error).__name__, _file_error(error), 1, read_on)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", _INTERRUPTED)
+        return _fail("KeyboardInterrupt", "interrupted", _INTERRUPTED, as_json)
     if status == _INTERRUPTED:
-        return _fail("interrupted", _INTERRUPTED)
+        return _fail("KeyboardInterrupt", "interrupted", _INTERRUPTED, as_json)
     return status if isinstance(status, int) else 0
 
 
-def _fail(message: str, status: int) -> int:
+def _fail(kind: str, message: str, status: int, as_json: bool) -> int:
+    """Say what went wrong in a sentence, and as an object where the reader is a program."""
     sentence = " ".join(message.split())
+    if as_json:
+        print_json({"error": {"kind": kind, "message": sentence, "status": status}})
     sys.stderr.write(f"flexstage: {sentence}\n")
     return status
 
@@ -136,7 +137,8 @@ def _fail(message: str, status: int) -> int:
 def _usage(error: Exception) -> str:
     said = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
     command = getattr(getattr(error, "ctx", None), "command_path", "flexstage")
-    return f"{said.rstrip('.')}; see '{command} --help'"
+    said = said.removesuffix(".")
+    return f"{said}{' See' if said.endswith('?') else '; see'} '{command} --help'"
 
 
 def _file_error(error: OSError) -> str:

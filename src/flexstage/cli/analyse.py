@@ -1,4 +1,4 @@
-"""`flexstage analyse`: one model of a stage: characteristics, modes, stress, Bode data."""
+"""`flexstage analyse`: models of a stage: characteristics, modes, stress, Bode data."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,18 +7,21 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
-    ModelOption,
+    ModelsOption,
     PlaneOption,
+    QuietOption,
     StageArgument,
     console,
+    figure_option,
+    folder_option,
     load_stage,
     make_table,
-    output_path,
+    model_names,
     print_json,
     progress_bar,
     relative,
 )
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,62 +36,64 @@ __all__ = ["analyse"]
 
 def analyse(
     stage: StageArgument,
-    model: ModelOption = "superelement",
+    model: ModelsOption = "superelement",
     plane: PlaneOption = "auto",
     accuracy: Annotated[
         float | None,
         typer.Option(
             parser=relative,
             metavar="SHARE",
-            help="Refine the mesh of the plane or solid model until --quantity has settled to this "
-            "share of itself, such as 0.1%.",
+            help="Refine the mesh of the plane or solid model until --quantity changes by less "
+            "than this share, such as 0.1%.",
         ),
     ] = None,
     quantity: Annotated[
         str,
-        typer.Option(metavar="NAME", help="What --accuracy is asked of, such as max_stress."),
+        typer.Option(
+            metavar="NAME", help="Quantity that --accuracy refers to, such as max_stress."
+        ),
     ] = "natural_frequency_hz",
     supports: Annotated[
         str,
         typer.Option(
             metavar="rigid|elastic",
-            help="Whether the frame gives way under drives that react on it (finite elements).",
+            help="Rigid or elastic frame under the reactions of the drives (plane and solid "
+            "models).",
         ),
     ] = "rigid",
     stroke: Annotated[
         bool,
         typer.Option(
             "--stroke",
-            help="Follow each axis over its stroke with finite displacements (plane model): "
+            help="Compute each axis over its stroke with large displacements (plane model): "
             "straightness, stiffening, buckling.",
         ),
     ] = False,
-    out: Annotated[
+    folder: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Write analysis.json, with the Bode data, and a Bode diagram of each axis there.",
-        ),
+        folder_option("Write analysis.json, with the Bode data, and a Bode diagram of each axis."),
     ] = None,
     vtu: Annotated[
         bool,
         typer.Option(
             "--vtu",
-            help="Write the states at full stroke and the modes for ParaView as well, into vtu/ of "
-            "--out (plane and solid).",
+            help="Also write the states at full stroke and the modes for ParaView, into vtu/ of "
+            "--folder (plane and solid models).",
         ),
     ] = False,
+    figure: Annotated[
+        Path | None,
+        figure_option("Draw the Bode diagram of each axis, in files NAME-AXIS."),
+    ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Print the characteristics, modes, hinge stress and responses of a stage by one model."""
-    from flexstage.report import (
-        Wanted,
-        require_writable,
-        results_json,
-        run_model,
-        write_files,
-    )
+    """Compute characteristics, modes, stress and responses.
+
+    Several models are printed in sequence; all leaves out, with a note, those that are impossible.
+    """
+    from flexstage.progress import share
+    from flexstage.report import Wanted, run_model
 
     described = load_stage(stage)
     wanted = Wanted(
@@ -98,25 +103,72 @@ def analyse(
         supports=supports,  # type: ignore[arg-type]
         stroke=stroke,
     )
-    if vtu and (out is None or model not in ("plane", "solid")):
-        raise ModelError("--vtu needs --out DIR and a model with a mesh: plane or solid")
-    if out is not None:
-        require_writable(out)
-    with progress_bar():
-        run = run_model(described, model, wanted)
-    analysis = run.analysis
-    files = []
-    if out is not None:
-        results = results_json(_results(run))
-        files = write_files(out, {"analysis.json": results} | _diagrams(analysis))
-        if vtu and run.mesh is not None:
-            from flexstage.fem.vtu import vtu_files
-
-            files += write_files(out / "vtu", vtu_files(run.mesh, analysis))
+    names = model_names(model)
+    if vtu and (folder is None or not {"plane", "solid"} & set(names)):
+        raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
+    runs: dict[str, ModelRun] = {}
+    left_out: dict[str, str] = {}
+    with progress_bar("analyse", quiet=quiet):
+        for i, name in enumerate(names):
+            with share(i / len(names), (i + 1) / len(names)):
+                try:
+                    runs[name] = run_model(described, name, wanted)
+                except FlexstageError as error:
+                    if model.strip() != "all":
+                        raise
+                    left_out[name] = str(error)
+    if not runs:
+        raise ModelError(f"no model is possible: {next(iter(left_out.values()), 'none is named')}")
+    files = _written(runs, folder, figure, vtu=vtu)
     if json:
-        print_json(_results(run))
+        print_json(_printed(runs, left_out, files))
         return
     screen = console()
+    for run in runs.values():
+        _print(screen, run)
+    for name, why in left_out.items():
+        screen.print(f"note: the {name} model was left out: {why}", markup=False)
+    for file in files:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _printed(
+    runs: "Mapping[str, ModelRun]", left_out: dict[str, str], files: list[Path]
+) -> dict[str, Any]:
+    """What is printed as JSON: of one model its results, of several those of each by its name."""
+    beside = {"files": [str(file) for file in files]}
+    if len(runs) == 1 and not left_out:
+        return _results(next(iter(runs.values()))) | beside
+    return {
+        "models": {name: _results(run) for name, run in runs.items()},
+        "left_out": left_out,
+    } | beside
+
+
+def _written(
+    runs: "Mapping[str, ModelRun]", folder: Path | None, figure: Path | None, *, vtu: bool
+) -> list[Path]:
+    """Write what was asked for: of several models each into a folder of its name."""
+    from flexstage.report import results_json, write_files
+
+    files: list[Path] = []
+    for name, run in runs.items():
+        within = folder / name if folder is not None and len(runs) > 1 else folder
+        if within is not None:
+            results = results_json(_results(run))
+            files += write_files(within, {"analysis.json": results} | _diagrams(run.analysis))
+            if vtu and run.mesh is not None:
+                from flexstage.fem.vtu import vtu_files
+
+                files += write_files(within / "vtu", vtu_files(run.mesh, run.analysis))
+        if figure is not None:
+            drawn = _diagrams(run.analysis, figure, name if len(runs) > 1 else "")
+            files += write_files(figure.parent, drawn)
+    return files
+
+
+def _print(screen: "Console", run: "ModelRun") -> None:
+    analysis = run.analysis
     _characteristics(screen, analysis)
     _modes(screen, analysis)
     _stress(screen, analysis)
@@ -125,8 +177,6 @@ def analyse(
     _bars(screen, run.bars)
     for note in analysis.validity:
         screen.print(f"note: {note}", style="dim", markup=False)
-    for file in files:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)
 
 
 def _results(run: "ModelRun") -> dict[str, Any]:
@@ -135,12 +185,17 @@ def _results(run: "ModelRun") -> dict[str, Any]:
     return analysis_results(run.analysis, responses=True) | run_results(run)
 
 
-def _diagrams(analysis: "Analysis") -> dict[str, bytes]:
+def _diagrams(
+    analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
+) -> dict[str, bytes]:
+    """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
     from flexstage.cli.common import name_for_files
     from flexstage.report.figures import draw_bode, encode
 
+    kind = figure.suffix.lower().removeprefix(".")
+    stem = f"{figure.stem}-{model}" if model else figure.stem
     return {
-        f"bode-{name_for_files(a.axis)}.svg": encode(draw_bode(analysis, a.axis), "svg")
+        f"{stem}-{name_for_files(a.axis)}{figure.suffix}": encode(draw_bode(analysis, a.axis), kind)
         for a in analysis.axes
     }
 
@@ -237,7 +292,7 @@ def _responses(screen: "Console", analysis: "Analysis") -> None:
     if not analysis.responses:
         return
     table = make_table(
-        "frequency responses (all points with --json or --out)",
+        "frequency responses (all points with --json or --folder)",
         "drive",
         "<probe",
         "<input",

@@ -21,9 +21,8 @@ from flexstage.cli.centre_trial import positions_of, print_trial, trial
 from flexstage.cli.common import (
     JsonOption,
     console,
-    output_path,
+    figure_option,
     print_json,
-    require_image,
     write_file,
 )
 from flexstage.cli.records import (
@@ -48,40 +47,41 @@ def centre(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="Records of the error over the angle of the table. Several files are heads of one "
-            "setting where --heads has an angle for each, else settings one after the other.",
+            help="Records of the error over the angle of the table. Several files are the heads "
+            "of one setting if --heads has an angle for each, else settings in sequence.",
         ),
     ],
     error: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMN,...",
-            help="Numbers or names of the columns of errors, one for each head: angle read less "
-            "true angle; or, in a unit of length, what indicators read on the rim.",
+            help="Numbers or names of the error columns, one for each head: angle reading minus "
+            "true angle; or, in a unit of length, the readings of indicators on the rim.",
         ),
     ] = None,
     reading: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMN,...",
-            help="In place of --error, the columns of what the heads read, wrapped at a turn or "
-            "not: the angle is taken off.",
+            help="Instead of --error: columns of the readings of the heads, wrapped at a turn or "
+            "not; the true angle is subtracted.",
         ),
     ] = None,
     angle: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMN",
-            help="Number or name of the column of the true angle, wrapped or not; samples evenly "
-            "spaced over --turns where not given.",
+            help="Number or name of the column of the true angle, wrapped or not (default: "
+            "samples are evenly spaced over --turns).",
         ),
     ] = None,
     unit: Annotated[
         str | None,
         typer.Option(
             metavar="UNIT",
-            help="Unit of both where neither the file nor an option of their own says it, such as "
-            '"deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in it.',
+            help="Unit of angle and error if neither the file nor --angle-unit and --error-unit "
+            'give it, such as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in '
+            "it.",
         ),
     ] = None,
     angle_unit: Annotated[
@@ -92,13 +92,13 @@ def centre(
     ] = None,
     counts: Annotated[
         float | None,
-        typer.Option(metavar="NUMBER", help="Counts in a turn, for what is in counts."),
+        typer.Option(metavar="NUMBER", help="Counts per turn, for columns in counts."),
     ] = None,
     heads: Annotated[
         str | None,
         typer.Option(
             metavar="ANGLES",
-            help="Where the heads or indicators stand in the room, in degrees, such as "
+            help="Angles of the heads or indicators in the room, bare numbers in degrees, such as "
             '"0,90,180,270".',
         ),
     ] = None,
@@ -110,64 +110,67 @@ def centre(
         ),
     ] = None,
     diameter: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Diameter, in place of the radius.")
+        str | None, typer.Option(metavar="LENGTH", help="Diameter, instead of --radius.")
     ] = None,
     kind: Annotated[
         str | None,
         typer.Option(
             metavar="disc|drum|magnet",
-            help="Radial lines or poles on a face, read at the radius (disc, where not given); "
-            "lines or poles along the axis on a rim (drum); a magnet of one pair of poles on the "
-            "axis, whose harmonic of order 1 is no eccentricity alone (magnet).",
+            help="disc (default): radial lines or poles on a face, read at the radius; drum: "
+            "lines or poles parallel to the axis on a rim; magnet: one pair of poles on the axis, "
+            "whose harmonic of order 1 is not eccentricity alone.",
         ),
     ] = None,
     orders: Annotated[
         str | None,
         typer.Option(
             metavar="RANGE",
-            help='Orders to fit, such as "1:12" or "1,2,4"; 1:12 where not given, or fewer as '
-            "samples allow.",
+            help='Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are '
+            "few samples).",
         ),
     ] = None,
     turns: Annotated[
         float | None,
-        typer.Option(metavar="NUMBER", help="Turns that the samples go over, without --angle."),
+        typer.Option(
+            metavar="NUMBER", help="Number of turns in the record, if there is no --angle."
+        ),
     ] = None,
     sign: Annotated[
         int,
         typer.Option(
             metavar="1|-1",
-            help="-1 where the errors are true angle less angle that was read: all that is printed "
-            "and drawn is the other way round.",
+            help="-1 if the errors are true angle minus angle reading: all printed and drawn "
+            "values change their sign.",
         ),
     ] = 1,
     head_direction: Annotated[
         str,
         typer.Option(
             metavar="ccw|cw",
-            help="How the heads travel round the scale as the angle grows, as seen in the frame x, "
-            "y that turns with the table; head angles count that way too. Over a table that turns "
-            "counter-clockwise they travel cw.",
+            help="Direction in which the heads travel round the scale as the angle grows, seen in "
+            "the frame x, y that turns with the table; head angles count in this direction. Over "
+            "a table that turns counter-clockwise they travel cw.",
         ),
     ] = "ccw",
     stage_at: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y;...",
-            help="Where the stage stood at each setting, in um where no unit is given, such as "
-            '"0,0; 20,0; 0,20; 20,20": tells which orders follow the moves, their gain, and where '
-            "the centre is, of any scale and with no radius.",
+            help="Positions of the stage at each setting, bare numbers in um, such as "
+            '"0,0; 20,0; 0,20; 20,20": gives the orders that follow the moves, their gain, and the '
+            "centre, for any scale and without a radius.",
         ),
     ] = None,
     mount_angle: Annotated[
-        float,
+        str,
         typer.Option(
-            metavar="DEG",
-            help="Direction of the x axis of the stage in the frame that turns with the table.",
+            metavar="ANGLE",
+            help="Direction of the x axis of the stage in the frame that turns with the table, "
+            'such as "30 deg"; a bare number is in degrees.',
         ),
-    ] = 0.0,
+    ] = "0 deg",
     outliers: Annotated[
-        bool, typer.Option(help="Look for outliers, name them, and set them aside.")
+        bool, typer.Option(help="Find outliers, report them, and exclude them.")
     ] = True,
     rows: RowsOption = None,
     format: FormatOption = None,
@@ -177,18 +180,20 @@ def centre(
     decimal: DecimalOption = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw the error over the turn and its harmonics there: .svg, .png or .pdf.",
-        ),
+        figure_option("Draw the error over the turn and its harmonics."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Find the harmonics of a scale's error over the turn, its eccentricity, and the move."""
+    """Find a scale's eccentricity and the move that removes it.
+
+    The harmonics of the error over the turn are fitted; that of order 1 gives the eccentricity.
+    """
+    from flexstage.units import parse
+
     _require(figure, sign, head_direction, kind, angle, turns)
     names = _columns(error, reading, angle, sign)
     size_of_scale = radius_of(radius, diameter)
+    mounted = parse(mount_angle, "angle", bare_unit="deg")
     if kind == MAGNET and size_of_scale is not None:
         raise ModelError(
             "a magnet on the axis has no radius that its error could be turned into micrometres "
@@ -246,7 +251,7 @@ def centre(
         for i in range(0, len(found), size)
     ]
     written = error_unit or unit
-    reports = [report(s, mirror, math.radians(mount_angle), written) for s in settings]
+    reports = [report(s, mirror, mounted, written) for s in settings]
     for i in range(1, len(reports)):
         reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
     notes = (*(note for r in read for note in r.notes), *doubts(found))
@@ -302,7 +307,6 @@ def _require(
 ) -> None:
     from flexstage.centring import SCALE_KINDS
 
-    require_image(figure)
     if sign not in (1, -1):
         raise ModelError(f"--sign must be 1 or -1, got {sign}")
     if direction not in _DIRECTIONS:

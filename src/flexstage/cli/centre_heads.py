@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from flexstage.cli.common import positive_length
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -311,17 +312,11 @@ def radius_of(radius: str | None, diameter: str | None) -> float | None:
     ModelError
         Both were given, or it is not positive.
     """
-    from flexstage.units import parse
-
     if radius is not None and diameter is not None:
         raise ModelError("give --radius or --diameter, not both")
-    if radius is None and diameter is None:
-        return None
-    given = radius if radius is not None else diameter
-    value = parse(given, "length", bare_unit="mm") * (1.0 if radius is not None else 0.5)
-    if not value > 0.0:
-        raise ModelError(f"the radius of the scale must be positive, got '{given}'")
-    return value
+    if diameter is not None:
+        return 0.5 * positive_length(diameter, "the diameter of the scale", "mm")
+    return None if radius is None else positive_length(radius, "the radius of the scale", "mm")
 
 
 def orders_of(text: str | None) -> list[int] | None:

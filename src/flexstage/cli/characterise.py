@@ -9,9 +9,12 @@ import typer
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.common import (
     JsonOption,
+    ModelsOption,
+    QuietOption,
     console,
+    folder_option,
     load_stage,
-    output_path,
+    model_names,
     print_json,
     progress_bar,
     relative,
@@ -21,7 +24,9 @@ from flexstage.cli.records import (
     DecimalOption,
     DelimiterOption,
     FormatOption,
+    RowsOption,
     SampleRateOption,
+    SkipLinesOption,
     TimeOption,
 )
 from flexstage.errors import ModelError
@@ -43,104 +48,105 @@ def characterise(
         list[Path] | None,
         typer.Argument(
             metavar="FILE...",
-            help="One description of tests (.yaml), or measured files of one test.",
+            help="One test description (.yaml), or the measured files of one test.",
         ),
     ] = None,
     stage: Annotated[
         str | None,
         typer.Option(
             metavar="STAGE",
-            help="Stage file or built-in design; its models and published figures are set beside.",
+            help="A stage file, or the name of a built-in design, to compare with its models and "
+            "published values.",
         ),
     ] = None,
-    virtual: Annotated[
+    virtual_seed: Annotated[
         int | None,
         typer.Option(
             metavar="SEED",
             min=0,
-            help="Measure a virtual stage, made by this seed, in place of files; needs --stage.",
+            help="Instead of files: simulate the measurements of --stage, with this random seed.",
         ),
     ] = None,
     test: Annotated[
         str,
         typer.Option(
             metavar="KIND",
-            help="What the files are of: motion, spheres, positioning, staircase, hold, response, "
+            help="Kind of test: motion, spheres, positioning, staircase, hold, response, "
             "ring-down or workspace.",
         ),
     ] = "motion",
     axis: Annotated[
-        str, typer.Option(metavar="NAME", help="The axis that moves; of a workspace both, as xy.")
+        str, typer.Option(metavar="NAME", help="The axis that moves; for a workspace both, as xy.")
     ] = "x",
-    command: Annotated[str | None, _column("what the drive was told")] = None,
+    command: Annotated[str | None, _column("the command")] = None,
     along: Annotated[str | None, _column("the position along the axis")] = None,
-    across: Annotated[str | None, _column("the motion across it in the plane")] = None,
+    across: Annotated[str | None, _column("the transverse motion in the plane")] = None,
     vertical: Annotated[str | None, _column("the motion out of the plane")] = None,
     roll: Annotated[str | None, _column("the rotation about the axis")] = None,
-    pitch: Annotated[str | None, _column("the rotation about the direction across")] = None,
+    pitch: Annotated[str | None, _column("the rotation about the transverse direction")] = None,
     yaw: Annotated[str | None, _column("the rotation about the normal")] = None,
-    input: Annotated[str | None, _column("the force, or whatever excites")] = None,
+    input: Annotated[str | None, _column("the force or other excitation")] = None,
     output: Annotated[
         str | None,
-        typer.Option(metavar="COLUMNS", help="Columns of what follows it, with commas between."),
+        typer.Option(metavar="COLUMNS", help="Columns of the response, separated by commas."),
     ] = None,
     corner: Annotated[str | None, _column("the number of the corner")] = None,
     x: Annotated[str | None, _column("the reading in x at the corners")] = None,
     y: Annotated[str | None, _column("the reading in y at the corners")] = None,
     spheres: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Names of the spheres, with commas between."),
+        typer.Option(metavar="NAMES", help="Names of the spheres, separated by commas."),
     ] = None,
     direction: Annotated[
-        str | None, _column("the side that each target was reached from: up or down, 1 or -1")
+        str | None, _column("the direction of approach: up or down, 1 or -1")
     ] = None,
     upward: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMNS",
-            help="Of a table with a row for each target: columns of the runs upward, with commas "
-            "between.",
+            help="For a table with a row for each target: columns of the upward runs, separated by "
+            "commas.",
         ),
     ] = None,
     downward: Annotated[
         str | None,
-        typer.Option(metavar="COLUMNS", help="Of such a table: columns of the runs downward."),
+        typer.Option(metavar="COLUMNS", help="For such a table: columns of the downward runs."),
     ] = None,
     cycle: Annotated[
         str,
         typer.Option(
             metavar="FORM",
-            help="Of positioning, a row for each approach: standard (series up and down) or step "
-            "(each target from both sides in turn); auto also finds rests of several samples.",
+            help="For positioning with a row for each approach: standard (series up and down) or "
+            "step (each target from both sides in turn); auto also finds rests of several samples.",
         ),
     ] = "auto",
     deviations: Annotated[
         bool,
         typer.Option(
             "--deviations",
-            help="Of positioning: the readings are deviations from the targets, and not positions.",
+            help="For positioning: the readings are deviations from the targets, not positions.",
         ),
     ] = False,
     commands: Annotated[
         str | None,
         typer.Option(
             metavar="LENGTHS",
-            help="Of spheres: what the drive was told at each station, with commas between, where "
-            'no column says it: "0 um,5 um,10 um,5 um,0 um".',
+            help="For spheres: command at each station, separated by commas, if there is no such "
+            'column: "0 um,5 um,10 um,5 um,0 um".',
         ),
     ] = None,
-    unit: Annotated[
+    column_unit: Annotated[
         list[str] | None,
         typer.Option(
             metavar="ROLE=UNIT",
-            help='Unit of a column that does not say its own, such as "along=um"; may be repeated.',
+            help='Unit of a column without one, such as "along=um"; may be repeated.',
         ),
     ] = None,
     calibration: Annotated[
         str | None,
         typer.Option(
             metavar="SHARE",
-            help='Relative standard uncertainty of the sensitivity of the sensors, as "0.05%".',
+            help='Relative standard uncertainty of the sensor sensitivity, such as "0.05%".',
         ),
     ] = None,
     alignment: Annotated[
@@ -151,34 +157,34 @@ def characterise(
         ),
     ] = None,
     confidence: Annotated[
-        float, typer.Option(min=0.5, max=0.9999, help="Of a staircase: confidence of a step.")
-    ] = 0.95,
-    models: Annotated[
-        str,
+        float,
         typer.Option(
-            metavar="LIST", help="Models of the stage to compare with, with commas between."
+            metavar="SHARE",
+            min=0.5,
+            max=0.9999,
+            help="For a staircase: confidence level of a step.",
         ),
-    ] = "lumped,superelement",
+    ] = 0.95,
+    models: ModelsOption = "lumped,superelement",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     format: FormatOption = None,
     dataset: DatasetOption = None,
+    rows: RowsOption = None,
+    skip_lines: SkipLinesOption = 0,
     delimiter: DelimiterOption = None,
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Write report.html and results.json there, and the records of a virtual stage.",
-        ),
+        folder_option("Write report.html and results.json, and the records of a virtual stage."),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find stroke, resolution, straightness, natural frequencies and workspace from measurements.
+    """Evaluate stroke, resolution, straightness and modes.
 
-    Every figure comes with its uncertainty, and with the difference to what the models of the stage
-    and publications say.
+    Every value has its uncertainty, and its difference from models of the stage and published
+    values.
     """
     from flexstage.experiment.campaign import Columns, read_campaign
     from flexstage.experiment.campaign import characterise as run
@@ -186,13 +192,10 @@ def characterise(
         measurement,
         measurement_results,
         measurement_text,
-        require_writable,
         write_files,
     )
 
     files = records or []
-    if out is not None:
-        require_writable(out)
     written: dict[str, bytes] = {}
     named = _named(
         command=command, along=along, across=across, vertical=vertical, roll=roll, pitch=pitch,
@@ -204,24 +207,28 @@ def characterise(
             f"'{plans[0]}' describes tests and stands alone: give it without other files, or the "
             "measured files of one test"
         )
-    if virtual is not None or plans:
+    if virtual_seed is not None or plans:
         _no_columns(
-            "--virtual" if virtual is not None else f"'{plans[0]}'",
+            "--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'",
             {
-                **named, "output": output, "spheres": spheres, "commands": commands, "unit": unit,
+                **named, "output": output, "spheres": spheres, "commands": commands,
+                "column-unit": column_unit,
                 "upward": upward, "downward": downward, "deviations": deviations,
                 "cycle": cycle != "auto",
                 "calibration": calibration, "alignment": alignment, "sample-rate": sample_rate,
-                "time": time, "format": format, "dataset": dataset, "delimiter": delimiter,
+                "time": time, "format": format, "rows": rows,
+                "skip-lines": skip_lines, "dataset": dataset, "delimiter": delimiter,
                 "decimal": decimal,
             },
         )  # fmt: skip
     folder = Path()
-    with progress_bar():
-        if virtual is not None:
+    with progress_bar("characterise", quiet=quiet):
+        if virtual_seed is not None:
             if files or stage is None:
-                raise ModelError("--virtual needs --stage and no files: it makes its own records")
-            found, written = _virtual(stage, virtual)
+                raise ModelError(
+                    "--virtual-seed needs --stage and no files: it makes its own records"
+                )
+            found, written = _virtual(stage, virtual_seed)
         elif plans:
             folder = plans[0].parent
             found = run(read_campaign(plans[0]), folder)
@@ -232,20 +239,21 @@ def characterise(
                     **named, output=_words(output), spheres=_words(spheres), upward=_words(upward),
                     downward=_words(downward),
                 ),
-                commands=_words(commands), cycle=cycle, deviations=deviations, units=unit or [],
+                commands=_words(commands), cycle=cycle, deviations=deviations,
+                units=column_unit or [],
                 calibration=calibration, alignment=alignment, confidence=confidence,
                 reading=_named(
                     time=time, format=format, dataset=dataset, delimiter=delimiter,
-                    decimal=decimal,
+                    decimal=decimal, rows=rows,
                 ),
-                sample_rate=sample_rate,
+                sample_rate=sample_rate, skip_lines=skip_lines,
             )  # fmt: skip
             found = run(campaign, Path())
         described = stage or _beside(found.campaign.stage, folder)
         result = measurement(
             found,
             load_stage(described) if described else None,
-            _words(models) if described else (),
+            model_names(models) if described else (),
         )
     results = measurement_results(result)
     if out is not None:
@@ -324,14 +332,15 @@ def _single(
     confidence: float,
     reading: dict[str, str],
     sample_rate: str | None,
+    skip_lines: int,
 ) -> "Campaign":
     from flexstage.experiment.campaign import Campaign, Instrument, Reading, Test
     from flexstage.units import parse
 
     if not files:
         raise ModelError(
-            "no file is given: give measured files or a description of tests (.yaml), or --virtual "
-            "with --stage"
+            "no file is given: give measured files or a test description (.yaml), or "
+            "--virtual-seed with --stage"
         )
     rate = None if sample_rate is None else parse(sample_rate, "frequency", bare_unit="Hz")
     sensor = Instrument(
@@ -346,7 +355,7 @@ def _single(
         records=tuple(str(file) for file in files),
         columns=columns,
         units=_units(units),
-        reading=Reading(sample_rate=rate, **reading),
+        reading=Reading(sample_rate=rate, skip_lines=skip_lines, **reading),
         along="sensor",
         transverse="sensor",
         angle="sensor",
@@ -369,7 +378,7 @@ def _units(given: list[str]) -> Any:
         role, _, unit = (word.strip() for word in text.partition("="))
         if role not in roles or not unit:
             raise ModelError(
-                f'--unit must be a role and a unit such as "along=um", got "{text}" (roles: '
+                f'--column-unit must be a role and a unit such as "along=um", got "{text}" (roles: '
                 f"{', '.join(roles)})"
             )
         found[role] = (unit,) if isinstance(getattr(Columns(), role), tuple) else unit

@@ -14,7 +14,7 @@ __all__ = ["check"]
 
 
 def check(stage: StageArgument, json: JsonOption = False) -> None:
-    """Say what is wrong with a stage: its geometry, its hinges, what holds and what drives it."""
+    """Check a stage: geometry, hinges, supports and drives."""
     from flexstage.stage.checks import check as check_stage
 
     described = load_stage(stage)

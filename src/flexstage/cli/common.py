@@ -1,6 +1,5 @@
 """What all commands share: reading a stage, printing tables and JSON."""
 
-import difflib
 import json
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,44 +18,119 @@ if TYPE_CHECKING:
     from flexstage.stage import Stage
 
 __all__ = [
+    "AxisOption",
+    "CurrentOption",
+    "InputUnitOption",
     "JsonOption",
     "ModelOption",
+    "ModelsOption",
+    "OutputUnitOption",
     "PlaneOption",
+    "QuietOption",
+    "SlewOption",
     "StageArgument",
     "console",
     "count",
+    "designs_like",
+    "figure_option",
+    "file_option",
+    "folder_option",
     "load_stage",
     "make_table",
+    "model_names",
     "name_for_files",
     "output_path",
+    "positive_length",
     "print_json",
     "progress_bar",
     "relative",
-    "require_image",
+    "writable",
     "write_file",
 ]
 
+#: Work that is shorter says nothing of its progress where standard error is no terminal [s].
+_SILENT = 5.0
 _IMAGES = (".svg", ".png", ".pdf")
-#: Time between two lines of progress where standard error is no terminal, and before the first [s].
-_SILENT = 10.0
+_AS_PICTURE = "(.svg, .png or .pdf)"
+
+
+def designs_like(incomplete: str) -> list[str]:
+    """Return the built-in designs that a word begins, for the completion of the shell.
+
+    Parameters
+    ----------
+    incomplete : str
+        The word.
+
+    Returns
+    -------
+    list of str
+        Their names; where there are none the shell offers files.
+
+    Examples
+    --------
+    >>> designs_like("vgtu-p")
+    ['vgtu-piezo']
+    """
+    from flexstage.designs import DESIGNS
+
+    return [name for name in sorted(DESIGNS) if incomplete and name.startswith(incomplete)]
+
 
 StageArgument = Annotated[
-    str, typer.Argument(metavar="STAGE", help="A stage file, or the name of a built-in design.")
+    str,
+    typer.Argument(
+        metavar="STAGE",
+        autocompletion=designs_like,
+        help="A stage file, or the name of a built-in design.",
+    ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
+]
 ModelOption = Annotated[
     str,
     typer.Option(
         metavar="NAME",
         help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
-        "elements in the plane; solid: in three dimensions.",
+        "elements in the plane; solid: finite elements in three dimensions.",
     ),
+]
+ModelsOption = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+        "elements in the plane; solid: finite elements in three dimensions; several separated by "
+        "commas, or all.",
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
+]
+AxisOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Axis of the stage (default: the first).")
+]
+InputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V" or "N".')
+]
+OutputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um" or "m/s^2".')
+]
+SlewOption = Annotated[
+    str | None,
+    typer.Option(metavar="SLOPE", help='Largest slope of the voltage, such as "2000 V/s".'),
+]
+CurrentOption = Annotated[
+    str | None,
+    typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
 ]
 PlaneOption = Annotated[
     str,
     typer.Option(
         metavar="auto|stress|strain",
-        help="Plane state of the notches; auto chooses by width against neck.",
+        help="Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
 
@@ -84,46 +158,58 @@ def load_stage(text: str) -> "Stage":
     >>> load_stage("vgtu-piezo").name
     'vgtu-piezo'
     """
-    from flexstage.designs import DESIGNS, build, design
+    from flexstage.designs import find_stage
 
-    if text.casefold() in DESIGNS:
-        return design(text)
-    path = Path(text)
-    if not text or not _exists(path):
-        # a file that lies there, by another ending or a letter less, before a design of such a name
-        beside = _files_beside(path)
-        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
-        near = [str(path.with_name(near[0]))] if near else near
-        near = near or difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"the designs are {', '.join(DESIGNS)}"
-        raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
-    from flexstage.stage.file import read_stage
-
-    return read_stage(path, designs=build)
+    return find_stage(text)
 
 
-def _files_beside(path: Path) -> list[str]:
-    """Names of the stage files in the folder that a path is in."""
-    try:
-        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")]
-    except (OSError, ValueError):  # no such folder, or a name that none can have
-        return []
+def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
+    """Return the length that an option gives.
 
+    Parameters
+    ----------
+    text : str
+        What the option was given.
+    name : str
+        What it is the length of, for messages.
+    bare_unit : str, optional
+        The unit of a number that comes without one.
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # a name that is too long for any file
-        return False
+    Returns
+    -------
+    float
+        The length [m], positive and within what a stage may have.
+
+    Raises
+    ------
+    UnitError
+        It is no length.
+    ModelError
+        It is too short or too long for a stage.
+
+    Examples
+    --------
+    >>> positive_length("20 mm", "the radius")
+    0.02
+    """
+    from flexstage.stage.outline import LARGEST, SMALLEST
+    from flexstage.units import parse
+
+    value = parse(text, "length", bare_unit=bare_unit)
+    if not SMALLEST <= value <= LARGEST:
+        raise ModelError(
+            f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'"
+        )
+    return value
 
 
 def output_path(text: str | Path) -> Path:
-    """Return the path that an option names.
+    """Return the path that a word names.
 
     Parameters
     ----------
     text : str or pathlib.Path
-        What the option was given, or its default, which is handed on in the same way.
+        What an option or argument was given, or its default, which is handed on in the same way.
 
     Returns
     -------
@@ -133,32 +219,136 @@ def output_path(text: str | Path) -> Path:
     Raises
     ------
     typer.BadParameter
-        It was given nothing, as by a variable of the shell that is not set; the working directory
-        would be taken instead.
+        It is empty, as by a variable of the shell that is not set (the working directory would be
+        meant instead), or no path can be written so.
     """
     if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
+    if "\0" in str(text):
+        raise typer.BadParameter(f"expected a path, got {text!r}: no path holds a NUL character")
     return Path(text)
 
 
-def require_image(figure: Path | None) -> None:
-    """Refuse a figure whose suffix says no format, before any work is done.
+def file_option(help: str) -> Any:
+    """Return the option `--out`: the one file that a command writes.
 
     Parameters
     ----------
-    figure : pathlib.Path or None
-        Where it goes.
+    help : str
+        What the file contains.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work where no file can be written there.
+    """
+    return typer.Option("--out", parser=_file, metavar="FILE", help=help)
+
+
+def figure_option(help: str) -> Any:
+    """Return the option `--figure`: a picture of the result.
+
+    Parameters
+    ----------
+    help : str
+        What it shows.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work as that of `file_option`, and where its
+        ending is that of no picture.
+    """
+    return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
+
+
+def folder_option(help: str) -> Any:
+    """Return the option `--folder`: where a command writes several files.
+
+    Parameters
+    ----------
+    help : str
+        What goes there.
+
+    Returns
+    -------
+    typer.models.OptionInfo
+        The option; its path is refused before the work where no folder can be.
+    """
+    return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
+
+
+def writable(path: Path) -> Path:
+    """Return the path of a file, refusing it before the work where none can be written there.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    pathlib.Path
+        The same.
 
     Raises
     ------
-    ModelError
-        The suffix says none.
+    typer.BadParameter
+        It is a folder.
+    OSError
+        Its folder takes no file.
     """
-    if figure is not None and figure.suffix.lower() not in _IMAGES:
-        raise ModelError(
-            f"--figure must end in one of {', '.join(_IMAGES)}, got '{figure.name}': the suffix "
-            "says the format"
+    if path.is_dir():
+        raise typer.BadParameter(f"'{path}' is a folder: name a file in it")
+    _folder(path.parent)
+    return path
+
+
+def _file(text: str | Path) -> Path:
+    return writable(output_path(text))
+
+
+def _figure(text: str | Path) -> Path:
+    path = output_path(text)
+    if path.suffix.lower() not in _IMAGES:
+        raise typer.BadParameter(
+            f"the name must end in one of {', '.join(_IMAGES)}, which says the format, got "
+            f"'{path.name}'"
         )
+    return writable(path)
+
+
+def _folder(text: str | Path) -> Path:
+    from flexstage.report.files import require_writable
+
+    path = output_path(text)
+    require_writable(path)
+    return path
+
+
+def model_names(text: str) -> list[str]:
+    """Return the models that the option `--model` names.
+
+    Parameters
+    ----------
+    text : str
+        Names separated by commas, or all.
+
+    Returns
+    -------
+    list of str
+        The names, each once; whether there is such a model is not checked.
+
+    Examples
+    --------
+    >>> model_names("plane, lumped,plane")
+    ['plane', 'lumped']
+    """
+    if text.strip() == "all":
+        from flexstage.report import MODELS
+
+        return list(MODELS)
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def name_for_files(name: str) -> str:
@@ -306,10 +496,18 @@ def relative(text: str) -> float:
 
 
 @contextmanager
-def progress_bar() -> "Iterator[None]":
-    """Show on standard error how far the work in this block has come, with the time left.
+def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
+    """Show on standard error how far the work in this block has come.
 
-    Where standard error is no terminal, work that takes long writes a line there now and then.
+    On a terminal it is a bar with the time left; else a line where a long phase begins, and one
+    every ten seconds.
+
+    Parameters
+    ----------
+    command : str
+        What works, for the lines.
+    quiet : bool
+        Whether nothing is shown.
 
     Yields
     ------
@@ -317,10 +515,13 @@ def progress_bar() -> "Iterator[None]":
     """
     import sys
 
-    from flexstage.progress import now_and_then, reporting
-
+    if quiet:
+        yield
+        return
     if not sys.stderr.isatty():
-        with reporting(now_and_then(lambda line: typer.echo(line, err=True), _SILENT)):
+        from flexstage.progress import in_lines
+
+        with in_lines(lambda line: typer.echo(line, err=True), command, _SILENT):
             yield
         return
     from rich.console import Console
@@ -331,6 +532,8 @@ def progress_bar() -> "Iterator[None]":
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
+
+    from flexstage.progress import reporting
 
     columns = (
         TextColumn("{task.description:<17}"),

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    CurrentOption,
     JsonOption,
+    SlewOption,
     console,
-    output_path,
+    file_option,
     print_json,
     write_file,
 )
-from flexstage.cli.model_files import read_model_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.records import (
     DatasetOption,
@@ -40,64 +41,62 @@ __all__ = ["compensate"]
 def compensate(
     model: Annotated[
         Path,
-        typer.Argument(metavar="MODEL", help="A model that `flexstage identify --out` wrote."),
+        typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
     ],
     reference: Annotated[
-        Path, typer.Option(metavar="FILE", help="Readings that are wanted, over time.")
+        Path, typer.Option(metavar="FILE", help="Record of the wanted readings over time.")
     ],
     column_: Annotated[
         str,
-        typer.Option("--column", metavar="COLUMN", help="Number or name of their column."),
+        typer.Option("--column", metavar="COLUMN", help="Number or name of its column."),
     ] = "0",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
-    unit: Annotated[
+    reference_unit: Annotated[
         str | None, typer.Option(metavar="UNIT", help='Unit of the reference, such as "um".')
     ] = None,
     relative: Annotated[
         bool,
         typer.Option(
             "--relative/--absolute",
-            help="Count the reference from the lowest reading that the drive reaches, or as the "
-            "sensor does.",
+            help="Count the reference from the lowest reading that the drive reaches, or from the "
+            "zero of the sensor.",
         ),
     ] = False,
-    limits: Annotated[
+    voltage: Annotated[
         str | None,
         typer.Option(
             metavar="LOW:HIGH",
-            help='Range of the command, such as "0:120"; the one that the model was identified on '
-            "where not given.",
+            help='Voltage range of the command, such as "0:120" (default: the range on which the '
+            "model was identified).",
         ),
     ] = None,
-    slew: Annotated[
-        str | None, typer.Option(metavar="SLOPE", help='Largest slope, such as "2000 V/s".')
-    ] = None,
-    current: Annotated[
+    slew: SlewOption = None,
+    current: CurrentOption = None,
+    capacitance: Annotated[
         str | None,
         typer.Option(
-            metavar="CURRENT", help="Largest current of the amplifier; needs capacitance."
+            metavar="CAPACITANCE",
+            help='Capacitance of the stack, such as "6.4 uF": limits the slope with --current.',
         ),
     ] = None,
-    capacitance: Annotated[
-        str | None, typer.Option(metavar="CAPACITANCE", help='Capacitance, such as "6.4 uF".')
-    ] = None,
-    band: Annotated[
+    reference_bandwidth: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCY",
-            help="Band that the reference is smoothed to; a quarter of the model's resonance where "
-            "not given.",
+            help="Bandwidth to which the reference is smoothed (default: a quarter of the "
+            "resonance of the model).",
         ),
     ] = None,
     start: Annotated[
         str,
         typer.Option(
             metavar="conditioned|rest|TIME",
-            help="What was before: cycles over all of the range, ended at its low end, with creep "
-            "as before the record of the model; nothing; or such cycles, and motion as in the "
-            'reference for so long, such as "30 s" or inf, since the drive left that end.',
+            help="State before the start: conditioned by cycles over the whole range that end at "
+            "its low end, with creep as before the record of the model; rest: unused; or a time, "
+            'such as "30 s" or inf: conditioned, and then in motion as in the reference for that '
+            "time.",
         ),
     ] = "conditioned",
     rows: RowsOption = None,
@@ -108,16 +107,16 @@ def compensate(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write time, command, reference and prediction there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write time, command, reference and prediction (.csv, .npz, .h5 or .mat)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Make the drive signal that lets a stage follow a reference, against its hysteresis."""
+    """Compute the drive signal that follows a reference.
+
+    The inverse of an identified model compensates its hysteresis, lag and creep.
+    """
     from flexstage.hysteresis.inversion import feedforward
+    from flexstage.hysteresis.model_file import read_model_file
     from flexstage.hysteresis.suitability import in_unit_of_model
 
     kind = record_format(out)
@@ -127,7 +126,7 @@ def compensate(
     record = read_records(
         [reference],
         [wanted],
-        units=[unit],
+        units=[reference_unit],
         sample_rate=sample_rate,
         time=time,
         format=format,
@@ -145,7 +144,7 @@ def compensate(
     )
     word = start.strip().lower()
     named = word in ("conditioned", "rest")
-    bounds = _limits(limits)
+    bounds = _limits(voltage)
     made = feedforward(
         drive,
         values + (_lowest(drive) if relative else 0.0),
@@ -154,7 +153,9 @@ def compensate(
         largest_rate=_largest_rate(slew, current, capacitance),
         state=drive.hysteresis.rest() if word == "rest" else None,
         start=None if named else moved_for(start, "conditioned, rest"),
-        band_hz=None if band is None else _number(band, "frequency", "Hz"),
+        band_hz=None
+        if reference_bandwidth is None
+        else _number(reference_bandwidth, "frequency", "Hz"),
     )
     if out is not None:
         write_file(out, _bytes(made, drive, kind))
@@ -182,7 +183,7 @@ def _limits(text: str | None) -> tuple[float, float] | None:
         return None
     words = text.split(":")
     if len(words) != 2:
-        raise ModelError(f"--limits must be a range such as \"0:120\", got '{text}'")
+        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
     low, high = (_number(word, "voltage", "V") for word in words)
     return low, high
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.records import column, file_rates, read_records, row_range
+from flexstage.cli.records import column, file_rates, read_records
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -19,16 +19,16 @@ BranchesOption = Annotated[
     str | None,
     typer.Option(
         metavar="UP,DOWN",
-        help="In place of the output: columns of it while the input rose and while it fell, of a "
-        "table with one row for each input and no times.",
+        help="Instead of --output: columns of the rising and the falling branch, in a table with "
+        "one row for each input and no times.",
     ),
 ]
 CurveOption = Annotated[
     str | None,
     typer.Option(
         metavar="COLUMN|files|columns",
-        help="First-order reversal curves, measured on the way back to saturation: the column that "
-        'numbers them or holds their reversals; "files" where each file is one, "columns" where '
+        help="First-order reversal curves, measured on the way back to saturation: the column of "
+        'their numbers or reversal points; "files" if each file is one curve, "columns" if '
         "--output lists one column for each.",
     ),
 ]
@@ -132,6 +132,8 @@ def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | Non
     RecordError
         It is no range, holds no sample that is read, or is not the same range of all records.
     """
+    from flexstage.records.rows import row_range
+
     given = row_range(text, "--train")
     if given is None:
         return None

@@ -8,8 +8,8 @@ import typer
 from flexstage.cli.common import (
     JsonOption,
     StageArgument,
+    file_option,
     load_stage,
-    output_path,
     print_json,
     write_file,
 )
@@ -36,7 +36,7 @@ def equations(
     form: Annotated[
         str,
         typer.Option(
-            "--format",
+            "--to",
             metavar="text|latex|svg",
             help="Plain text, a LaTeX document, or the structural diagram as a drawing.",
         ),
@@ -45,36 +45,37 @@ def equations(
         str,
         typer.Option(
             metavar="auto|symmetry|condense|none",
-            help="How coordinates are reduced for transfer functions; auto takes the symmetry "
-            "where it leaves few enough, and condensation to drives and probes elsewhere.",
+            help="Reduction of the coordinates for transfer functions; auto uses the symmetry of "
+            "the stage if it leaves few enough coordinates, else condensation to drives and "
+            "probes.",
         ),
     ] = "auto",
     axis: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Axis of the transfer function; all where not given."),
+        typer.Option(metavar="NAME", help="Axis of the transfer function (default: all)."),
     ] = None,
     damping: Annotated[
-        str, typer.Option(metavar="rayleigh|hinge|none", help="Kind of damping in the equations.")
+        str, typer.Option(metavar="rayleigh|hinge|none", help="Damping model of the equations.")
     ] = "rayleigh",
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path, metavar="FILE", help="Write to a file instead of the terminal."
-        ),
+        file_option("Write the equations to a file instead of the terminal."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Derive energies, Lagrange's equations, M, C, K and transfer functions of a stage."""
-    _one_of("--format", form, _FORMATS)
+    """Derive the equations of motion in symbols.
+
+    Energies, Lagrange's equations, the matrices M, C and K, and transfer functions.
+    """
+    _one_of("--to", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)
     described = load_stage(stage)
     if axis is not None:
         described.axis(axis)
     if form == "svg":
-        if json:
-            raise StageError("--format svg is a drawing, which --json cannot hold: leave one out")
-        _draw(described, axis, out)
+        drawing = _drawing(described, axis)
+        _put({"stage": described.name, "diagram": drawing} if json else None, drawing, out)
         return
     from flexstage.lumped.latex import latex_document, plain_text, sheet_data
     from flexstage.lumped.sheet import equation_sheet
@@ -85,32 +86,29 @@ def equations(
     transfer = [] if reduced is None else _transfer(reduced, described, axis)
     sheet = equation_sheet(model, reduced=reduced, transfer=transfer)
     title = f"Equations of motion of {described.name}"
+    content = None
     if json:
         content = _data(described, model, reduced, transfer) | {"sections": sheet_data(sheet)}
-        if out is None:
-            print_json(content)
-        else:
-            import json as json_module
-
-            write_file(out, json_module.dumps(content, indent=2, allow_nan=False).encode())
-        return
-    text = (latex_document if form == "latex" else plain_text)(title, sheet)
-    _put(text, out)
+    _put(content, (latex_document if form == "latex" else plain_text)(title, sheet), out)
 
 
-def _put(text: str, out: Path | None) -> None:
-    if out is None:
+def _put(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
+    """Write the text where it is wanted, and print it, or the content as JSON, or where it is."""
+    if out is not None:
+        write_file(out, text.encode())
+    if content is not None:
+        print_json(content if out is None else content | {"files": [str(out)]})
+    elif out is None:
         typer.echo(text, nl=False)
     else:
-        write_file(out, text.encode())
         typer.echo(f"wrote {out}")
 
 
-def _draw(stage: "Stage", axis: str | None, out: Path | None) -> None:
-    """Draw the equations as blocks and lines: of one axis, or of the whole stage."""
+def _drawing(stage: "Stage", axis: str | None) -> str:
+    """The equations as blocks and lines: of one axis, or of the whole stage."""
     from flexstage.export.diagram import diagram_svg, stage_diagram
 
-    _put(diagram_svg(stage_diagram(stage, axis=axis)).decode(), out)
+    return diagram_svg(stage_diagram(stage, axis=axis)).decode()
 
 
 def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    AxisOption,
+    CurrentOption,
     JsonOption,
+    SlewOption,
     console,
     count,
+    designs_like,
+    file_option,
     load_stage,
     make_table,
-    output_path,
     print_json,
     write_file,
 )
@@ -41,98 +45,94 @@ def excite(
         str | None,
         typer.Argument(
             metavar="[STAGE]",
-            help="A stage file, or the name of a built-in design: voltage range and capacitance of "
-            "its stack, and its lowest natural frequency, are the limits.",
+            autocompletion=designs_like,
+            help="A stage file, or the name of a built-in design. It gives the voltage range and "
+            "capacitance of the stack and the lowest natural frequency.",
             show_default=False,
         ),
     ] = None,
-    axis: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Axis of STAGE; the first one where not given."),
-    ] = None,
+    axis: AxisOption = None,
     voltage: Annotated[
         str | None,
         typer.Option(
             metavar="LOW:HIGH",
-            help='Range of the drive, such as "0:120" V; that of the stack where not given.',
+            help='Voltage range, such as "0:120" (default: that of the stack).',
         ),
     ] = None,
-    rates: Annotated[
+    loop_rates: Annotated[
         str | None,
         typer.Option(
-            metavar="LIST",
-            help='How often a major loop repeats, such as "0.5,5" Hz; chosen where not given.',
+            metavar="FREQUENCIES",
+            help='Repetition rates of the major loop, such as "0.5,5" in Hz (default: chosen).',
         ),
     ] = None,
     duration: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help='Longest time that the record may take, such as "60 s".'),
+        typer.Option(metavar="TIME", help='Longest duration of the record, such as "60 s".'),
     ] = None,
     sample_rate: Annotated[
         str | None,
         typer.Option(
-            metavar="FREQUENCY",
-            help='Samples in a second, such as "10 kHz"; as many as the fastest loop and the '
-            "multisine need where not given.",
+            metavar="RATE",
+            help='Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine '
+            "require).",
         ),
     ] = None,
-    slew: Annotated[
-        str | None, typer.Option(metavar="SLOPE", help='Largest slope, such as "2000 V/s".')
-    ] = None,
-    current: Annotated[
-        str | None,
-        typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
-    ] = None,
+    slew: SlewOption = None,
+    current: CurrentOption = None,
     capacitance: Annotated[
         str | None,
         typer.Option(
             metavar="CAPACITANCE",
-            help='Capacitance of the stack, such as "6.4 uF"; that of STAGE where not given.',
+            help='Capacitance of the stack, such as "6.4 uF" (default: that of STAGE).',
         ),
     ] = None,
     frequency: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCY",
-            help="Lowest natural frequency with the drives in place; that of the lumped model of "
-            "STAGE where not given.",
+            help="Lowest natural frequency with the drives in place (default: that of the lumped "
+            "model of STAGE).",
         ),
     ] = None,
     shape: Annotated[
         str,
         typer.Option(
-            metavar="smooth|sine|triangle", help="How the voltage goes from turn to turn."
+            metavar="smooth|sine|triangle", help="Shape of the voltage between turning points."
         ),
     ] = "smooth",
-    hold: Annotated[
+    hold_time: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help='Time of the step and hold for creep; "0 s" for none.'),
+        typer.Option(metavar="TIME", help='Hold time after the step, for creep; "0 s" for none.'),
     ] = None,
     rest: Annotated[
         str | None,
-        typer.Option(metavar="VOLTAGE", help="Voltage before and after; 0 V where allowed."),
+        typer.Option(
+            metavar="VOLTAGE",
+            help="Voltage before and after the record (default: 0 V if within the range).",
+        ),
     ] = None,
-    resonance: Annotated[
+    multisine: Annotated[
         bool,
         typer.Option(
-            "--resonance/--no-resonance", help="Add a small multisine at the natural frequency."
+            "--multisine/--no-multisine", help="Add a small multisine at the natural frequency."
         ),
     ] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the phases of the multisine.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(metavar="NUMBER", min=0, help="Random seed of the phases of the multisine."),
+    ] = 0,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write the record there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write the record (.csv, .npz, .h5 or .mat)."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the drive record that identifies hysteresis, lag, creep and resonance of a stage.
+    """Design the drive record for an identification.
 
-    Major loops, reversal curves and nested loops at two rates, a step and hold, and a small
-    multisine at the resonance, within the limits of stack and amplifier.
+    The record contains major loops, reversal curves and nested loops at two rates, a step and hold,
+    and a small multisine at the resonance, within the limits of stack and amplifier. It identifies
+    hysteresis, lag, creep and resonance.
     """
     from flexstage.hysteresis.excitations.design import excitation
 
@@ -142,14 +142,14 @@ def excite(
         _voltage_range(voltage, plant),
         sample_rate_hz=_number(sample_rate, "frequency", "Hz"),
         duration=_number(duration, "time", "s"),
-        rates_hz=_rates(rates),
+        rates_hz=_rates(loop_rates),
         shape=shape,
         slope_limit=_number(slew, "slew rate", "V/s"),
         current_limit=_number(current, "current", None),
         capacitance=_number(capacitance, "capacitance", None) or plant.capacitance,
         natural_frequency_hz=_number(frequency, "frequency", "Hz") or plant.natural_frequency_hz,
-        resonance=resonance,
-        hold=_number(hold, "time", "s"),
+        resonance=multisine,
+        hold=_number(hold_time, "time", "s"),
         rest_voltage=_number(rest, "voltage", "V"),
         seed=seed,
     )

@@ -7,14 +7,17 @@ from typing import Annotated, Any, Literal
 import typer
 
 from flexstage.cli.common import (
+    CurrentOption,
     JsonOption,
     ModelOption,
     PlaneOption,
+    QuietOption,
     StageArgument,
     console,
+    folder_option,
     load_stage,
     make_table,
-    output_path,
+    positive_length,
     print_json,
     progress_bar,
     relative,
@@ -39,30 +42,26 @@ def export(
         typer.Option(
             "--to",
             metavar="|".join(FORMATS),
-            help="What to write; several are divided by commas, 'all' is every one that the stage "
+            help="Format; several separated by commas; 'all' writes every format that the stage "
             "allows.",
         ),
     ],
     out: Annotated[
         Path,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Where to; several formats get a folder each in it.",
-        ),
+        folder_option("Folder of the files; several formats get a subfolder each."),
     ] = Path("exported"),
     model: ModelOption = "superelement",
     plane: PlaneOption = "auto",
-    step: Annotated[
+    time_step: Annotated[
         str,
-        typer.Option(metavar="TIME", help="Time between samples of fmu, c, mat and simulink."),
+        typer.Option(metavar="TIME", help="Time between samples (fmu, c, mat, simulink)."),
     ] = "0.1 ms",
     hysteresis: Annotated[
         list[str] | None,
         typer.Option(
             metavar="usual|none|NAME=FILE",
-            help="Hysteresis of the piezo stacks: a Bouc-Wen loop of a usual width, none, or the "
-            "file of 'flexstage identify' for each drive or axis (again for the next).",
+            help="Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the "
+            "model file of 'flexstage identify' for a drive or axis (may be repeated).",
         ),
     ] = None,
     creep: Annotated[
@@ -70,76 +69,78 @@ def export(
         typer.Option(
             parser=relative,
             metavar="SHARE",
-            help='Creep of the stacks in a decade of time, such as "1.5%"; none if not given.',
+            help='Creep of the stacks per decade of time, such as "1.5%" (default: no creep).',
         ),
     ] = None,
     bandwidth: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCY",
-            help='Bandwidth of the amplifiers, such as "2 kHz"; no amplifier if not given.',
+            help='Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier).',
         ),
     ] = None,
-    current: Annotated[
-        str | None,
-        typer.Option(metavar="CURRENT", help='Largest current of an amplifier, such as "0.1 A".'),
-    ] = None,
+    current: CurrentOption = None,
     sensor_bandwidth: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCY",
-            help="Bandwidth of the sensors; the readings are the true motion if not given.",
+            help="Bandwidth of the sensors (default: readings equal the true motion).",
         ),
     ] = None,
-    modes: Annotated[
+    keep_modes: Annotated[
         int | None,
-        typer.Option(metavar="NUMBER", min=1, help="Modes that are kept; all if not given."),
+        typer.Option(metavar="NUMBER", min=1, help="Number of modes to keep (default: all)."),
     ] = None,
     fmi: Annotated[
-        str, typer.Option(metavar="2.0|3.0|both", help="Version of FMI for fmu.")
+        str, typer.Option(metavar="2.0|3.0|both", help="FMI version of the FMU.")
     ] = "both",
     source_only: Annotated[
-        bool, typer.Option("--source-only", help="No compiled library in the FMU.")
+        bool,
+        typer.Option(
+            "--source-only", help="Write the FMU with C sources only, without a compiled library."
+        ),
     ] = False,
     precision: Annotated[
-        str, typer.Option(metavar="double|single", help="Numbers of the C header.")
+        str, typer.Option(metavar="double|single", help="Floating-point precision of the C header.")
     ] = "double",
     kerf: Annotated[
         str | None,
         typer.Option(
             metavar="LENGTH",
-            help='Width of the cut, such as "0.28 mm": adds the path of the wire to the DXF.',
+            help='Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.',
         ),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Write a stage for other programs: FMU, Simulink, MATLAB, C, STEP, DXF, ParaView..."""
+    """Write a stage for Simulink, FMI, C, CAD and other tools."""
     wanted = _formats(to)
     if fmi not in _FMI:
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
     if precision not in _PRECISIONS:
         raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
-    from flexstage.report.files import require_writable, write_files
+    from flexstage.report.files import write_files
 
     request = ExportRequest(
         stage=load_stage(stage),
         model=model,
         plane=plane,
-        step=_number("--step", step, "time", "s"),
+        step=_number("--time-step", time_step, "time", "s"),
         hysteresis=hysteresis or ["usual"],
         creep=creep,
         bandwidth_hz=_optional("--bandwidth", bandwidth, "frequency", "Hz"),
         current_limit=_optional("--current", current, "current", "A"),
         sensor_bandwidth_hz=_optional("--sensor-bandwidth", sensor_bandwidth, "frequency", "Hz"),
-        mode_count=modes,
+        mode_count=keep_modes,
         precision=precision,
         fmi=_FMI[fmi],
         source_only=source_only,
-        kerf=_optional("--kerf", kerf, "length", "m"),
+        kerf=None if kerf is None else positive_length(kerf, "--kerf", "m"),
     )
-    require_writable(out)
+    if to.strip() != _ALL and any(FORMATS[name].in_time for name in wanted):
+        request.require_hysteresis()
     made: dict[str, dict[str, bytes]] = {}
-    with progress_bar():
+    with progress_bar("export", quiet=quiet):
         for name in wanted:
             try:
                 made[name] = FORMATS[name].write(request)
@@ -183,7 +184,7 @@ def _formats(text: str) -> list[str]:
     for name in names:
         if name not in FORMATS:
             raise StageError(
-                f"--to is one or more of {', '.join(FORMATS)}, divided by commas, or all, got "
+                f"--to is one or more of {', '.join(FORMATS)}, separated by commas, or all, got "
                 f"'{name[:40]}'"
             )
     return names

@@ -21,10 +21,13 @@ class ExportFormat:
         What it is, in a few words.
     write : Callable
         Content by file name, from what was asked for.
+    in_time : bool
+        Whether it runs in time, by the hysteresis of the stacks.
     """
 
     about: str
     write: Callable[[ExportRequest], Files]
+    in_time: bool = False
 
 
 def _diagram(request: ExportRequest) -> Files:
@@ -135,11 +138,15 @@ def _table(suffix: str) -> Callable[[ExportRequest], Files]:
 
 #: The formats by name.
 FORMATS: Mapping[str, ExportFormat] = {
-    "diagram": ExportFormat(about="structural diagram, SVG", write=_diagram),
-    "simulink": ExportFormat(about="MATLAB script that builds a Simulink model", write=_simulink),
-    "fmu": ExportFormat(about="Functional Mock-up Unit", write=_fmu),
-    "mat": ExportFormat(about="matrices for MATLAB and Octave", write=_mat),
-    "c": ExportFormat(about="C header with a step function for a real-time target", write=_c),
+    "diagram": ExportFormat(about="structural diagram, SVG", write=_diagram, in_time=True),
+    "simulink": ExportFormat(
+        about="MATLAB script that builds a Simulink model", write=_simulink, in_time=True
+    ),
+    "fmu": ExportFormat(about="Functional Mock-up Unit", write=_fmu, in_time=True),
+    "mat": ExportFormat(about="matrices for MATLAB and Octave", write=_mat, in_time=True),
+    "c": ExportFormat(
+        about="C header with a step function for a real-time target", write=_c, in_time=True
+    ),
     "step": ExportFormat(about="solid, STEP", write=_step),
     "dxf": ExportFormat(about="contours for cutting, DXF", write=_dxf),
     "drawing": ExportFormat(about="drawing with dimensions, SVG", write=_drawing),

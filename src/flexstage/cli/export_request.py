@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from flexstage.cli.common import name_for_files
-from flexstage.cli.model_files import read_model_file
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -103,6 +102,17 @@ class ExportRequest:
 
         return self._dynamic(lumped_system(self.stage, plane=self.plane))  # type: ignore[arg-type]
 
+    def require_hysteresis(self) -> None:
+        """Refuse a hysteresis that the stacks cannot have, before the mechanics are computed."""
+        from flexstage.export.drive_models import models_by_drive
+
+        models_by_drive(self.stage, self.drive_hysteresis)
+
+    @cached_property
+    def drive_hysteresis(self) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
+        """The hysteresis of each stack, from its file or as a word."""
+        return read_hysteresis(self.hysteresis)
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks, and where the models that were made stop being valid, each note once."""
@@ -124,7 +134,7 @@ class ExportRequest:
             self.stage,
             system,
             step=self.step,
-            hysteresis=read_hysteresis(self.hysteresis),
+            hysteresis=self.drive_hysteresis,
             creep=self._creep(),
             bandwidth_hz=self.bandwidth_hz,
             current_limit=self.current_limit,
@@ -165,6 +175,8 @@ def read_hysteresis(
     ModelError
         A text is none of these, a name stands twice, or a file is no model.
     """
+    from flexstage.hysteresis.model_file import read_model_file
+
     if len(given) == 1 and given[0] in ("usual", "none"):
         return cast(Literal["usual", "none"], given[0])
     models: dict[str, DriveModel] = {}

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    InputUnitOption,
     JsonOption,
+    OutputUnitOption,
+    QuietOption,
     console,
+    figure_option,
+    file_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.frf_result import mode_result, response_record, response_result
@@ -49,22 +52,24 @@ def frf(
         list[Path],
         typer.Argument(
             metavar="FILE...",
-            help="Measured files, averaged together; or files of measured responses.",
+            help="Measured records, averaged together, or measured frequency responses.",
         ),
     ],
     input: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the column that excites."),
+        typer.Option(metavar="COLUMN", help="Number or name of the input column."),
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option(metavar="COLUMNS", help="Columns that follow it, with commas between."),
+        typer.Option(
+            metavar="COLUMNS", help="Numbers or names of the output columns, separated by commas."
+        ),
     ] = None,
     response: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMNS",
-            help="Columns of a response that exists, where headings do not tell them: frequency, "
+            help="Columns of a measured response, if the headings do not name them: frequency, "
             'real and imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".',
         ),
     ] = None,
@@ -79,15 +84,18 @@ def frf(
         str,
         typer.Option(
             metavar="KIND",
-            help="random, periodic, hammer, step or sweep; auto looks at the input.",
+            help="random, periodic, hammer, step or sweep; auto recognises it from the input.",
         ),
     ] = "auto",
     resolution: Annotated[
         str | None,
-        typer.Option(metavar="FREQUENCY", help='Distance of the lines, such as "0.5 Hz".'),
+        typer.Option(metavar="FREQUENCY", help='Frequency resolution, such as "0.5 Hz".'),
     ] = None,
     segment: Annotated[
-        int | None, typer.Option(min=8, help="Samples of a segment, in place of --resolution.")
+        int | None,
+        typer.Option(
+            metavar="NUMBER", min=8, help="Samples of a segment, instead of --resolution."
+        ),
     ] = None,
     window: Annotated[
         str, typer.Option(metavar="NAME", help="Window of random segments: hann, hamming...")
@@ -95,57 +103,58 @@ def frf(
     exponential: Annotated[
         float | None,
         typer.Option(
-            help="Of a hammer: what is left of an exponential window at the end of a hit; the "
-            "damping that it adds is taken off again."
+            metavar="SHARE",
+            help="For hammer tests: value of the exponential window at the end of a hit; the "
+            "damping that it adds is subtracted.",
         ),
     ] = None,
     band: Annotated[
         str | None,
-        typer.Option(metavar="LOW:HIGH", help="Band in which modes are fitted [Hz]."),
+        typer.Option(
+            metavar="LOW:HIGH",
+            help='Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz".',
+        ),
     ] = None,
-    modes: Annotated[
+    fit_modes: Annotated[
         str,
-        typer.Option(metavar="COUNT", help="How many modes to fit, or auto, or 0 for none."),
+        typer.Option(metavar="NUMBER|auto", help="Number of modes to fit; 0 for none."),
     ] = "auto",
     near: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCIES",
-            help='Fit modes near these frequencies and no others, such as "365,660" [Hz].',
+            help='Fit modes near these frequencies only, such as "365,660" in Hz.',
         ),
     ] = None,
     weight: Annotated[
         str,
         typer.Option(
             metavar="NAME",
-            help="What lines count by: noise, theirs or that which the fit leaves; relative, the "
-            "inverse of their magnitude, for responses over decades; uniform, all alike.",
+            help="Weight of the frequency lines: noise, by their variance or the residual of the "
+            "fit; relative, by the inverse of their magnitude, for responses over decades; "
+            "uniform.",
         ),
     ] = "noise",
     delay: Annotated[
-        bool, typer.Option("--delay", help="Fit a delay of the outputs as well.")
+        bool, typer.Option("--fit-delay", help="Also fit a delay of the outputs.")
     ] = False,
     lag: Annotated[
-        bool, typer.Option("--lag", help="Fit a first-order lag of the outputs as well.")
+        bool, typer.Option("--fit-lag", help="Also fit a first-order lag of the outputs.")
     ] = False,
     complex_modes: Annotated[
         bool,
         typer.Option(
             "--complex",
-            help="With --delay or --lag: leave each mode its own phase, as where damping is not "
-            "proportional; for wide bands.",
+            help="With --fit-delay or --fit-lag: fit complex modes, for damping that is not "
+            "proportional; needs a wide band.",
         ),
     ] = False,
     ring_down: Annotated[
         bool,
-        typer.Option("--ring-down", help="The record is a free decay: outputs alone, no input."),
+        typer.Option("--ring-down", help="The record is a free decay: outputs only, no input."),
     ] = False,
-    input_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "N".')
-    ] = None,
-    output_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the outputs, such as "m/s^2".')
-    ] = None,
+    input_unit: InputUnitOption = None,
+    output_unit: OutputUnitOption = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
@@ -157,45 +166,35 @@ def frf(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Write the response there: .csv, .npz, .h5 or .mat.",
-        ),
+        file_option("Write the response (.csv, .npz, .h5 or .mat)."),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw response and fit there, .svg, .png or .pdf, and the stabilisation diagram "
-            "beside it as NAME-stabilisation.",
+        figure_option(
+            "Draw response and fit, and the stabilisation diagram in a second file, "
+            "NAME-stabilisation."
         ),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Estimate frequency responses from records, and fit modes to them."""
-    from flexstage.report import require_writable
-
-    require_image(figure)
+    """Estimate frequency responses and fit modes."""
     record_format(out)
     if ring_down:
         _no_driven_options(input=input, resolution=resolution, segment=segment, band=band,
-                           exponential=exponential, delay=delay, lag=lag, out=out,
+                           exponential=exponential, **{"fit-delay": delay, "fit-lag": lag}, out=out,
                            response=response, near=near, complex=complex_modes,
                            weight=None if weight == "noise" else weight)  # fmt: skip
-    for path in (out, figure):
-        if path is not None:
-            require_writable(path.parent)
     if complex_modes and not (delay or lag):
         raise ModelError(
-            "--complex is of fits with --delay or --lag, which take modes as in phase otherwise; "
-            "without these modes are complex in any case: leave it out"
+            "--complex applies to fits with --fit-delay or --fit-lag, which assume real modes "
+            "otherwise; without them all modes are complex: leave it out"
         )
-    count, guesses = _count(modes), _frequencies(near)
+    count, guesses = _count(fit_modes), _frequencies(near)
     if guesses is not None and count not in (None, len(guesses)):
         raise ModelError(
-            f"--modes {modes} and --near with {len(guesses)} frequencies differ: leave --modes out"
+            f"--fit-modes {fit_modes} and --near with {len(guesses)} frequencies differ: leave "
+            "--fit-modes out"
         )
     fitted_band = _band(band)
     lines = _hertz(resolution, "--resolution")
@@ -209,7 +208,7 @@ def frf(
             "--response names columns of a response that exists, --input and --output those of "
             "a record over time: give one or the other"
         )
-    with progress_bar():
+    with progress_bar("frf", quiet=quiet):
         read = read_records(
             records,
             [*inputs, *outputs],
@@ -324,7 +323,7 @@ def _count(text: str) -> int | None:
     if text.strip().lower() == "auto":
         return None
     if not text.strip().isdecimal():
-        raise ModelError(f"--modes must be a number or auto, got '{text}'")
+        raise ModelError(f"--fit-modes must be a number or auto, got '{text}'")
     return int(text)
 
 
@@ -419,7 +418,7 @@ def _decayed(
             "leave the option out, or give a record of the decay"
         )
     if count == 0:
-        raise ModelError("--ring-down fits modes and nothing else: leave --modes 0 out")
+        raise ModelError("--ring-down fits modes and nothing else: leave --fit-modes 0 out")
     found = ring_down(read[0], outputs, count=count)
 
     def draw() -> Any:

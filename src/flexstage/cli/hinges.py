@@ -1,6 +1,5 @@
 """`flexstage hinges`: the stiffness of a notch profile by every method, and how far it may turn."""
 
-import contextlib
 import dataclasses
 import difflib
 import math
@@ -8,24 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, PlaneOption, console, make_table, print_json
+from flexstage.cli.common import (
+    JsonOption,
+    PlaneOption,
+    console,
+    make_table,
+    positive_length,
+    print_json,
+)
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:
     from flexstage.hinges import Profile
-    from flexstage.material import Material
 
 __all__ = ["hinges"]
-
-#: Quantity, place on the diagonal of the compliance, unit of its stiffness.
-_QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
-
-_METHOD_VALIDITY = {
-    "euler-bernoulli": "slender, and no shear deformation",
-    "timoshenko": "slender: too stiff by 2 to 30 % as t/R grows",
-    "wedge": "within 2 % of plane finite elements, 1.3 % in rotation",
-    "finite-element": "plane finite elements of this notch, within 0.05 %",
-}
 
 
 def hinges(
@@ -43,20 +38,21 @@ def hinges(
         str, typer.Option(metavar="LENGTH", help='Width of the hinge, such as "10 mm".')
     ] = "10 mm",
     material: Annotated[
-        str, typer.Option(metavar="NAME", help="A material of the catalogue.")
+        str, typer.Option(metavar="NAME", help="Name of a material in the catalogue.")
     ] = "Al 7075-T6",
     radius: Annotated[
         str | None,
         typer.Option(metavar="LENGTH", help="Radius of a circular notch, or of the fillets."),
     ] = None,
     length: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Length of the whole notch.")
+        str | None, typer.Option(metavar="LENGTH", help="Total length of the notch.")
     ] = None,
     depth: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on a side.")
+        str | None, typer.Option(metavar="LENGTH", help="Depth of the notch on one side.")
     ] = None,
-    angle: Annotated[
-        str | None, typer.Option(metavar="ANGLE", help="Half opening angle of a v notch.")
+    half_angle: Annotated[
+        str | None,
+        typer.Option(metavar="ANGLE", help='Half opening angle of a v notch, such as "30 deg".'),
     ] = None,
     exponent: Annotated[
         float | None, typer.Option(metavar="N", help="Exponent of a power notch.")
@@ -67,20 +63,20 @@ def hinges(
     plane: PlaneOption = "auto",
     as_json: JsonOption = False,
 ) -> None:
-    """Show the stiffness of a hinge by every method, and how far it may turn.
+    """Compute stiffness and range of a hinge by every method.
 
     A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
-    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --angle --radius;
-    power --length --depth --exponent. Without any of them it is a circular notch of radius 1 mm.
+    leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
+    power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
     """
+    from flexstage.hinges import hinge_figures
     from flexstage.material import material as find_material
-    from flexstage.units import parse
 
     given = {
         "radius": radius,
         "length": length,
         "depth": depth,
-        "angle": angle,
+        "half-angle": half_angle,
         "exponent": None if exponent is None else str(exponent),
     }
     if profile == "circular" and not any(given.values()):
@@ -90,7 +86,9 @@ def hinges(
         near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
-    result = _result(notch, find_material(material), parse(width, "length"), plane)
+    result = hinge_figures(
+        notch, find_material(material), positive_length(width, "the width"), plane
+    )
     if as_json:
         print_json(result)
     else:
@@ -105,7 +103,7 @@ _OPTIONS = {
     "leaf_length": "length",
     "half_length": "length",
     "notch_depth": "depth",
-    "half_opening_angle": "angle",
+    "half_opening_angle": "half-angle",
     "exponent": "exponent",
 }
 
@@ -133,88 +131,13 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
         if option == "exponent":
             values[name] = float(str(text))
         else:
-            size = parse(text, "angle" if option == "angle" else "length")
-            values[name] = 0.5 * size if name == "half_length" else size
-    return cls(neck_thickness=parse(neck, "length"), one_sided=one_sided, **values)
-
-
-def _result(notch: "Profile", what: "Material", width: float, plane: str) -> dict[str, Any]:
-    """Compute everything that is shown, as plain data in SI units."""
-    from flexstage.hinges import (
-        closed_form_compliance,
-        closed_forms,
-        compliance,
-        concentration,
-        largest_rotation,
-        plane_state,
-    )
-
-    e, nu = what.youngs_modulus, what.poissons_ratio
-    if plane == "auto":
-        state = plane_state(width, notch.neck_thickness)
-    else:
-        state = "strain" if plane == "strain" else "stress"
-    shown = ["wedge", "timoshenko", "euler-bernoulli"]
-    springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in shown}
-    # finite elements do without a neck that is too thin to mesh; the others have taken it
-    with contextlib.suppress(HingeError):
-        meshed = compliance(notch, e, nu, width, method="finite-element", plane=state)
-        springs["finite-element"] = meshed
-    best = springs["wedge"].matrix
-    rows: list[dict[str, Any]] = []
-    for quantity, place, unit in _QUANTITIES:
-        found = [
-            (method, float(springs[method].matrix[place, place]), _METHOD_VALIDITY[method])
-            for method in springs
-        ]
-        found += [
-            (
-                form.name,
-                closed_form_compliance(form, notch, e, nu, width, plane=state),
-                form.validity,
+            size = (
+                parse(str(text), "angle")
+                if option == "half-angle"
+                else positive_length(str(text), f"--{option}")
             )
-            for form in closed_forms(notch)
-            if form.quantity == quantity
-        ]
-        rows += [
-            {
-                "quantity": quantity,
-                "method": method,
-                # a formula outside its range can give a compliance that no hinge has
-                "stiffness": 1.0 / value if value > 0.0 else None,
-                "unit": unit,
-                "difference_percent": 100.0 * (float(best[place, place]) / value - 1.0)
-                if value > 0.0
-                else None,
-                "validity": validity,
-            }
-            for method, value, validity in found
-        ]
-    factors = concentration(notch)
-    turn = largest_rotation(notch, what, width, plane=state)
-    sizes = {f.name: getattr(notch, f.name) for f in dataclasses.fields(notch)}
-    return {
-        "profile": notch.kind,
-        **sizes,
-        "width": width,
-        "material": what.name,
-        "plane": state,
-        "root_height": notch.root_height,
-        "stiffness": rows,
-        "compliance": best.tolist(),
-        "concentration": {
-            "axial": list(factors.axial),
-            "bending": list(factors.bending),
-            "source": factors.source,
-            "validity": factors.validity,
-        },
-        "largest_rotation": {
-            "before_yield": turn.before_yield,
-            "before_fatigue": turn.before_fatigue,
-            "fatigue_cycles": what.fatigue_cycles,
-            "unit": "rad",
-        },
-    }
+            values[name] = 0.5 * size if name == "half_length" else size
+    return cls(neck_thickness=positive_length(neck, "the neck"), one_sided=one_sided, **values)
 
 
 def _print(result: dict[str, Any]) -> None:

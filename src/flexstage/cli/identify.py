@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    AxisOption,
+    InputUnitOption,
     JsonOption,
+    OutputUnitOption,
+    QuietOption,
     console,
+    figure_option,
+    file_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive, train_range
@@ -51,99 +55,94 @@ def identify(
         list[Path],
         typer.Argument(
             metavar="RECORD...",
-            help="Measured files of one drive; those at two or more rates tell lag and creep from "
-            "hysteresis.",
+            help="Measured files of one drive. Files at two or more rates separate lag and creep "
+            "from hysteresis.",
         ),
     ],
     input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
+        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
     ],
     output: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
     ] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
-    model: Annotated[
+    hysteresis_model: Annotated[
         str,
         typer.Option(
             metavar="NAME",
-            help="A hysteresis model, such as bouc-wen or preisach, or several with commas; auto "
-            "tries all. The simplest is taken that is as good as the best on cycles it was not "
-            "fitted to.",
+            help="A hysteresis model, such as bouc-wen or preisach, or several separated by "
+            "commas; auto tries all. The simplest model is chosen that predicts held-out cycles "
+            "as well as the best.",
         ),
     ] = "auto",
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
-    input_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
-    ] = None,
-    output_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um".')
-    ] = None,
+    input_unit: InputUnitOption = None,
+    output_unit: OutputUnitOption = None,
     train: Annotated[
         str | None,
         typer.Option(
             metavar="START:STOP",
-            help="Samples to fit, counted in the file as --rows does; all others are held out. "
-            "Where not given, all are fitted, and held-out errors come from cross-validation over "
-            "whole cycles.",
+            help="Samples to fit, numbered as for --rows; all others are held out (default: all "
+            "are fitted, and held-out errors come from cross-validation over whole cycles).",
         ),
     ] = None,
     delay: Annotated[
         str | None,
         typer.Option(
             metavar="TIME",
-            help='Known delay of the output, such as "5 ms"; the chain is then not searched for.',
+            help='Known delay of the output, such as "5 ms"; delay and creep are then not fitted.',
         ),
     ] = None,
     creep: Annotated[
         str | None,
         typer.Option(
             metavar="SHARE",
-            help='Known creep per decade of time, such as "1.2%"; the chain is then not searched '
-            "for.",
+            help='Known creep per decade of time, such as "1.2%"; delay and creep are then not '
+            "fitted.",
         ),
     ] = None,
     resonance: Annotated[
         str | None,
         typer.Option(
             metavar="FREQUENCY",
-            help='Known resonance of the stage with its drives in place, such as "808 Hz"; looked '
-            "for where not given.",
+            help='Known resonance of the stage with its drives in place, such as "808 Hz" '
+            "(default: identified).",
         ),
     ] = None,
-    damping: Annotated[
-        float, typer.Option(min=1e-4, max=0.9, help="Damping ratio of that resonance.")
+    damping_ratio: Annotated[
+        float,
+        typer.Option(
+            metavar="RATIO", min=1e-4, max=0.9, help="Damping ratio of the known resonance."
+        ),
     ] = 0.01,
-    test: Annotated[
+    test_record: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Another record, read by the same options, that the model is tried on as it "
-            "stands; may be given several times.",
+            help="Another record, read with the same options, on which the model is tested without "
+            "another fit; may be repeated.",
         ),
     ] = None,
     temperature: Annotated[
         str | None,
         typer.Option(
             metavar="LOW:HIGH",
-            help='Temperature of the record, such as "294.5:296" K; kept in the model file.',
+            help='Temperature of the record, such as "294.5:296" in K; stored in the model file.',
         ),
     ] = None,
     stage: Annotated[
         str | None,
         typer.Option(
             metavar="STAGE",
-            help="Description of the stage, whose voltage range and stroke the record is compared "
-            "with: a stage file, or the name of a built-in design.",
+            help="A stage file, or the name of a built-in design: the record is compared with its "
+            "voltage range and stroke.",
         ),
     ] = None,
-    axis: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Axis of --stage; the first one where not given."),
-    ] = None,
+    axis: AxisOption = None,
     drift: Annotated[
         bool,
         typer.Option(
@@ -160,31 +159,24 @@ def identify(
     decimal: DecimalOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path, metavar="FILE", help="Write the model there, as readable text."
-        ),
+        file_option("Write the model, as readable text."),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw measured and modelled loops there, of four records at most: .svg, .png "
-            "or .pdf.",
-        ),
+        figure_option("Draw measured and modelled loops, of four records at most."),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Identify the hysteresis of a drive, and the lag, creep and resonance behind it."""
+    """Identify hysteresis, lag, creep and resonance of a drive."""
     from flexstage.hysteresis.identification import identify as run
 
-    require_image(figure)
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
-    if test and curve == "files":
-        raise RecordError("--curve files makes one record of all files: leave --test out")
+    if test_record and curve == "files":
+        raise RecordError("--curve files makes one record of all files: leave --test-record out")
     given, driven, follows = read_drive(
-        [*records, *(test or ())],
+        [*records, *(test_record or ())],
         input,
         output,
         branches=branches,
@@ -203,14 +195,14 @@ def identify(
     read, others = given[: len(records)], given[len(records) :]
     if (branches or curve) and sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
-    with progress_bar():
+    with progress_bar("identify", quiet=quiet):
         found = run(
             read,
             driven,
             follows,
-            model=[word.strip() for word in model.split(",") if word.strip()],
+            model=[word.strip() for word in hysteresis_model.split(",") if word.strip()],
             chain=_chain(delay, creep),
-            resonance=_mode(resonance, damping),
+            resonance=_mode(resonance, damping_ratio),
             temperature=_temperature(temperature),
             drift=drift,
             train=train_range(train, read),

@@ -9,11 +9,12 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
+    QuietOption,
     console,
+    figure_option,
     make_table,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.cli.part_materials import DEFAULT, materials_of
@@ -37,86 +38,91 @@ def part(
         str,
         typer.Option(
             metavar="NAMES",
-            help="Of several solids those to take, by name or number from 1, with commas between; "
-            "those whose faces touch are joined.",
+            help="Solids to use, by name or number from 1, separated by commas; solids whose faces "
+            "touch are joined.",
         ),
     ] = "all",
     material: Annotated[
         list[str] | None,
         typer.Option(
             metavar="[SOLID=]MATERIAL",
-            help=f'What it is made of: a name from the catalogue ({DEFAULT}), or "E=193 GPa, '
-            'nu=0.31, rho=7750 kg/m^3"; of one solid with its name or number before it, such as '
-            '"2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
+            help=f'Material: a name from the catalogue (default: {DEFAULT}), or "E=193 GPa, '
+            'nu=0.31, rho=7750 kg/m^3"; for one solid with its name or number first, such '
+            'as "2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
         ),
     ] = None,
     hold: Annotated[
         str,
         typer.Option(
             metavar="FACES",
-            help="Faces that are held, with commas between: names, or x-min, z-max, ... for the "
-            "plane faces at an end.",
+            help="Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane "
+            "faces at an end of the part.",
         ),
     ] = "",
     move: Annotated[
-        str, typer.Option(metavar="FACES", help="Faces whose stiffness against them is wanted.")
+        str,
+        typer.Option(
+            metavar="FACES",
+            help="Faces to move: their stiffness against the fixed faces is computed.",
+        ),
     ] = "",
     at: Annotated[
         str,
         typer.Option(
             metavar="X,Y,Z",
-            help="Point about which their stiffness is meant, in millimetres; else their centroid.",
+            help='Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are '
+            "in millimetres (default: the centroid of the moved faces).",
         ),
     ] = "",
     ratio: Annotated[
         str,
         typer.Option(
             metavar="FACES:FACES:FACES",
-            help="Two ends of a drive that are pushed apart, and the face whose motion for each "
-            "micrometre of it is wanted, with one held.",
+            help="Two faces that a drive pushes apart, and the output face: its motion for each "
+            "micrometre of the drive is computed, with one end fixed.",
         ),
     ] = "",
     interfaces: Annotated[
         str,
         typer.Option(
             metavar="rigid|mean|both",
-            help="Whether held, moved and pushed faces are rigid, or may deform and count by their "
-            "mean motion.",
+            help="Fixed, moved and pushed faces are rigid, or deform and count by their mean "
+            "motion.",
         ),
     ] = "both",
     order: Annotated[
-        int, typer.Option(metavar="N", help="Order of the elements; 0 only lists the faces.")
+        int, typer.Option(metavar="N", help="Order of the elements; 0 lists the faces only.")
     ] = 3,
     size: Annotated[
-        float | None, typer.Option(metavar="MM", help="Largest element in millimetres.")
+        str | None,
+        typer.Option(
+            metavar="LENGTH",
+            help='Largest element, such as "2 mm"; a bare number is in millimetres.',
+        ),
     ] = None,
     thin: Annotated[
         float,
-        typer.Option(metavar="N", help="Largest element where it is thin, in local thicknesses."),
+        typer.Option(metavar="N", help="Largest element in thin places, in local thicknesses."),
     ] = 1.5,
     modes: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Number of natural frequencies.")
+        int, typer.Option(min=0, metavar="N", help="Number of natural frequencies to compute.")
     ] = 6,
     force: Annotated[
-        bool, typer.Option("--force", help="Go on where the memory seems not to suffice.")
+        bool, typer.Option("--force", help="Continue although the memory may not suffice.")
     ] = False,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Picture of the part from both sides with the names of its faces: .svg, .png or "
-            ".pdf.",
-        ),
+        figure_option("Draw the part from both sides, with the names of its faces."),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """List the faces of a part from a STEP file; find its mass, modes, stiffness and ratio."""
+    """Compute faces, mass, modes and stiffness of a STEP part."""
     from flexstage.errors import StageError
     from flexstage.fem.part import read_step
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
     from flexstage.fem.part_mesh import PartMesh
 
-    require_image(figure)
     if interfaces not in (*INTERFACES, "both"):
         raise typer.BadParameter(f"--interfaces must be rigid, mean or both, got '{interfaces}'")
     words = solids if solids == "all" else [w.strip() for w in solids.split(",")]
@@ -133,9 +139,9 @@ def part(
         )
     found = None
     if order:
-        mesh = PartMesh(order=order, size=None if size is None else size * 1e-3, thin=thin)
+        mesh = PartMesh(order=order, size=None if size is None else _size(size), thin=thin)
         kinds = INTERFACES if interfaces == "both" else (interfaces,)
-        with progress_bar():
+        with progress_bar("part", quiet=quiet):
             found = analyse_part(
                 read,
                 of,
@@ -166,14 +172,24 @@ def part(
         screen.print(f"picture: {figure}", markup=False)
 
 
+def _size(text: str) -> float:
+    from flexstage.units import parse
+
+    size = parse(text, "length", bare_unit="mm")
+    if not size > 0.0:
+        raise typer.BadParameter(f"--size must be a positive length, such as 2 mm, got '{text}'")
+    return size
+
+
 def _point(text: str) -> tuple[float, ...]:
-    try:
-        point = tuple(1e-3 * float(c) for c in text.split(","))
-    except ValueError:
-        point = ()
-    if len(point) != 3:
-        raise typer.BadParameter(f"--at is three millimetres X,Y,Z, such as 0,0,7.5, got '{text}'")
-    return point
+    from flexstage.units import parse
+
+    words = text.split(",")
+    if len(words) != 3:
+        raise typer.BadParameter(
+            f"--at is three lengths X,Y,Z, such as 0,0,7.5 in millimetres, got '{text}'"
+        )
+    return tuple(parse(word, "length", bare_unit="mm") for word in words)
 
 
 def _millimetres(read: "Part", point: Sequence[float]) -> str:

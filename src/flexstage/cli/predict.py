@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.common import (
+    InputUnitOption,
     JsonOption,
+    OutputUnitOption,
     console,
+    figure_option,
     make_table,
-    output_path,
     print_json,
-    require_image,
     write_file,
 )
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.model_files import read_model_file
 from flexstage.cli.records import (
     DatasetOption,
     DecimalOption,
@@ -51,37 +51,33 @@ __all__ = [
 def predict(
     model: Annotated[
         Path,
-        typer.Argument(metavar="MODEL", help="A model that `flexstage identify --out` wrote."),
+        typer.Argument(metavar="MODEL", help="A model file written by `flexstage identify --out`."),
     ],
     records: Annotated[
         list[Path],
         typer.Argument(metavar="RECORD...", help="Measured files of the same drive."),
     ],
     input: Annotated[
-        str, typer.Option(metavar="COLUMN", help="Number or name of the column that drives.")
+        str, typer.Option(metavar="COLUMN", help="Number or name of the input column.")
     ],
     output: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Number or name of the column that follows."),
+        typer.Option(metavar="COLUMN", help="Number or name of the output column."),
     ] = None,
     branches: BranchesOption = None,
     curve: CurveOption = None,
     sample_rate: SampleRateOption = None,
     time: TimeOption = None,
     resample: ResampleOption = None,
-    input_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V".')
-    ] = None,
-    output_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um".')
-    ] = None,
+    input_unit: InputUnitOption = None,
+    output_unit: OutputUnitOption = None,
     start: Annotated[
         str,
         typer.Option(
             metavar="auto|rested|TIME",
-            help="What the drive did before the record: rest at the first command, or move for so "
-            'long, such as "30 s" or inf, since it left the low end of its range; auto takes what '
-            "comes nearest over the samples that are not counted.",
+            help="State before the record: rested at the first command, or in motion for a time, "
+            'such as "30 s" or inf, since the low end of the range; auto estimates it from the '
+            "first samples.",
         ),
     ] = "auto",
     rows: RowsOption = None,
@@ -92,22 +88,18 @@ def predict(
     decimal: DecimalOption = None,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw the measured and the predicted loop of the first record there: .svg, .png "
-            "or .pdf.",
-        ),
+        figure_option("Draw the measured and the predicted loop of the first record."),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Tell how well an identified model predicts other records, as it stands.
+    """Test an identified model on other records.
 
-    Nothing is fitted to the samples that are counted. What the drive did before the record, where
-    its creep begins, is estimated from the first samples, until both ends of the range were
-    reached, and these are not counted; `--start` says it where it is known.
+    The model is not fitted again. The motion before the record, from which its creep begins, is
+    estimated from the first samples, until both ends of the range were reached. These samples do
+    not count in the errors. If that motion is known, give it by `--start`.
     """
-    require_image(figure)
+    from flexstage.hysteresis.model_file import read_model_file
+
     before = _start(start)
     file = read_model_file(model)
     read, driven, follows = read_drive(

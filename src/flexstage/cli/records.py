@@ -27,7 +27,6 @@ __all__ = [
     "file_rates",
     "read_records",
     "record_format",
-    "row_range",
 ]
 
 _SUCH = {
@@ -37,44 +36,60 @@ _SUCH = {
 }
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
+_SECTION = "Reading files"
 SampleRateOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="RATE",
-        help='Samples in a second, such as "200" or "10 kHz"; with commas, one for each file.',
+        help='Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.',
     ),
 ]
 TimeOption = Annotated[
-    str | None, typer.Option(metavar="COLUMN", help="Number or name of the column of time.")
+    str | None,
+    typer.Option(
+        rich_help_panel=_SECTION, metavar="COLUMN", help="Number or name of the time column."
+    ),
 ]
 FormatOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="NAME",
-        help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm, where neither "
-        "content nor suffix says it.",
+        help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by "
+        "content and ending).",
     ),
 ]
 DatasetOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="NAME",
-        help="Group, variable, array, function or feature of a file that holds several; several "
-        "with commas.",
+        help="Group, variable, array, function or feature of a file that contains several; several "
+        "separated by commas.",
     ),
 ]
 SkipLinesOption = Annotated[
-    int, typer.Option(min=0, help="Lines of a text file to leave out at its start.")
+    int,
+    typer.Option(
+        rich_help_panel=_SECTION,
+        min=0,
+        metavar="NUMBER",
+        help="Lines to skip at the start of a text file.",
+    ),
 ]
 DelimiterOption = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="What divides the columns of a text file.")
+    str | None,
+    typer.Option(rich_help_panel=_SECTION, metavar="TEXT", help="Column separator of a text file."),
 ]
 DecimalOption = Annotated[
-    str | None, typer.Option(metavar=".|,", help="Decimal sign of a text file.")
+    str | None,
+    typer.Option(rich_help_panel=_SECTION, metavar=".|,", help="Decimal sign of a text file."),
 ]
 LengthUnitOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="UNIT",
         help='Unit of all lengths of a measuring machine, such as "mm", where its report does not '
         "say it.",
@@ -83,15 +98,19 @@ LengthUnitOption = Annotated[
 RowsOption = Annotated[
     str | None,
     typer.Option(
-        metavar="START:STOP", help="Samples to read, counted from 0; either end may be left out."
+        rich_help_panel=_SECTION,
+        metavar="START:STOP",
+        help="Samples to read, numbered from 0; either end may be omitted.",
     ),
 ]
 ResampleOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=_SECTION,
         metavar="RATE|median",
-        help='Put unevenly timed samples onto even times: at a rate such as "10 Hz", no finer than '
-        "they are, or at that of the median step; with commas, one for each file.",
+        help='Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer '
+        "than the samples, or at that of the median step; one for each file if separated by "
+        "commas.",
     ),
 ]
 
@@ -116,42 +135,6 @@ def column(text: str) -> str | int:
     """
     plain = text.strip()
     return int(plain) if plain.isdecimal() else plain
-
-
-def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | None:
-    """Return a range of samples.
-
-    Parameters
-    ----------
-    text : str or None
-        What the option was given.
-    option : str
-        The option, for the message.
-
-    Returns
-    -------
-    tuple of int or None
-        First sample, and the one before which to stop; None where nothing was given.
-
-    Raises
-    ------
-    RecordError
-        It is no range.
-
-    Examples
-    --------
-    >>> row_range("400:", "--rows")
-    (400, None)
-    """
-    if text is None:
-        return None
-    words = [word.strip() for word in text.split(":")]
-    if len(words) != 2 or not all(word == "" or word.isdecimal() for word in words):
-        raise RecordError(f"{option} must be a range of samples such as 400:7200, got '{text}'")
-    start, stop = (int(word) if word else None for word in words)
-    if start is not None and stop is not None and start >= stop:
-        raise RecordError(f"{option} must rise, got '{text}'")
-    return start, stop
 
 
 def read_records(
@@ -231,6 +214,7 @@ def read_records(
         read_record,
         require_uniform,
     )
+    from flexstage.records.rows import row_range
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     new_rates = file_rates(resample, "--resample", len(files))

@@ -9,11 +9,12 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
+    QuietOption,
     console,
+    folder_option,
     load_stage,
     make_table,
     name_for_files,
-    output_path,
     print_json,
     progress_bar,
     write_file,
@@ -28,93 +29,102 @@ __all__ = ["run"]
 
 def run(
     plan: Annotated[
-        str, typer.Argument(metavar="PLAN", help="A plan file, or the name of a ready plan.")
+        str, typer.Argument(metavar="PLAN", help="A plan file, or the name of a built-in plan.")
     ],
     instrument: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
             help="gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a "
-            "simulation; needed but for --dry-run.",
+            "simulation; required except with --dry-run.",
         ),
     ] = None,
     stage: Annotated[
         str | None,
         typer.Option(
-            metavar="STAGE", help="Stage file or built-in design in place of the plan's own."
+            metavar="STAGE",
+            help="A stage file, or the name of a built-in design, instead of that of the plan.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Folder of the run; runs/<time>-<stage> where not given.",
-        ),
+        folder_option("Folder of the run (default: runs/TIME-STAGE)."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be sent, and move nothing.")
+        bool,
+        typer.Option(
+            "--dry-run", help="Check the plan and list its motions, without an instrument."
+        ),
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Take up the run that --out holds.")
+        bool, typer.Option("--resume", help="Continue the interrupted run in --folder.")
     ] = False,
-    steps: Annotated[
+    only: Annotated[
         str | None,
         typer.Option(
-            metavar="NAMES", help="Steps that are wanted, with commas between; what they use too."
+            metavar="NAMES",
+            help="Steps to carry out, separated by commas; the steps that they need are included.",
         ),
     ] = None,
-    operator: Annotated[str, typer.Option(metavar="TEXT", help="Who carries it out.")] = "",
+    operator: Annotated[
+        str, typer.Option(metavar="TEXT", help="Name of the operator, for the records.")
+    ] = "",
     note: Annotated[str, typer.Option(metavar="TEXT", help="A remark for the records.")] = "",
     catalogue: Annotated[
         str | None,
         typer.Option(
             metavar="URL",
-            help="Database that the records are entered into: a file, or a URL of PostgreSQL; the "
-            "user's own where not given, 'none' for none.",
+            help="Catalogue of the records: a file, or a PostgreSQL URL; 'none' for none "
+            "(default: that of the user).",
         ),
     ] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask before a real instrument moves.")
+        bool,
+        typer.Option("--yes", help="Do not ask for confirmation before a real instrument moves."),
     ] = False,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Carry out an experiment plan on an instrument, and evaluate what it gives.
+    """Carry out and evaluate an experiment plan.
 
-    Records are on disk while they are taken. A run that was interrupted is taken up again by
-    --resume: what is complete is not repeated.
+    Records are written to disk while they are measured. --resume continues an interrupted run:
+    complete steps are not repeated.
     """
     from flexstage.plans import find_plan, plan_stage, read_plan
 
     file = find_plan(plan)
     wanted = read_plan(file)
     own = load_stage(stage) if stage is not None else plan_stage(wanted, file.parent)
-    only = None if steps is None else tuple(s.strip() for s in steps.split(",") if s.strip())
-    if only == ():
-        raise PlanError("--steps names no step: give their names with commas between")
-    wanted.chosen(only)
+    chosen = None if only is None else tuple(s.strip() for s in only.split(",") if s.strip())
+    if chosen == ():
+        raise PlanError("--only names no step: give names separated by commas")
+    wanted.chosen(chosen)
     if dry_run:
         from flexstage.plans import dry_run as tried
 
-        found = tried(wanted, own, only=only)
+        found = tried(wanted, own, only=chosen)
         if json:
             print_json(_plain_dry(found))
         else:
             _print_dry(found, wanted.title or file.stem)
         if found.problems:
-            raise PlanError(found.problems[0])
+            typer.echo(f"flexstage: {found.problems[0]}", err=True)
+            raise typer.Exit(2)
         return
     if instrument is None:
         raise PlanError(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
         )
+    from flexstage.report.files import require_writable
+
     if resume and out is None:
-        raise PlanError("--resume needs --out: the folder of the run that was interrupted")
+        raise PlanError("--resume needs --folder: the folder of the run that was interrupted")
     folder = out if out is not None else _new_folder(own.name, file.stem)
+    require_writable(folder)
     result = _carried_out(
-        wanted, own, instrument, folder, title=file.stem, resume=resume, only=only,
-        operator=operator, note=note, catalogue=_catalogue(catalogue), yes=yes,
+        wanted, own, instrument, folder, title=file.stem, resume=resume, only=chosen,
+        operator=operator, note=note, catalogue=_catalogue(catalogue), yes=yes, quiet=quiet,
     )  # fmt: skip
     from flexstage.report.run import run_text
 
@@ -155,7 +165,7 @@ def _catalogue(text: str | None) -> str | None:
 
 
 def _carried_out(
-    wanted: Any, own: Any, address: str, folder: Path, *, yes: bool, **options: Any
+    wanted: Any, own: Any, address: str, folder: Path, *, yes: bool, quiet: bool, **options: Any
 ) -> "PlanResult":
     from flexstage.instruments.connect import connect
     from flexstage.plans import run_plan
@@ -168,7 +178,7 @@ def _carried_out(
             # a card is simulated where its driver is missing, whoever meant to measure
             typer.echo(f"flexstage: {device.settings().get('driver', address)}", err=True)
         try:
-            with progress_bar():
+            with progress_bar("run", quiet=quiet):
                 return run_plan(wanted, device, folder, stage=own, **options)
         except (KeyboardInterrupt, SystemExit):  # the latter by a signal to end
             sys.stderr.write(f"\nthe stage was stopped; {_how_to_resume(folder)}\n")
@@ -185,7 +195,7 @@ def _carried_out(
 
 def _how_to_resume(folder: Path) -> str:
     return (
-        f"what is complete is kept: take it up again by the same command with --resume --out "
+        f"what is complete is kept: take it up again by the same command with --resume --folder "
         f"{folder}"
     )
 

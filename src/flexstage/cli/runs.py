@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import JsonOption, console, count, make_table, output_path, print_json
+from flexstage.cli.command import Command, Group
+from flexstage.cli.common import (
+    JsonOption,
+    console,
+    count,
+    file_option,
+    make_table,
+    output_path,
+    print_json,
+)
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -17,7 +26,8 @@ __all__ = ["runs"]
 
 runs = typer.Typer(
     name="runs",
-    help="List what was recorded, show it, enter it, and recover what a crash left behind.",
+    cls=Group,
+    help="List, show, add and recover recorded runs.",
     no_args_is_help=False,
     rich_markup_mode=None,
 )
@@ -27,13 +37,13 @@ _Catalogue = Annotated[
     typer.Option(
         "--catalogue",
         metavar="URL",
-        help="The catalogue: a file, or postgresql://user@host/database; FLEXSTAGE_CATALOGUE, or a "
-        "file of the user's own, where not given.",
+        help="Catalogue: a file, or postgresql://user@host/database (default: "
+        "FLEXSTAGE_CATALOGUE, or that of the user).",
     ),
 ]
-_Stage = Annotated[str | None, typer.Option(metavar="NAME", help="Only of this stage.")]
+_Stage = Annotated[str | None, typer.Option(metavar="NAME", help="Only this stage.")]
 _Serial = Annotated[
-    str | None, typer.Option(metavar="NUMBER", help="Only of the stage of this serial number.")
+    str | None, typer.Option(metavar="TEXT", help="Only the stage with this serial number.")
 ]
 
 
@@ -41,27 +51,29 @@ _Serial = Annotated[
 def _list(
     context: typer.Context,
     stage: _Stage = None,
-    serial: _Serial = None,
-    kind: Annotated[
+    serial_number: _Serial = None,
+    test: Annotated[
         str | None, typer.Option(metavar="KIND", help="Only this kind of test, such as motion.")
     ] = None,
     since: Annotated[
         str | None,
         typer.Option(
             metavar="TIME",
-            help='Only from then on: a date, a date and time (UTC unless it says its zone), or "7 '
-            'd" for the last seven days.',
+            help='Only since a date, a date and time (UTC unless a zone is given), or "7 d" for '
+            "the last seven days.",
         ),
     ] = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, metavar="NUMBER", help="At most so many, the latest.")
+        int | None,
+        typer.Option(min=1, metavar="NUMBER", help="Largest number of runs, the latest ones."),
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the runs of the catalogue, the latest first."""
+    """List the runs in the catalogue, latest first."""
     if context.invoked_subcommand is not None:
-        given = [n for n, v in (("--stage", stage), ("--serial", serial), ("--kind", kind),
+        given = [n for n, v in (("--stage", stage),
+                                ("--serial-number", serial_number), ("--test", test),
                                 ("--since", since), ("--limit", limit),
                                 ("--catalogue", catalogue), ("--json", json)) if v]  # fmt: skip
         if given:
@@ -72,7 +84,7 @@ def _list(
     start = _time(since)
     with Catalogue.open(catalogue) as opened:
         found = opened.runs(
-            stage=stage, serial_number=serial, kind=kind, since=start, limit=limit
+            stage=stage, serial_number=serial_number, kind=test, since=start, limit=limit
         )  # fmt: skip
         where = opened.address
     if json:
@@ -81,15 +93,18 @@ def _list(
         _print_list(found, where)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def show(
     identifier: Annotated[
-        str, typer.Argument(metavar="ID", help="The run: its identifier, or how it begins.")
+        str, typer.Argument(metavar="ID", help="Identifier of the run, or its first characters.")
     ],
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Show all that the catalogue knows of a run, and whether its file is as it was."""
+    """Show the catalogue's entry of a run.
+
+    Checks whether its file has changed since it was entered.
+    """
     from flexstage.instruments.catalogue import Catalogue
 
     with Catalogue.open(catalogue) as opened:
@@ -118,18 +133,21 @@ def show(
     screen.print(table)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def add(
     folders: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FOLDER...", parser=output_path, help="Folders of runs, each with its records."
+            metavar="FOLDER...", parser=output_path, help="Folders of runs with their records."
         ),
     ],
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Enter the runs of folders: those that could not be entered when they were made."""
+    """Enter the runs of folders into the catalogue.
+
+    For runs that could not be entered when they were measured.
+    """
     from flexstage.instruments.catalogue import Catalogue, folder_entries
 
     read = [folder_entries(folder) for folder in folders]
@@ -161,32 +179,32 @@ def add(
         raise typer.Exit(1)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def recover(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", parser=output_path, help="A stream that was left behind."),
+        typer.Argument(metavar="FILE", parser=output_path, help="The stream file."),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="The HDF5 file to write; beside the stream where not given.",
-        ),
+        file_option("The HDF5 file to write (default: beside the stream)."),
     ] = None,
     look: Annotated[
-        bool, typer.Option("--look", help="Only say what is safe, and write nothing.")
+        bool, typer.Option("--look", help="Only report what is intact; write nothing.")
     ] = False,
     remove: Annotated[
         bool,
         typer.Option(
-            "--remove", help="Remove the stream when all of it was read back from the HDF5 file."
+            "--remove",
+            help="Remove the stream after the HDF5 file has been read back and compared.",
         ),
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Read what is whole in a stream that a crash left behind, and write it as HDF5."""
+    """Recover the intact part of a stream left by a crash.
+
+    It is written as HDF5.
+    """
     from flexstage.instruments.recording import archived, examine, in_use
 
     found = examine(file)
@@ -233,26 +251,27 @@ def recover(
         screen.print(f"{kept} {file}", markup=False, soft_wrap=True)
 
 
-@runs.command()
+@runs.command(cls=Command)
 def calibrations(
     stage: _Stage = None,
-    serial: _Serial = None,
+    serial_number: _Serial = None,
     what: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Only of this, such as the gain of a sensor.")
-    ] = None,
-    at: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Only what held then: a date, or a date and time."),
+        typer.Option(metavar="NAME", help="Only this quantity, such as the gain of a sensor."),
+    ] = None,
+    valid_at: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Only those valid at a date, or a date and time."),
     ] = None,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the calibrations of the catalogue, the latest first."""
+    """List the calibrations in the catalogue, latest first."""
     from flexstage.instruments.catalogue import Catalogue
 
-    time = _time(at)
+    time = _time(valid_at)
     with Catalogue.open(catalogue) as opened:
-        found = opened.calibrations(stage=stage, serial_number=serial, what=what, at=time)
+        found = opened.calibrations(stage=stage, serial_number=serial_number, what=what, at=time)
         where = opened.address
     if json:
         rows = [_plain_calibration(entry) for entry in found]

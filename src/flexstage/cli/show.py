@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from flexstage.cli.common import StageArgument, load_stage, name_for_files, output_path, write_file
+from flexstage.cli.common import (
+    JsonOption,
+    StageArgument,
+    file_option,
+    load_stage,
+    name_for_files,
+    print_json,
+    writable,
+    write_file,
+)
 from flexstage.errors import ModelError
 
 __all__ = ["show"]
@@ -15,21 +24,21 @@ def show(
     stage: StageArgument,
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="A .svg, .png or .pdf file; NAME.svg where not given.",
-        ),
+        file_option("Write the drawing (.svg, .png or .pdf; default: NAME.svg)."),
     ] = None,
+    json: JsonOption = False,
 ) -> None:
-    """Draw a stage: its bodies, hinges, drives and probes."""
+    """Draw a stage: bodies, hinges, drives and probes."""
     from flexstage.report.figures import FORMATS, draw_stage, encode
 
     described = load_stage(stage)
-    path = out if out is not None else Path(f"{name_for_files(described.name)}.svg")
+    path = out if out is not None else writable(Path(f"{name_for_files(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)
         raise ModelError(f"a drawing is written as {endings}, got '{path.name}': change its ending")
     write_file(path, encode(draw_stage(described), kind))
-    typer.echo(f"wrote {path}")
+    if json:
+        print_json({"stage": described.name, "files": [str(path)]})
+    else:
+        typer.echo(f"wrote {path}")

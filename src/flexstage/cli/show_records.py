@@ -17,7 +17,6 @@ from flexstage.cli.records import (
     TimeOption,
     column,
     file_rates,
-    row_range,
 )
 from flexstage.errors import RecordError
 
@@ -41,8 +40,9 @@ def records(
     decimal: DecimalOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say what is in measured files: columns, units, rate, length, gaps, responses."""
+    """List columns, units, rate and gaps of measured files."""
     from flexstage.records import read_record
+    from flexstage.records.rows import row_range
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     found = []

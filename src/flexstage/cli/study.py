@@ -7,13 +7,16 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
+    ModelsOption,
     PlaneOption,
+    QuietOption,
     StageArgument,
     console,
+    folder_option,
     load_stage,
     make_table,
+    model_names,
     name_for_files,
-    output_path,
     print_json,
     progress_bar,
 )
@@ -32,52 +35,46 @@ _COLUMN = 12  # and of a value, with the space beside it
 
 def study(
     stage: StageArgument,
-    models: Annotated[
-        str,
-        typer.Option(
-            metavar="LIST", help="Models, with commas between: lumped, superelement, plane, solid."
-        ),
-    ] = "lumped,superelement,plane,solid",
+    models: ModelsOption = "all",
     plane: PlaneOption = "auto",
     out: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="DIR",
-            help="Where the report goes; out/NAME where not given.",
-        ),
+        folder_option("Folder of the report (default: out/NAME)."),
     ] = None,
     hysteresis: Annotated[
         bool,
         typer.Option(
-            "--hysteresis/--no-hysteresis",
-            help="Identify and compensate piezo drives on the virtual stage.",
+            "--identification/--no-identification",
+            help="Identify and compensate the hysteresis of piezo drives on a simulated stage.",
         ),
     ] = True,
     measured: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="A description of tests of the stage, whose figures join the table.",
+            help="Test description (.yaml) whose measured values are added to the table.",
         ),
     ] = None,
     virtual: Annotated[
         bool,
         typer.Option(
             "--virtual/--no-virtual",
-            help="Measure a virtual stage as well, and centre an encoder scale with it.",
+            help="Simulate measurements of the stage, and centring an encoder scale with it.",
         ),
     ] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual stage.")] = 1,
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the simulated stage.")
+    ] = 1,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Run the models of a stage, compare them with what was published, write a report.
+    """Compare all models with published values, in a report.
 
-    Writes report.html and results.json.
+    Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
     from flexstage.report import (
         characteristic_row,
-        report_html,
+        report_pages,
         require_writable,
         results_json,
         run_study,
@@ -86,10 +83,12 @@ def study(
     )
 
     described = load_stage(stage)
-    names = list(dict.fromkeys(name.strip() for name in models.split(",") if name.strip()))
-    directory = out if out is not None else Path("out") / name_for_files(described.name)
-    require_writable(directory)
-    with progress_bar():
+    names = model_names(models)
+    directory = out
+    if directory is None:
+        directory = Path("out") / name_for_files(described.name)
+        require_writable(directory)
+    with progress_bar("study", quiet=quiet):
         found = None
         if measured is not None:
             from flexstage.experiment.campaign import characterise, read_campaign
@@ -107,7 +106,7 @@ def study(
     files = write_files(
         directory,
         {
-            "report.html": report_html(result).encode(),
+            **{name: page.encode() for name, page in report_pages(result).items()},
             "results.json": results_json(study_results(result)),
         },
     )
@@ -128,6 +127,8 @@ def study(
         screen.print("note: the stage names no axis, so there are modes only; see the report")
     for model, why in result.left_out.items():
         screen.print(f"note: the {model} model was left out: {why}", markup=False)
+    for axis, why in result.experiments_left_out.items():
+        screen.print(f"note: the hysteresis of axis {axis} was left out: {why}", markup=False)
     for note in described.notes:
         screen.print(f"note: {note}", style="dim", markup=False)
     for file in files:

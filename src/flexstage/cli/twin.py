@@ -29,63 +29,63 @@ _PORTS = 65535
 def twin(
     stage: StageArgument,
     port: Annotated[
-        int, typer.Option(metavar="NUMBER", help="TCP port; 0 for any that is free.")
+        int, typer.Option(metavar="NUMBER", help="TCP port; 0 for any free port.")
     ] = 50000,
     host: Annotated[
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Address to listen at; anyone who reaches another one than the default can move "
+            help="Address to listen on; any address but 127.0.0.1 lets others on the network move "
             "the stage.",
         ),
     ] = "127.0.0.1",
     seed: Annotated[
-        int, typer.Option(metavar="NUMBER", min=0, help="Which stage is made, and its noise.")
+        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the simulated stage.")
     ] = 0,
     model: Annotated[
         str,
         typer.Option(
             metavar="|".join(_MODELS),
-            help="Mechanics: rigid bodies on hinges, or bodies condensed to their hinges.",
+            help="Model of the mechanics: rigid bodies, or bodies condensed to their hinges.",
         ),
     ] = "lumped",
-    rate: Annotated[
+    servo_rate: Annotated[
         str, typer.Option(metavar="FREQUENCY", help='Rate of the servo loop, such as "10 kHz".')
     ] = "10 kHz",
     amplifier: Annotated[
         str,
         typer.Option(
-            metavar="|".join(_AMPLIFIERS), help="What drives the stacks; a screw takes no notice."
+            metavar="|".join(_AMPLIFIERS),
+            help="Amplifier of the piezo stacks; no effect on screw drives.",
         ),
     ] = "voltage",
     fast: Annotated[
         bool,
-        typer.Option(
-            "--fast", help="Let simulated time pass with commands, not in step with real time."
-        ),
+        typer.Option("--fast", help="Advance simulated time by commands instead of real time."),
     ] = False,
     identity: Annotated[
         str,
         typer.Option(
             metavar="|".join(_IDENTITIES),
-            help="Controller that it answers as, by which programs choose their driver; flexstage: "
-            "its own name, and every command.",
+            help="Controller type that it reports, by which programs choose their driver; "
+            "flexstage: own name and all commands.",
         ),
     ] = _IDENTITIES[0],
     serial_number: Annotated[
-        str, typer.Option(metavar="TEXT", help="What the controller tells; twin-SEED if not given.")
+        str,
+        typer.Option(metavar="TEXT", help="Serial number that it reports (default: twin-SEED)."),
     ] = "",
     hold_control: Annotated[
         bool,
         typer.Option(
             "--hold-control",
-            help="The first program that moves or changes something keeps control until it leaves; "
-            "else all may, as at a real controller.",
+            help="The first program that sends a motion or a change keeps control until it "
+            "disconnects (default: all have control, as with a real controller).",
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a simulated stage with its controller, which understands GCS 2.0, until interrupted."""
+    """Run a simulated stage behind a GCS 2.0 controller."""
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
     _check("--identity", identity, _IDENTITIES)
@@ -93,7 +93,7 @@ def twin(
         raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
     if not (serial_number.isascii() and serial_number.isprintable()):
         raise typer.BadParameter("--serial-number must be of plain printable characters")
-    loop_rate = _rate(rate)
+    loop_rate = _rate(servo_rate)
     described = load_stage(stage)
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
@@ -130,7 +130,7 @@ def twin(
         if real.lost > 0.0:
             typer.echo(
                 f"flexstage: this computer was too slow by {real.lost:.1f} s: simulated time stood "
-                "still for as long; choose a lower --rate, or --fast",
+                "still for that long; choose a lower --servo-rate, or --fast",
                 err=True,
             )
 
@@ -146,7 +146,7 @@ def _rate(text: str) -> float:
 
     rate = parse(text, "frequency", bare_unit="Hz")
     if not 1e3 <= rate <= 50e3:
-        raise UnitError(f"--rate must be 1 kHz to 50 kHz, got '{text}'")
+        raise UnitError(f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'")
     return rate
 
 

@@ -8,12 +8,12 @@ import typer
 
 from flexstage.cli.common import (
     JsonOption,
+    QuietOption,
     console,
+    figure_option,
     make_table,
-    output_path,
     print_json,
     progress_bar,
-    require_image,
     write_file,
 )
 from flexstage.errors import ModelError
@@ -31,37 +31,38 @@ def uncertainty(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="A budget in YAML: quantity, unit, equation, influences, correlations.",
+            help="An uncertainty budget in YAML: quantity, unit, equation, influences, "
+            "correlations.",
         ),
     ],
     trials: Annotated[
         str,
         typer.Option(
             metavar="NUMBER|auto",
-            help="Monte Carlo trials; auto draws until two digits of the uncertainty stand.",
+            help="Number of Monte Carlo trials; auto draws until two digits of the uncertainty are "
+            "stable.",
         ),
     ] = "auto",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Random seed of the trials.")
+    ] = 0,
     confidence: Annotated[
-        float, typer.Option(help="Probability that the intervals hold the value, 0 to 1.")
+        float,
+        typer.Option(metavar="SHARE", help="Coverage probability of the intervals, 0 to 1."),
     ] = 0.95,
     figure: Annotated[
         Path | None,
-        typer.Option(
-            parser=output_path,
-            metavar="FILE",
-            help="Draw distribution and budget there: .svg, .png or .pdf.",
-        ),
+        figure_option("Draw the distribution and the budget."),
     ] = None,
+    quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Propagate the uncertainty of a result: budget, GUM interval, Monte Carlo interval."""
+    """Propagate an uncertainty budget by GUM and Monte Carlo."""
     from flexstage.experiment.uncertainty import read_budget, validate
 
-    require_image(figure)
     budget = read_budget(file)
     propagated = budget.propagate()
-    with progress_bar():
+    with progress_bar("uncertainty", quiet=quiet):
         drawn = budget.monte_carlo(trials=_trials(trials), seed=seed, confidence=confidence)
     verdict = validate(propagated, drawn)
     files = _draw(figure, budget, propagated, drawn)

@@ -4,15 +4,20 @@ The elements, the mesher and the factorisation are NGSolve's and Netgen's; what 
 them the words of an engineer, SI units, and loads and readings as plain arrays.
 """
 
-from flexstage.elasticity.buckling import BucklingFactors, buckling
-from flexstage.elasticity.continuum import AttachedMass, Continuum
-from flexstage.elasticity.large_displacement import Equilibria, follow_drive, follow_load
-from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
-from flexstage.elasticity.memory import memory_available, memory_needed, require_memory
-from flexstage.elasticity.shapes import face
-from flexstage.elasticity.stress import von_mises, von_mises_of
-from flexstage.elasticity.threads import free_cores, parallel
-from flexstage.elasticity.unit import METRE
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.elasticity.buckling import BucklingFactors, buckling
+    from flexstage.elasticity.continuum import AttachedMass, Continuum
+    from flexstage.elasticity.large_displacement import Equilibria, follow_drive, follow_load
+    from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
+    from flexstage.elasticity.memory import memory_available, memory_needed, require_memory
+    from flexstage.elasticity.shapes import face
+    from flexstage.elasticity.stress import von_mises, von_mises_of
+    from flexstage.elasticity.threads import free_cores, parallel
+    from flexstage.elasticity.unit import METRE
 
 __all__ = [
     "METRE",
@@ -35,3 +40,5 @@ __all__ = [
     "von_mises",
     "von_mises_of",
 ]
+
+import_on_use(__name__)

@@ -8,21 +8,21 @@ simulates it elsewhere is made from that `DynamicModel`: `fmu_files`, `realtime_
 of each file by its name, and write nothing.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from flexstage.export.build_model import dynamic_model
-from flexstage.export.drive_models import usual_hysteresis
-from flexstage.export.model import DynamicModel, ModelDrive, ModelMemory, ModelProbe
+from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
+    from flexstage.export.build_model import dynamic_model
     from flexstage.export.control_object import control_system
     from flexstage.export.diagram import diagram_files, diagram_svg, stage_diagram
     from flexstage.export.drawing import drawing_svg, dxf_files, offset_contours, plate_contours
+    from flexstage.export.drive_models import usual_hysteresis
     from flexstage.export.fields import field_files
     from flexstage.export.fmu import fmu_files
     from flexstage.export.matlab import matlab_files
     from flexstage.export.modal_file import universal_files
+    from flexstage.export.model import DynamicModel, ModelDrive, ModelMemory, ModelProbe
     from flexstage.export.realtime import realtime_files
     from flexstage.export.simulink import simulink_files
     from flexstage.export.source import c_variables, render_source
@@ -56,30 +56,4 @@ __all__ = [
     "usual_hysteresis",
 ]
 
-# one format needs little of what another one needs
-_MODULES = {
-    "c_variables": "source",
-    "control_system": "control_object",
-    "diagram_files": "diagram",
-    "diagram_svg": "diagram",
-    "drawing_svg": "drawing",
-    "dxf_files": "drawing",
-    "field_files": "fields",
-    "fmu_files": "fmu",
-    "matlab_files": "matlab",
-    "offset_contours": "drawing",
-    "plate_contours": "drawing",
-    "realtime_files": "realtime",
-    "render_source": "source",
-    "simulink_files": "simulink",
-    "stage_diagram": "diagram",
-    "step_files": "step",
-    "table_files": "tables",
-    "universal_files": "modal_file",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'flexstage.export' has no attribute '{name}'")
-    return getattr(import_module(f"flexstage.export.{_MODULES[name]}"), name)
+import_on_use(__name__)

@@ -76,7 +76,8 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> B
     if stack.voltage_range is None:
         raise ModelError(
             f"drive '{stack.name}' has no voltage range, which its hysteresis needs: add it to the "
-            "stage file, or take stacks without hysteresis ('none')"
+            "drive in the stage file, as in 'voltage_range: [0 V, 120 V]', or export without "
+            "hysteresis (--hysteresis none)"
         )
     if not 0.01 <= width <= 0.2:
         raise ModelError(f"the width of a loop must be 0.01 to 0.2 of the stroke, got {width:g}")

@@ -13,6 +13,7 @@ from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.model import Array, samples
+from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem
 
 __all__ = ["DynamicModel", "ModelDrive", "ModelMemory", "ModelProbe"]
@@ -163,6 +164,8 @@ class DynamicModel:
     probe_shapes: Array
     system: MechanicalSystem
     notes: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def drive(self, name: str) -> ModelDrive:
         """Return a drive by name.

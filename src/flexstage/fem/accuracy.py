@@ -10,6 +10,7 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.progress import share
+from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
 __all__ = ["LADDERS", "Refinement", "Step", "estimate", "refine"]
@@ -74,6 +75,8 @@ class Refinement:
     steps: tuple[Step, ...]
     quantity: str
     accuracy: float
+
+    __repr__ = short_repr
 
     @property
     def estimate(self) -> float:
@@ -208,9 +211,9 @@ def _with_estimates(
             known.append(_left(steps, key))
         rows.append(replace(row, uncertainty=max(known) if known else None))
     words = (
-        f"Mesh refined until {quantity} was known to {estimate(steps, quantity):.2g} of itself "
-        f"(asked for: {accuracy:.2g}); uncertainties come from the changes between meshes, and do "
-        "not hold errors of geometry, material or support."
+        f"Mesh refined until {quantity} converged to {100.0 * estimate(steps, quantity):.2g} % "
+        f"(requested: {100.0 * accuracy:.2g} %). Uncertainties are estimated from the changes "
+        "between meshes and exclude errors of geometry, material and supports."
     )
     return replace(
         analysis,

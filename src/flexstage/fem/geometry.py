@@ -198,7 +198,7 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
     if len(glued.faces) != len(shapes):
         raise StageError(
             f"bodies or notches of stage '{stage.name}' overlap: {len(shapes)} faces became "
-            f"{len(glued.faces)} when they were joined; see what 'flexstage check' says"
+            f"{len(glued.faces)} when they were joined; run 'flexstage check' for details"
         )
     held = _name_edges(stage, glued, kept, touched, halves)
     return StageFaces(shape=glued, patches=touched, held=held)

@@ -22,6 +22,7 @@ from flexstage.fem.ports import (
 )
 from flexstage.fem.projection import project
 from flexstage.progress import share, tell
+from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
 from flexstage.system import (
     STANDARD_GRAVITY,
@@ -84,6 +85,8 @@ class StageModel:
     system: MechanicalSystem
     halves: tuple[Half, ...]
     mesh_settings: MeshSettings
+
+    __repr__ = short_repr
 
     @property
     def unknowns(self) -> int:

@@ -220,5 +220,5 @@ def _mend(shape: TopoDS_Shape) -> str:
     edge = min(e.mass for e in shape.edges)
     return (
         f"its narrowest face, '{narrow}', is {width[narrow]:.2g} mm wide and its shortest edge "
-        f"{edge:.2g} mm long; mend slivers in the CAD program, or change the mesh size"
+        f"{edge:.2g} mm long; repair slivers in the CAD program, or change the mesh size"
     )

@@ -11,6 +11,7 @@ from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
 from flexstage.fem.quality import sound_mesh
 from flexstage.hinges import Leaf, PlaneState, plane_state
+from flexstage.hinges.compliance import PLANE_RULE
 from flexstage.progress import tell
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
@@ -108,8 +109,8 @@ def plane_model(
         settings,
         name="plane",
         validity=(
-            f"Plane finite elements: notches in plane {words} (plane strain from five necks of "
-            "width on), bodies in plane stress; motion out of the plane is left out.",
+            f"Plane finite elements: plane {words} at the notches ({PLANE_RULE}), plane stress in "
+            "the bodies; out-of-plane motion is not modelled.",
             *common_validity(stage, faces.held),
         ),
         choices={
@@ -143,9 +144,9 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
     ratio = 100.0 * ModalDamping(ratio=0.01).ratio
     sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
     corners = (
-        f"Leaves end in corners without a radius ({', '.join(sharp[:4])}"
-        f"{', ...' if len(sharp) > 4 else ''}): stress has no limit there, and its largest value "
-        "says how fine the mesh is; corner-filleted ones have a limit.",
+        f"Leaves end in sharp corners ({', '.join(sharp[:4])}"
+        f"{', ...' if len(sharp) > 4 else ''}): the stress there is singular and its largest value "
+        "depends on the mesh; corner-filleted leaves have a finite one.",
     )
     return (
         f"Linear elasticity, small displacements; {held or 'nothing is fixed'}.",

@@ -90,8 +90,8 @@ def solid_model(
         settings,
         name="solid",
         validity=(
-            "Finite elements in three dimensions: drives, probes and extra masses act in the "
-            "middle plane of the plate; mounting holes are held over their whole depth.",
+            "3D finite elements: drives, probes and extra masses act in the middle plane of the "
+            "plate; mounting holes are fixed over their whole depth.",
             *common_validity(stage, faces.held),
         ),
         choices={

@@ -13,6 +13,7 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.model import Half, StageModel
 from flexstage.fem.ports import Supports, body_motion, drive_vector
 from flexstage.progress import share, tell
+from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis, axis_mode
 
 __all__ = ["FiniteStroke", "follow_stroke", "with_stroke"]
@@ -54,6 +55,8 @@ class FiniteStroke:
     rotation: Array
     frequency_hz: float
     buckling_factor: float
+
+    __repr__ = short_repr
 
     @property
     def deviation(self) -> Array:
@@ -209,7 +212,7 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
             (
                 "buckling_factor",
                 path.buckling_factor,
-                "load at which the stage would buckle in its plane, over that of the full stroke",
+                "in-plane buckling load over the load at full stroke",
             )
         )
     return [
@@ -231,10 +234,9 @@ def _said(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
     rise = path.frequency_hz / bare.frequency_hz[mode] - 1.0
     stiffer = (path.force[-1] / path.displacement[-1]) / axis.input_stiffness - 1.0
     return (
-        f"Over the full stroke of {axis.axis}, with finite displacements: the ratio is "
-        f"{_percent(path.ratio_change)} of itself from that at rest, the force "
-        f"{_percent(stiffer)} from the linear one, and the natural frequency of the axis "
-        f"{_percent(rise)} at the end."
+        f"Over the full stroke of {axis.axis}, with finite displacements: the ratio changes by "
+        f"{_percent(path.ratio_change)}, the force differs by {_percent(stiffer)} from the linear "
+        f"one, and the natural frequency of the axis changes by {_percent(rise)}."
     )
 
 

@@ -21,7 +21,9 @@ from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges import PlaneState
+from flexstage.hinges.compliance import PLANE_RULE
 from flexstage.progress import tell
+from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
 from flexstage.system import (
     AxisPort,
@@ -95,6 +97,8 @@ class SuperelementModel:
     basis: Array
     mesh_settings: MeshSettings
     built: tuple[str, ...]
+
+    __repr__ = short_repr
 
     @property
     def unknowns(self) -> int:
@@ -241,9 +245,9 @@ def superelement_model(
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in placed for n in p.part.necks})) or "stress"
     validity = (
-        f"Plane finite elements of each body, condensed to its necks: notches in plane {planes} "
-        "(plane strain from five necks of width on), bodies in plane stress; motion out of the "
-        "plane is left out. Modes that bend single bodies are up to 3 % high.",
+        f"Plane finite elements of each body, condensed to its necks: plane {planes} at the "
+        f"notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane motion is not modelled. "
+        "Modes that bend single bodies are up to 3 % high.",
         *common_validity(stage, held),
     )
     choices = {

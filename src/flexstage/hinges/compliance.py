@@ -16,6 +16,7 @@ from flexstage.hinges.wedge import densities
 
 __all__ = [
     "METHODS",
+    "PLANE_RULE",
     "QUADRATURES",
     "HingeCompliance",
     "PlaneState",
@@ -32,6 +33,8 @@ METHODS: tuple[str, ...] = (*QUADRATURES, "finite-element")
 # A notch that is this many necks wide cannot contract along its width: the thick roots hold it.
 # Reference piece, width/neck = 20: plane strain is 1.6 % too stiff, plane stress 10.4 % too soft.
 WIDE_NECK = 5.0
+#: The rule of `plane_state` in words, for notes on validity.
+PLANE_RULE = f"plane strain for widths of at least {WIDE_NECK:g} neck thicknesses"
 
 # The thinnest neck, against the length or the depth of the notch.
 SMALLEST_NECK = 1e-6

@@ -9,66 +9,76 @@ and `virtual_experiment` carries it out on a `Plant`.
 Between samples the input moves on straight lines, and every answer to such an input is exact.
 """
 
-from flexstage.hysteresis.chain import (
-    Amplifier,
-    ChainElement,
-    Creep,
-    CreepSpectrum,
-    JointResponse,
-    Lag,
-    LogCreep,
-    Sensor,
-    StageModes,
-    simulate_with_stage,
-)
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
-from flexstage.hysteresis.excitations.coverage import memory_coverage
-from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
-from flexstage.hysteresis.identification import (
-    Candidate,
-    ChainValues,
-    Cycles,
-    Estimate,
-    FoundAmplifier,
-    FoundChain,
-    Identification,
-    Measurement,
-    Section,
-    cycles,
-    find_chain,
-    identify,
-    identify_amplifier,
-    measurement,
-)
-from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
-from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
-from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
-from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
-from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
-from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
-from flexstage.hysteresis.models.dahl import Dahl
-from flexstage.hysteresis.models.duhem import Duhem
-from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
-from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
-from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
-from flexstage.hysteresis.models.preisach import Preisach
-from flexstage.hysteresis.models.registry import MODELS
-from flexstage.hysteresis.oscillator.identification import (
-    OscillatorIdentification,
-    identify_oscillator,
-)
-from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
-from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
-from flexstage.hysteresis.prediction import CycleError, Prediction, predict
-from flexstage.hysteresis.stage_plant import stage_plant
-from flexstage.hysteresis.virtual_experiment import (
-    AxisExperiment,
-    CompensatedRun,
-    virtual_experiment,
-)
-from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.hysteresis.chain import (
+        Amplifier,
+        ChainElement,
+        Creep,
+        CreepSpectrum,
+        JointResponse,
+        Lag,
+        LogCreep,
+        Sensor,
+        StageModes,
+        simulate_with_stage,
+    )
+    from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
+    from flexstage.hysteresis.excitations.coverage import memory_coverage
+    from flexstage.hysteresis.excitations.design import excitation
+    from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
+    from flexstage.hysteresis.identification import (
+        Candidate,
+        ChainValues,
+        Cycles,
+        Estimate,
+        FoundAmplifier,
+        FoundChain,
+        Identification,
+        Measurement,
+        Section,
+        cycles,
+        find_chain,
+        identify,
+        identify_amplifier,
+        measurement,
+    )
+    from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
+    from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
+    from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
+    from flexstage.hysteresis.model_file import (
+        ModelFile,
+        model_text,
+        read_model_file,
+        read_model_text,
+    )
+    from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
+    from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
+    from flexstage.hysteresis.models.dahl import Dahl
+    from flexstage.hysteresis.models.duhem import Duhem
+    from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
+    from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
+    from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
+    from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
+    from flexstage.hysteresis.models.preisach import Preisach
+    from flexstage.hysteresis.models.registry import MODELS
+    from flexstage.hysteresis.oscillator.identification import (
+        OscillatorIdentification,
+        identify_oscillator,
+    )
+    from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
+    from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
+    from flexstage.hysteresis.prediction import CycleError, Prediction, predict
+    from flexstage.hysteresis.stage_plant import stage_plant
+    from flexstage.hysteresis.virtual_experiment import (
+        AxisExperiment,
+        CompensatedRun,
+        virtual_experiment,
+    )
+    from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
 
 __all__ = [
     "MODELS",
@@ -136,6 +146,7 @@ __all__ = [
     "memory_coverage",
     "model_text",
     "predict",
+    "read_model_file",
     "read_model_text",
     "simulate_bouc_wen_batch",
     "simulate_with_stage",
@@ -145,3 +156,5 @@ __all__ = [
     "virtual_experiment",
     "virtual_stack",
 ]
+
+import_on_use(__name__)

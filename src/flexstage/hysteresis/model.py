@@ -278,6 +278,6 @@ def samples(values: ArrayLike, what: str) -> Array:
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise ModelError(
-            f"the {what} must be finite, got {array[bad[0]]} at sample {bad[0]}: mend the record"
+            f"the {what} must be finite, got {array[bad[0]]} at sample {bad[0]}: correct the record"
         )
     return array

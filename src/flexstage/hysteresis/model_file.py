@@ -4,8 +4,9 @@ import dataclasses
 import hashlib
 import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,17 @@ from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
+from flexstage.stage.yaml_reader import parse_yaml, plain, read_text
+from flexstage.stage.yaml_writer import plain_dumper
 
-__all__ = ["ModelFile", "model_text", "read_model_text"]
+__all__ = ["ModelFile", "model_text", "read_model_file", "read_model_text"]
 
 #: Version of the format. A reader takes this one and none that is newer.
 _VERSION = 1
 _KEY = "flexstage-drive-model"
 _ELEMENTS: Mapping[str, type[Any]] = {"creep": LogCreep, "modes": StageModes, "lag": Lag}
-_LARGEST = 4_000_000  # characters; a model has some thousands
-_DEEPEST = 20  # a model has 4
-
+#: What such a file is called in messages.
+_KIND = "model file, as `flexstage identify --out` writes one"
 
 _CHANGED = "the file was changed since it was written"
 
@@ -92,8 +94,34 @@ def model_text(file: ModelFile) -> str:
     }
     content["checksum"] = _checksum(content)
     return yaml.dump(
-        content, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None
+        content,
+        Dumper=plain_dumper(),
+        sort_keys=False,
+        allow_unicode=True,
+        width=100,
+        default_flow_style=None,
     )
+
+
+def read_model_file(path: Path) -> ModelFile:
+    """Read the file of a drive model.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    ModelFile
+        The model and where it comes from.
+
+    Raises
+    ------
+    ModelError
+        There is no such file, or it is no model.
+    """
+    return read_model_text(read_text(path, _KIND, ModelError), f"'{path}'")
 
 
 def read_model_text(text: str, source: str = "the model file") -> ModelFile:
@@ -117,20 +145,8 @@ def read_model_text(text: str, source: str = "the model file") -> ModelFile:
     ModelError
         It is no model file, of a newer version, or its numbers make no model.
     """
-    import yaml
-
-    if len(text) > _LARGEST:
-        raise ModelError(f"{source} is no drive model: it is longer than any model is")
-    loader = yaml.CSafeLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader
-    try:
-        _require_plain(yaml.parse(text, Loader=loader), source)
-        content = yaml.load(text, Loader=loader)
-    except ModelError:
-        raise
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        # a number of a thousand digits or a thirteenth month is no YAML error
-        first = str(error).splitlines()[0] if str(error) else "no YAML"
-        raise ModelError(f"{source} cannot be read as a drive model: {first}") from error
+    # a start may be infinitely long ago
+    content = plain(parse_yaml(text, source, "model file", ModelError, finite=False))
     if not isinstance(content, dict) or _KEY not in content:
         raise ModelError(
             f"{source} is no drive model: expected a file that `flexstage identify --out` wrote, "
@@ -158,29 +174,6 @@ def read_model_text(text: str, source: str = "the model file") -> ModelFile:
         errors=_optional_mapping(content, "errors_percent_of_stroke", source),
         warnings=warnings,
     )
-
-
-def _require_plain(events: Iterable[Any], source: str) -> None:
-    """Refuse what no model file holds, before anything is built of it."""
-    import yaml
-
-    depth = 0
-    for event in events:
-        if isinstance(event, yaml.AliasEvent):
-            # names for parts let a short text stand for more than any memory holds
-            raise ModelError(
-                f"{source} cannot be read as a drive model: it names a part of itself (*"
-                f"{event.anchor}), write it out"
-            )
-        if isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
-            depth += 1
-        elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
-            depth -= 1
-        if depth > _DEEPEST:
-            raise ModelError(
-                f"{source} cannot be read as a drive model: more than {_DEEPEST} brackets or "
-                "sections lie in one another"
-            )
 
 
 def _texts(given: object, source: str) -> tuple[str, ...]:

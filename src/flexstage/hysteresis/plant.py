@@ -13,6 +13,7 @@ from flexstage.hysteresis.chain.element import checked_state, positive_step
 from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
+from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem, drive_stiffness, modes
 
 __all__ = [
@@ -194,6 +195,8 @@ class Plant:
     _omega: Array = field(init=False, repr=False)
     _damping: Array = field(init=False, repr=False)
     _readers: Mapping[str, _Reader] = field(init=False, repr=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not self.drives:

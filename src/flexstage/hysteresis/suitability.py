@@ -51,8 +51,8 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
         return given, ""
     if not unit:
         raise ModelError(
-            f"the {what} has no unit and the model is in {model_unit}: name it with --unit, such "
-            f'as --unit "{model_unit}"'
+            f"the {what} has no unit and the model is in {model_unit}: name it with "
+            f'--reference-unit, such as --reference-unit "{model_unit}"'
         )
     if not model_unit:
         raise ModelError(
@@ -65,8 +65,8 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
         raise ModelError(f"the {what} is in {unit}, the model in {model_unit}: {error}") from error
     if si != model_si:
         raise ModelError(
-            f"the {what} is in {unit}, the model gives {model_unit}: name its unit with --unit, or "
-            "choose another column"
+            f"the {what} is in {unit}, the model gives {model_unit}: name its unit with "
+            "--reference-unit, or choose another column"
         )
     made = given * (own / wanted)
     return made, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"

@@ -166,7 +166,7 @@ def _read(note: Path) -> Holder | None:
             since=str(found["since"]),
             program=str(found["program"]),
         )
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 

@@ -160,11 +160,16 @@ def _axis(instrument: Instrument, name: str) -> Axis:
 
 def _here(axis: Axis, quantity: Quantity) -> float:
     value = axis.voltage() if quantity == "voltage" else axis.position()
-    if not math.isfinite(value):
+    if math.isfinite(value):
+        return value
+    if quantity == "voltage":
         raise ControllerError(
-            f"axis '{axis.name}' reads {value} as its {quantity}: look at its sensor and cable"
+            f"the voltage of axis '{axis.name}' is not known: measure it at the drive before you "
+            "move the stage"
         )
-    return value
+    raise ControllerError(
+        f"axis '{axis.name}' reads {value} as its position: look at its sensor and cable"
+    )
 
 
 def _is_there(limits: AxisLimits, here: float, wanted: float, quantity: Quantity) -> bool:

@@ -254,10 +254,15 @@ class RecordedRun:
         where = f"channel {signal.source}" if signal.kind == "channel" else (
             f"the {signal.kind} of axis '{signal.source}'"
         )  # fmt: skip
+        at = f"sample {self.done} ({self.done / self.rate:g} s)"
+        if signal.kind == "voltage":
+            return (
+                f"'{signal.name}' ({where}) is not known from {at} on: the stage was stopped, and "
+                f"the {self.done} samples before it are good"
+            )
         return (
-            f"'{signal.name}' ({where}) reads {columns[signal.name][good]} at sample {self.done} "
-            f"({self.done / self.rate:g} s): the stage was stopped, the {self.done} samples before "
-            "it are good; look at the sensor and its cable"
+            f"'{signal.name}' ({where}) reads {columns[signal.name][good]} at {at}: the stage was "
+            f"stopped, the {self.done} samples before it are good; look at the sensor and its cable"
         )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
 from flexstage.hinges import HingeCompliance, PlaneState, Profile, compliance, stress_rows
+from flexstage.hinges.compliance import PLANE_RULE
 from flexstage.lumped.hinge_kinematics import Layout, hinge_matrix, point_matrix
 from flexstage.stage import (
     Drive,
@@ -300,11 +301,11 @@ def _probe_port(layout: Layout, probe: Probe) -> ProbePort:
 
 def _validity(stage: Stage, method: str, planes: list[str], damping: Damping) -> tuple[str, ...]:
     notes = [
-        "Lumped model: bodies are rigid. Against 3D finite elements of the study's stages its "
-        "transmission ratio is 2.5 to 4.5 % large and its first frequencies are 1 to 2.5 % high; "
-        "motion across the axis, which comes from bending of the platform, is far too small.",
-        "Plane motion only: modes out of the plane are left out.",
-        f"Notches in plane {' and '.join(planes)} (plane strain from five necks of width on).",
+        "Lumped model: bodies are rigid. Compared with 3D finite elements of the study's stages, "
+        "the transmission ratio is 2.5 to 4.5 % too large and the first frequencies are 1 to 2.5 % "
+        "too high; cross-axis motion, which comes from bending of the platform, is far too small.",
+        "Plane motion only: out-of-plane modes are not modelled.",
+        f"Plane {' and '.join(planes)} at the notches ({PLANE_RULE}).",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
     ]
     if method not in WITH_ROOTS:

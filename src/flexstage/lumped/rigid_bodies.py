@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.hinges import PlaneState
 from flexstage.lumped.assemble import hinge_springs
+from flexstage.short_repr import short_repr
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
 
@@ -124,6 +125,8 @@ class Mechanism:
     hinges: tuple[SpringHinge, ...]
     drives: tuple[Sight, ...] = ()
     probes: tuple[Sight, ...] = ()
+
+    __repr__ = short_repr
 
     @property
     def free(self) -> tuple[int, ...]:

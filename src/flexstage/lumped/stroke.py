@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism, mechanism
+from flexstage.short_repr import short_repr
 from flexstage.stage.model import Stage
 
 __all__ = ["Equilibrium", "StrokePath", "equilibrium", "stroke_path"]
@@ -73,6 +74,8 @@ class StrokePath:
     across: Array
     rotation: Array
     q: Array
+
+    __repr__ = short_repr
 
     @property
     def deviation(self) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from flexstage.errors import FlexstageError, PlanError, StageError
+from flexstage.errors import FlexstageError, PlanError
 from flexstage.plans.excite import EXCITATIONS
 from flexstage.plans.plan import Defaults, Plan, SensorEntry, Step, problems
 from flexstage.plans.verbs import Centre, Characterise, Compensate, Identify, Measure, Verify
@@ -106,10 +106,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
         There is no such file, or it describes no possible plan; the message is one sentence with
         file, line and key.
     """
-    try:
-        text = read_text(Path(path))
-    except StageError as error:
-        raise PlanError(str(error).replace("a stage file", "a plan")) from None
+    text = read_text(Path(path), "plan", PlanError)
     return plan_from_text(text, source=os.fspath(path))
 
 
@@ -147,11 +144,7 @@ def plan_from_text(text: str, *, source: str = "plan") -> Plan:
     >>> plan.axis_of("motion"), plan.step("loops").action.rate
     ('x', 0.5)
     """
-    try:
-        root = parse_yaml(text, source)
-    except StageError as error:
-        said = str(error).replace("stage files", "plans").replace("a stage file", "a plan")
-        raise PlanError(said.replace("'flexstage: 1'", "'plan: 1'")) from None
+    root = parse_yaml(text, source, "plan", PlanError)
     decoder = _PlanDecoder(source)
     if not isinstance(root, MappingNode) or "plan" not in root.items:
         decoder.refuse(root, "", "a plan begins with 'plan: 1'")

@@ -5,17 +5,18 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.errors import PlanError
-from flexstage.hysteresis import ModelFile, identify, model_text, read_model_text
+from flexstage.hysteresis import ModelFile, identify, model_text, read_model_file
 from flexstage.plans.files import write_text
 from flexstage.plans.results import CharacterisedStep, IdentifiedStep
 from flexstage.plans.verbs import Identify
 from flexstage.plans.work import Work
 from flexstage.provenance import provenance
 
-__all__ = ["identified_from", "identify_model"]
+__all__ = ["SETTLED", "identified_from", "identify_model"]
 
-#: What a record begins with is left out of the largest deviation: memory of what was before it.
-_SETTLED = 0.1
+#: Share of a record, from its start, that the largest deviation leaves out: it remembers what was
+#: before the record.
+SETTLED = 0.1
 
 
 def identify_model(work: Work, name: str, action: Identify) -> Path:
@@ -106,14 +107,14 @@ def identified_from(work: Work, name: str, action: Identify, file: Path) -> Iden
     IdentifiedStep
         The model, and how it fits the last of its records.
     """
-    read = read_model_text(file.read_text(encoding="utf-8"), f"'{file}'")
+    read = read_model_file(file)
     record = work.measured(action.of[-1]).evaluated
     voltage = record.channel("command").values
     measured = record.channel(action.output).values
     dt = 1.0 / record.sample_rate_hz
     # what was before the record is taken to be cycles over the whole range
     modelled = read.model.simulate(voltage, dt, read.model.conditioned())
-    late = slice(int(_SETTLED * voltage.size), None)
+    late = slice(int(SETTLED * voltage.size), None)
     modelled = modelled + float(np.mean(measured[late] - modelled[late]))
     return IdentifiedStep(
         name=name,

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +158,7 @@ def read_state(folder: Path) -> RunState | None:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise PlanError(
             f"'{path}' cannot be read as the state of a run ({error}): choose another folder, or "
             "remove it to begin anew"
@@ -170,9 +170,26 @@ def read_state(folder: Path) -> RunState | None:
             name: StepState(**{**step, "partial": tuple(step["partial"])})
             for name, step in content.pop("steps").items()
         }
-        return RunState(steps=steps, **content)
+        state = RunState(steps=steps, **content)
+        for part in (state, *steps.values()):
+            _require_kinds(part)
+        return state
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise PlanError(
             f"'{path}' is not the state of a run ({error}): choose another folder, or remove it to "
             "begin anew"
         ) from error
+
+
+def _require_kinds(state: StepState | RunState) -> None:
+    """Refuse a state with a field of another kind than it should be."""
+    for name, value in ((entry.name, getattr(state, entry.name)) for entry in fields(state)):
+        if name in ("files", "instrument", "steps"):
+            sound = isinstance(value, dict)
+        else:
+            sound = isinstance(value, tuple if name == "partial" else str)
+        if not sound:
+            raise TypeError(f"'{name}' is {json.dumps(value)[:60]}")
+    files = (*state.partial, *state.files.values()) if isinstance(state, StepState) else ()
+    if not all(isinstance(text, str) for text in files):
+        raise TypeError("a file is no text")

@@ -127,8 +127,8 @@ def printed_number(text: str, sign: str, where: str) -> float:
     grouped = re.fullmatch(rf"([+-]?)({whole})(?:{point}(\d*))?([eE][+-]?\d{{1,3}})?", plain)
     if grouped is None or not (grouped[2] or grouped[3]):
         raise RecordError(
-            f"{where}: '{text.strip()[:30]}' is not a number with the decimal sign '{sign}': mend "
-            "it, or give the option decimal"
+            f"{where}: '{text.strip()[:30]}' is not a number with the decimal sign '{sign}': "
+            "correct it, or give the option decimal"
         )
     digits = grouped[2].replace(_OTHER[sign], "")
     return float(f"{grouped[1]}{digits or '0'}.{grouped[3] or '0'}{grouped[4] or ''}")

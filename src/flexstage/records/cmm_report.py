@@ -220,8 +220,8 @@ def _row(number: int, line: str, axis: str, dimension: _Dimension, heading: _Hea
     for token in tokens:
         if not _NUMBER.fullmatch(token[0]):
             raise RecordError(
-                f"line {number}: '{token[0][:30]}' in the row of {axis} is not a number: mend it, "
-                "or leave the dimension out of the report"
+                f"line {number}: '{token[0][:30]}' in the row of {axis} is not a number: correct "
+                "it, or leave the dimension out of the report"
             )
     places = list(range(len(tokens)))
     if len(tokens) != len(heading.ends):

@@ -158,7 +158,7 @@ def _rows(lines: Sequence[str], table: Table) -> list[tuple[int, list[str]]]:
             )
             raise RecordError(
                 f"line {number} has {len(fields)} columns, its heading has {table.width}{comma} "
-                "export it with semicolons between, or mend the line"
+                "export it with semicolons between, or correct the line"
             )
         rows.append((number, fields))
     if not rows:
@@ -171,7 +171,7 @@ def _reading(number: int, row: Sequence[str], table: Table, sign: str) -> Readin
     where = f"line {number}"
     feature, axis = row[place["feature"]], row[place["axis"]]
     if not feature or not axis:
-        raise RecordError(f"{where} names no {'axis' if feature else 'feature'}: mend the line")
+        raise RecordError(f"{where} names no {'axis' if feature else 'feature'}: correct the line")
     nominal, measured = (
         printed_number(row[place[name]], sign, f"{where}, {name}")
         for name in ("nominal", "measured")
@@ -181,7 +181,7 @@ def _reading(number: int, row: Sequence[str], table: Table, sign: str) -> Readin
         if given and not is_difference(given, row[place["measured"]], row[place["nominal"]], sign):
             raise RecordError(
                 f"{where}: the deviation {given} is not measured minus nominal "
-                f"({row[place['measured']]} and {row[place['nominal']]}): mend the line"
+                f"({row[place['measured']]} and {row[place['nominal']]}): correct the line"
             )
     stated = printed_unit(row[place["unit"]]) if "unit" in place else ""
     units = {u for u in (stated, table.units["nominal"], table.units["measured"]) if u}

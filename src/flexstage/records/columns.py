@@ -212,8 +212,8 @@ class Columns:
             raise RecordError(
                 f"line {self.lines[held[0]]}, column {number}: '{column.words[held[0]]}' is not a "
                 f"number, and {held.size} of {column.words.size} rows of column '{column.name}' "
-                "hold text: mend them, read rows without them by the option rows, leave lines out "
-                "by skip_lines, or choose another column"
+                "hold text: correct them, read rows without them by the option rows, leave lines "
+                "out by skip_lines, or choose another column"
             )
 
 

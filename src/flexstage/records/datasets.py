@@ -192,8 +192,8 @@ def _at(tree: Tree, path: str) -> list[Leaf]:
         if inside:
             return _only(inside)
     if not tree.leaves:
-        raise RecordError(f"there is no dataset '{path}': the file holds no arrays")
-    raise RecordError(f"there is no dataset '{path}': the file holds {_some(tree.leaves)}")
+        raise RecordError(f"there is no dataset '{path}': the file contains no arrays")
+    raise RecordError(f"there is no dataset '{path}': the file contains {_some(tree.leaves)}")
 
 
 def _only(leaves: Sequence[Leaf]) -> list[Leaf]:
@@ -216,8 +216,9 @@ def _only(leaves: Sequence[Leaf]) -> list[Leaf]:
             return usable
     example = (several[0] if several else usable)[0]
     raise RecordError(
-        f"it is not clear which columns are meant: the file holds {_some(usable)}; choose by the "
-        f"option dataset, such as '{example.parent or example.path}', or several paths with commas"
+        f"it is not clear which columns are meant: the file contains {_some(usable)}; choose by "
+        f"the option dataset, such as '{example.parent or example.path}', or several paths with "
+        "commas"
     )
 
 

@@ -73,7 +73,7 @@ def read_gcs_array(path: Path) -> Columns:
     keys, first = _heading(lines)
     width, count = _whole(keys, "DIM"), _whole(keys, "NDATA")
     if width is None:
-        raise RecordError("the heading has no '# DIM = ...', the number of columns: mend the file")
+        raise RecordError("the heading has no '# DIM = ...', the number of columns: add it")
     values = _rows(lines, first, width, _separator(keys))
     if count is not None and len(values) != count:
         raise RecordError(
@@ -178,7 +178,7 @@ def _rows(
         if not rows[-1]:
             bad = next((f.strip() for f in fields if not _NUMBER.fullmatch(f.strip())), line)
             raise RecordError(
-                f"line {number}: '{bad[:30]}' is not a number: mend the line, or record it again"
+                f"line {number}: '{bad[:30]}' is not a number: correct the line, or record it again"
             )
     if not rows:
         raise RecordError("there are no rows of numbers below the heading: record it again")

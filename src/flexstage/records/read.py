@@ -319,13 +319,13 @@ def _weighed(column: Column, accelerations: str) -> tuple[Column, list[str]]:
     if because:
         note = (
             f"'{unit}' of column '{column.name}' is taken as the acceleration of gravity, "
-            f"{because}: of a mass, say its unit as gram"
+            f"{because}: of a mass, give its unit as gram"
         )
         return replace(column, si=(GRAVITY[unit], "m/s^2")), [note]
     if _known(unit) is None:
         return column, []
     note = (
-        f"'{unit}' of column '{column.name}' is taken as a mass: of an acceleration, say its unit "
+        f"'{unit}' of column '{column.name}' is taken as a mass: of an acceleration, give its unit "
         "as g_n"
     )
     return column, [note]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
+from flexstage.short_repr import short_repr
 
 __all__ = ["Channel", "Record", "column_number"]
 
@@ -34,6 +35,8 @@ class Channel:
     values: Array
     unit: str = ""
     texts: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +75,8 @@ class Record:
     attributes: Mapping[str, str] = field(default_factory=dict)
     over: Literal["time", "frequency", "point"] = "time"
     numbers: Array | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         t = self.time

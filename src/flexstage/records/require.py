@@ -145,10 +145,10 @@ def require_unit(record: Record, column: str | int, unit: str) -> Channel:
     example = known.units[0] if known is not None else unit
     if not channel.unit:
         raise RecordError(
-            f"column '{channel.name}' has no unit, and {needed} is needed: say its unit, such as "
+            f"column '{channel.name}' has no unit, and {needed} is needed: give its unit, such as "
             f"{example}, by the option of the column's unit"
         )
     raise RecordError(
         f"column '{channel.name}' is in {channel.unit}, and {needed} is needed: choose another "
-        "column, or say the unit that its numbers have"
+        "column, or give the unit that its numbers have"
     )

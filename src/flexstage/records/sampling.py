@@ -66,8 +66,8 @@ def require_complete(values: Array, name: str) -> None:
         kind = "missing or no number (NaN)" if np.isnan(values[first]) else "infinite"
         raise RecordError(
             f"column '{name}' is {kind} at sample {first}, and {count} of its {values.size} "
-            "samples are not finite: mend them, read rows without them by the option rows, or name "
-            "the columns that you need by the option columns"
+            "samples are not finite: correct them, read rows without them by the option rows, or "
+            "name the columns that you need by the option columns"
         )
 
 

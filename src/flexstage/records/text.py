@@ -216,8 +216,8 @@ def _fitted(fields: list[str], number: int, layout: Layout) -> tuple[list[str], 
     more = fields[width:]
     if any(NUMBER.fullmatch(f) for f in more) or not layout.words.issuperset(range(count, width)):
         raise RecordError(
-            f"line {number} has {count} columns where the first row has {width}: mend the line, or "
-            "leave lines above it out by skip_lines"
+            f"line {number} has {count} columns where the first row has {width}: correct the line, "
+            "or leave lines above it out by skip_lines"
         )
     return fields[:width] + [""] * (width - count), " ".join(more).strip()
 

@@ -171,7 +171,7 @@ def _are_units(fields: Sequence[str]) -> bool:
 def _labview(lines: Sequence[str], width: int, text: str) -> Heading:
     """Understand the heading of a LabVIEW measurement file."""
     if sum(line.startswith(_END_OF_HEADER) for line in lines) > 2:
-        raise RecordError("the file holds more than one part of LabVIEW: save each to its own file")
+        raise RecordError("the file contains several parts of LabVIEW: save each to its own file")
     keys: dict[str, list[str]] = {}
     delimiter = "," if "\t" not in text else "\t"
     for line in lines:

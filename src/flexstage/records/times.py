@@ -73,7 +73,7 @@ def timed(
     if rate is not None and own is not None and abs(own / rate - 1.0) > _SAME_RATE:
         raise RecordError(
             f"the sample rate is given as {rate:g} Hz, and {raw.rate_source} of the file says "
-            f"{own:g} Hz: leave one out, or mend it"
+            f"{own:g} Hz: leave one out, or correct it"
         )
     called = [
         i
@@ -134,7 +134,7 @@ def _as_seconds(channel: Channel) -> tuple[Channel, list[str]]:
     if channel.unit != "s":
         raise RecordError(
             f"column '{channel.name}' is in {channel.unit}, and cannot be the time: choose "
-            "another, or say its unit, s or ms"
+            "another, or give its unit, s or ms"
         )
     return channel, [f"times from column '{channel.name}'"]
 
@@ -149,7 +149,7 @@ def _require_same_rate(
     if abs(found / rate - 1.0) > _SAME_RATE:
         raise RecordError(
             f"the sample rate {rate:g} Hz ({where}) and the times in column '{name}', whose mean "
-            f"rate is {found:g} Hz, conflict: leave one out, or say the unit of the time (s or ms)"
+            f"rate is {found:g} Hz, conflict: leave one out, or give the unit of the time (s or ms)"
         )
 
 

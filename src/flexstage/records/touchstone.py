@@ -168,7 +168,7 @@ def _table(rows: list[list[float]], ports: int) -> tuple[NDArray[np.float64], li
         if odd is not None:
             raise RecordError(
                 f"row {odd + 1} of the Touchstone file has {len(rows[odd])} numbers where {ports} "
-                f"ports have {width}: mend the row, or export the file again"
+                f"ports have {width}: correct the row, or export the file again"
             )
     numbers = [number for row in rows for number in row]
     if len(numbers) % width:

@@ -1,5 +1,6 @@
 """Experiments on the virtual stage that a study shows: it is measured, and centres a scale."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,15 @@ from numpy.typing import NDArray
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
 from flexstage.report.figures import draw_polar, inline_svg
+from flexstage.report.figures.resonance import draw_resonance
 from flexstage.report.measurement import Measurement, set_beside
-from flexstage.report.measurement_html import measurement_section
-from flexstage.report.quantities import number
+from flexstage.report.page import captioned, figure, row_of, table_html
+from flexstage.report.quantities import beside, display
 
 if TYPE_CHECKING:
     from flexstage.centring import HarmonicFit
     from flexstage.centring.procedure import Centring
+    from flexstage.estimate import Estimate
     from flexstage.stage import Stage
 
 __all__ = [
@@ -29,6 +32,18 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+#: Quantities of the simulated measurement that the report of a study shows.
+_MAIN = (
+    "output_displacement",
+    "natural_frequency_hz",
+    "straightness",
+    "straightness_out_of_plane",
+    "resolution",
+    "noise",
+    "drift",
+    "hysteresis_loop_width",
+)
 
 #: The scale that is centred: where it is read [m], how far it is off at first [m], and its heads.
 _RADIUS, _OFF = 50e-3, 50e-6
@@ -61,15 +76,15 @@ class CentringTrial:
     angles: tuple[Array, Array]
 
 
-def run_measurement(stage: "Stage", references: Characteristics, *, seed: int) -> Measurement | str:
-    """Measure a virtual stage, and compare.
+def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
+    """Measure a virtual stage.
+
+    It is made from published values and random errors, so that its figures are compared with none.
 
     Parameters
     ----------
     stage : Stage
         The stage.
-    references : Characteristics
-        Rows of models and publications.
     seed : int
         Seed of the virtual stage and of its measurement.
 
@@ -86,7 +101,7 @@ def run_measurement(stage: "Stage", references: Characteristics, *, seed: int) -
         found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     except FlexstageError as error:
         return str(error)
-    return set_beside(found, stage, references)
+    return set_beside(found, stage, Characteristics())
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
@@ -145,13 +160,15 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     )
 
 
-def bench_section(found: Measurement | str | None) -> str:
-    """Write the section on the virtual measurement.
+def bench_section(found: Measurement | str | None, file: str) -> str:
+    """Write half a page on the simulated measurement, which has a report of its own.
 
     Parameters
     ----------
     found : Measurement or str or None
         What it gave, or why it could not be done.
+    file : str
+        Name of its report, beside this one.
 
     Returns
     -------
@@ -163,10 +180,68 @@ def bench_section(found: Measurement | str | None) -> str:
     if isinstance(found, str):
         return f"<p>The virtual stage could not be measured: {escape(found)}.</p>"
     return (
-        "<p>A stage is made with the scatter of a machine, read by sensors whose gain, direction, "
-        "drift and noise are drawn as they are stated, and its records are evaluated as measured "
-        "ones are. Nothing here was measured.</p>" + measurement_section(found, prefix="virtual-")
+        "<p>A stage with random manufacturing errors is simulated and read by sensors with the "
+        "stated errors; its records are evaluated as measured ones are. Nothing here was measured. "
+        "Stroke, straightness, loop width and natural frequencies of the simulated stage are set "
+        "to the published values where there are any, so that they test the evaluation and no "
+        f'model. All figures, curves and budgets: <a href="{escape(file, quote=True)}">'
+        f"{escape(file)}</a>.</p>" + _main_figures(found) + row_of(_resonances(found), columns=2)
     )
+
+
+def _main_figures(found: Measurement) -> str:
+    """A row for each main quantity, a column for each axis."""
+    axes = list(dict.fromkeys(r.figure.axis for r in found.rows if r.figure.quantity in _MAIN))
+    lines = []
+    for quantity in _MAIN:
+        rows = {
+            r.figure.axis: r.figure.estimate for r in found.rows if r.figure.quantity == quantity
+        }
+        if not rows:
+            continue
+        shown = display(quantity).fitting(max(abs(e.value) for e in rows.values()))
+        unit = f" [{shown.unit}]" if shown.unit else ""
+        cells = "".join(
+            f"<td>{_with_spread(rows[a], shown.factor)}</td>" if a in rows else "<td>–</td>"
+            for a in axes
+        )
+        lines.append(f'<tr><td class="text">{escape(shown.label + unit)}</td>{cells}</tr>')
+    heads = ['<th class="text">Quantity</th>', *(f"<th>{escape(a)}</th>" for a in axes)]
+    caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
+    return captioned(table_html(heads, lines), caption) if lines else ""
+
+
+def _with_spread(estimate: "Estimate", factor: float) -> str:
+    value, spread = beside(factor * estimate.value, factor * estimate.expanded)
+    return f"{value} ± {spread}"
+
+
+def _resonances(found: Measurement) -> Iterator[str]:
+    published = Characteristics(() if found.stage is None else found.stage.published)
+    estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
+    for i, result in enumerate(found.found.results):
+        fit = result.details.get("fit")
+        if fit is None or not fit.modes:
+            continue
+        axis = result.test.axis
+        rows = published.select("natural_frequency_hz", axis, "published-measured")
+        known = rows[0].value if rows else None
+        svg = inline_svg(
+            draw_resonance(
+                fit,
+                axis=axis,
+                label="simulated measurement",
+                frequency_hz=estimates.get(("natural_frequency_hz", axis)),
+                published_hz=known,
+            ),
+            f"resonance-{i}", f"resonance of {axis}",
+        )  # fmt: skip
+        agree = (
+            " The simulated stage is set to the published value, so that both agree."
+            if known is not None
+            else ""
+        )
+        yield figure(svg, f"Response of {escape(axis)}, simulated measurement.{agree}")
 
 
 def centring_section(found: CentringTrial | str | None) -> str:
@@ -196,31 +271,26 @@ def centring_section(found: CentringTrial | str | None) -> str:
             f"<tr><td>{number_of}</td><td>{step.kind}</td>"
             f"<td>{step.command[0] * 1e6:.3f}</td><td>{step.command[1] * 1e6:.3f}</td>"
             f"<td>{length.value * 1e6:.3f}</td><td>{low * 1e6:.3f} to {high * 1e6:.3f}</td>"
-            f"<td>{expected}</td></tr>".replace(">-", ">−")
+            f"<td>{expected}</td></tr>"
         )
-    heads = "".join(
-        f"<th>{title}</th>"
-        for title in (
-            "",
-            "step",
-            "x [µm]",
-            "y [µm]",
-            "eccentricity [µm]",
-            "95 % interval",
-            "predicted, at most",
-        )
+    titles = (
+        "", "step", "x [µm]", "y [µm]", "eccentricity [µm]", "95 % interval", "predicted, at most",
+    )  # fmt: skip
+    table = captioned(
+        table_html((f"<th>{title}</th>" for title in titles), rows),
+        "Centring step by step; simulated.",
     )
-    svg = inline_svg(draw_polar(found.fits, found.angles), "centring", "scale before and after")
+    svg = inline_svg(draw_polar(found.fits, found.angles), "polar", "scale before and after")
+    words = "Graduation error read by the first head before and after centring; simulated."
+    target = "met" if done.reached else "not met"
     return (
         f"<p>A scale of {2e3 * _RADIUS:g} mm diameter, {_OFF * 1e6:g} µm off the axis of a "
         f"virtual table, read by {len(_HEADS)} heads with {_NOISE:g} arcsec of noise; its own "
         f"lines are off by {_LINES:g} arcsec (rms). The stage turns with the table, mounted at an "
-        "angle and the wrong way round, which trial moves find out. Each command is approached "
-        "from the low end of both axes. "
-        f"Truly left: {number(found.left * 1e6, 3)} µm; {escape(done.reason)}.</p>"
-        f'<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-        f'<div class="plots">{svg}</div>'
+        "unknown angle and mirrored, which trial moves find out. Each command is approached from "
+        "the low end of both axes. "
+        f"True residual eccentricity: {found.left * 1e9:.2g} nm (target {target}: "
+        f"{escape(done.reason)}).</p>{table}{row_of([figure(svg, words)])}"
     )
 
 

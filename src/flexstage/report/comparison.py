@@ -1,12 +1,13 @@
 """Figures of one stage side by side, by origin, with their differences in percent."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
 from flexstage.report.quantities import display
+from flexstage.short_repr import short_repr
 
-__all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent"]
+__all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent", "shared_rows"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +89,8 @@ class Comparison:
     published: tuple[str, ...]
     ours: tuple[str, ...]
     rows: tuple[ComparisonRow, ...]
+
+    __repr__ = short_repr
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -180,3 +183,32 @@ def compare(
             for line in cells[quantity, axis]
         ),
     )
+
+
+def shared_rows(rows: Iterable[ComparisonRow]) -> list[ComparisonRow]:
+    """Write rows that are the same on several axes once.
+
+    Parameters
+    ----------
+    rows : iterable of ComparisonRow
+        Rows by quantity.
+
+    Returns
+    -------
+    list of ComparisonRow
+        Rows of one quantity that hold the same values have become one, with the names of its axes
+        between commas.
+    """
+    out: list[ComparisonRow] = []
+    for row in rows:
+        same = next((i for i, kept in enumerate(out) if _same(kept, row)), None)
+        if same is None:
+            out.append(row)
+        else:
+            out[same] = replace(out[same], axis=f"{out[same].axis}, {row.axis}")
+    return out
+
+
+def _same(one: ComparisonRow, other: ComparisonRow) -> bool:
+    values = [{c: (cell.value, cell.note) for c, cell in r.cells.items()} for r in (one, other)]
+    return one.quantity == other.quantity and values[0] == values[1]

@@ -28,8 +28,11 @@ def require_writable(directory: Path) -> None:
         nearest = nearest.parent
     if not nearest.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(nearest))
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(nearest))
+    try:  # rights alone do not tell: some folders take no file from anyone
+        tempfile.TemporaryFile(dir=nearest).close()
+    except OSError as error:
+        said = f"no file can be made there ({error.strerror})"
+        raise type(error)(error.errno, said, str(nearest)) from error
 
 
 def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:

@@ -8,6 +8,7 @@ from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
 from flexstage.progress import share
 from flexstage.report.figures import draw_compensation, inline_svg
+from flexstage.report.page import captioned, figure, row_of, table_html
 from flexstage.report.quantities import number
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
@@ -18,12 +19,16 @@ if TYPE_CHECKING:
 __all__ = ["experiment_results", "hysteresis_section", "run_experiments"]
 
 _UM = 1e6
+_CAPTION = (
+    "Simulated stage. Left: loop over the full range of the voltage and the identified Bouc-Wen "
+    "model, below their difference. Middle: output over the reference. Right: error over time."
+)
 
 
 def run_experiments(
     stage: Stage, system: MechanicalSystem
 ) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that has a piezo stack with a voltage range.
+    """Identify and compensate each axis of a stage that is driven by a piezo stack.
 
     Parameters
     ----------
@@ -36,13 +41,20 @@ def run_experiments(
     -------
     tuple of dict
         Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
-        such a stack.
+        a stack.
     """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
-    driven = [a.name for a in stage.axes if _has_stack(stage, a.drive)]
+    stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
+    stacks = {name: d for name, d in stacks.items() if isinstance(d, PiezoStack)}
+    driven = [name for name, stack in stacks.items() if stack.voltage_range is not None]
     made: dict[str, AxisExperiment] = {}
-    left_out: dict[str, str] = {}
+    left_out = {
+        name: f"drive '{stack.name}' has no voltage range: add it to the drive in the stage file, "
+        "as in 'voltage_range: [0 V, 120 V]'"
+        for name, stack in stacks.items()
+        if stack.voltage_range is None
+    }
     for i, axis in enumerate(driven):
         with share(i / len(driven), (i + 1) / len(driven)):
             try:
@@ -50,11 +62,6 @@ def run_experiments(
             except FlexstageError as error:  # as of a stage that is not held: the rest stands
                 left_out[axis] = str(error)
     return made, left_out
-
-
-def _has_stack(stage: Stage, drive: str) -> bool:
-    found = stage.drive(drive)
-    return isinstance(found, PiezoStack) and found.voltage_range is not None
 
 
 def hysteresis_section(
@@ -86,14 +93,15 @@ def hysteresis_section(
     )
     return (
         "<p>An experiment on the <em>virtual</em> stage, the entire dynamic model: amplifier, "
-        "hysteresis of a class that none of the fitted models is, creep of 1.2 % a decade, all "
-        "modes with the stacks in place, a sensor with 5 nm of noise. Stroke and width of the loop "
-        "are set to what was measured of the stage, where that is published; the rest follows. "
-        "Bouc-Wen is identified from full and falling loops at 1 Hz, as is usual, and the other "
-        "model from a designed record at two rates. The width of a loop hides every error that "
-        "its two branches share, so the error from the reference stands beside it.</p>"
+        "stacks with hysteresis, creep of 1.2 % per decade, all modes with the stacks in place, a "
+        "sensor with 5 nm of noise. The simulated stack obeys a law outside the classes being "
+        "fitted. Its stroke and loop width are set to the published measurement, where there is "
+        "one. Bouc-Wen is identified from full and falling loops at 1 Hz, the other model from a "
+        "designed record at two rates. The loop width hides every error that both branches share; "
+        "therefore the error from the reference is given as well.</p>"
         f"<p>{_deviations(stage, experiments)}</p>{_table(stage, experiments)}"
-        f'<div class="plots">{svg}</div>{reasons}'
+        + row_of([figure(svg, _CAPTION)])
+        + reasons
     )
 
 
@@ -101,13 +109,13 @@ def _deviations(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> st
     words = []
     for axis, made in experiments.items():
         published = _published(stage, axis, "hysteresis_deviation")
-        beside = "" if published is None else f" (published: {number(_UM * published)} µm)"
-        words.append(f"{number(_UM * made.deviation)} µm in {escape(axis)}{beside}")
+        beside = "" if published is None else f" (published: {_UM * published:.10g} µm)"
+        words.append(f"{_UM * made.deviation:.2f} µm in {escape(axis)}{beside}")
     return f"The identified Bouc-Wen model is within {', '.join(words)} of the loop."
 
 
 def _table(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
-    head = ("", "loop width [µm]", "narrower by [%]", "error [nm rms]", "error, largest [nm]")
+    head = ("", "loop width [µm]", "narrowed by [%]", "error [nm rms]", "largest error [nm]")
     rows = []
     for axis, made in experiments.items():
         name = escape(axis)
@@ -128,19 +136,19 @@ def _table(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
         if open_width is not None and left is not None:
             reduction = 100.0 * (1.0 - left / open_width)
             rows.append(_row(f"{name}, published, inverse of Bouc-Wen", left, reduction, None))
-    titles = "".join(f"<th>{title}</th>" for title in head)
-    return (
-        f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    caption = (
+        "Loop widths and errors over the reference, which runs over 99 % of the stroke; the loop "
+        "at full range is a little wider. Published rows were measured by the study."
     )
+    return captioned(table_html((f"<th>{title}</th>" for title in head), rows), caption)
 
 
 def _row(title: str, width: float, reduction: float | None, errors: Any) -> str:
     cells = [
-        number(_UM * width),
+        f"{_UM * width:.2f}",
         "" if reduction is None else f"{reduction:.1f}",
-        "" if errors is None else number(1e3 * _UM * errors.rms),
-        "" if errors is None else number(1e3 * _UM * errors.largest),
+        "" if errors is None else number(1e3 * _UM * errors.rms, 3),
+        "" if errors is None else number(1e3 * _UM * errors.largest, 3),
     ]
     return f"<tr><th>{title}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 

@@ -73,7 +73,7 @@ class Measurement:
     def title(self) -> str:
         """What it is of, in one line."""
         name = self.stage.name if self.stage is not None else "records"
-        kind = "virtual measurement" if self.found.campaign.origin == "virtual" else "measured"
+        kind = "simulated measurement" if self.found.campaign.origin == "virtual" else "measured"
         return f"{name}: {kind}"
 
     @property

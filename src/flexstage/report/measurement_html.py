@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 from html import escape
-from importlib.resources import files
-from string import Template
 from typing import Any
 
 import flexstage
@@ -18,10 +16,11 @@ from flexstage.report.figures import (
     draw_workspace,
     inline_svg,
 )
-from flexstage.report.figures.style import css_variables
+from flexstage.report.figures.resonance import strongest_output
 from flexstage.report.measurement import MeasuredRow, Measurement
+from flexstage.report.page import page_html
 from flexstage.report.positioning_tables import positioning_tables
-from flexstage.report.quantities import display, number
+from flexstage.report.quantities import beside, display, number
 from flexstage.report.tables import column_title
 
 __all__ = ["measurement_section", "measurement_text"]
@@ -49,26 +48,21 @@ def measurement_text(result: Measurement) -> str:
         The page.
     """
     parts = dict(_parts(result))
-    sections = "".join(
-        f'<section id="{key}"><h2>{title}</h2>{content}</section>'
-        for key, (title, content) in parts.items()
-    )
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, (title, _) in parts.items())
-    page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
     notes = "".join(f"<li>{escape(note)}</li>" for note in result.found.campaign.notes)
-    return page.substitute(
-        version=escape(flexstage.__version__),
-        title=escape(result.title),
-        light=css_variables(),
-        heading=escape(result.title),
-        lead=escape(
+    return page_html(
+        title=result.title,
+        heading=result.title,
+        lead=(
             f"{len(result.found.results)} tests, {len(result.rows)} figures; intervals are those "
             "of 95 %"
         ),
+        version=flexstage.__version__,
+        links=((key, title) for key, (title, _) in parts.items()),
+        body="".join(
+            f'<section id="{key}"><h2>{title}</h2>{content}</section>'
+            for key, (title, content) in parts.items()
+        ),
         notes=f'<div class="note"><ul>{notes}</ul></div>' if notes else "",
-        navigation=links,
-        symbols="",
-        sections=sections,
     )
 
 
@@ -115,26 +109,31 @@ def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[s
 
 
 def _table(result: Measurement) -> str:
+    simulated = result.found.campaign.origin == "virtual"
+    # a simulated stage is made from published values and random errors: it tests no model
+    references = () if simulated else result.references
     heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
     heads += "<th>value</th><th>±&nbsp;(95&nbsp;%)</th>"
-    for origin in result.references:
+    for origin in references:
         heads += f"<th>{escape(column_title(origin))}</th>"
-    groups = '<th></th><th></th><th colspan="2">measured here</th>'
-    published = [o for o in result.references if o.startswith("published")]
-    models = [o for o in result.references if not o.startswith("published")]
+    here = "simulated measurement" if simulated else "measured here"
+    groups = f'<th></th><th></th><th colspan="2">{here}</th>'
+    published = [o for o in references if o.startswith("published")]
+    models = [o for o in references if not o.startswith("published")]
     for title, origins in (("published", published), ("computed here", models)):
         if origins:
             groups += f'<th colspan="{len(origins)}">{title}</th>'
     lines, before = [], ""
     for row in result.rows:
         opening = '<tr class="next">' if row.figure.quantity != before else "<tr>"
-        lines.append(f"{opening}{_cells(row, result.references)}</tr>")
+        lines.append(f"{opening}{_cells(row, references)}</tr>")
         before = row.figure.quantity
     key = (
-        "<p>Small print: by how much what was measured here is above the other, in percent of it; "
-        "a difference that its uncertainty does not explain is marked *. A model or a publication "
-        "that states no uncertainty counts as exact.</p>"
-        if result.references
+        "<p>Small print: (measured − reference)/reference; * = larger than its 95 % uncertainty. "
+        "A model or a publication that states no uncertainty counts as exact.</p>"
+        if references
+        else "<p>Simulated, not measured: no figure is compared with a model or a publication.</p>"
+        if simulated
         else ""
     )
     return (
@@ -144,15 +143,16 @@ def _table(result: Measurement) -> str:
 
 
 def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
-    shown = display(row.figure.quantity)
     estimate = row.figure.estimate
+    sizes = [abs(estimate.value), *(abs(other.value) for other in row.references.values())]
+    shown = display(row.figure.quantity).fitting(max(sizes))
     unit = f" [{shown.unit}]" if shown.unit else ""
+    value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
     cells = [
         f'<td class="text">{escape(shown.label + unit)}</td>',
         f'<td class="text">{escape(row.figure.axis)}</td>',
-        f'<td class="ours" title="{escape(estimate.note, quote=True)}">'
-        f"{_value(shown, estimate.value)}</td>",
-        f'<td class="ours">{number(shown.factor * estimate.expanded, 2)}</td>',
+        f'<td class="ours" title="{escape(estimate.note, quote=True)}">{value}</td>',
+        f'<td class="ours">{spread}</td>',
     ]
     for origin in origins:
         other, found = row.references.get(origin), row.differences.get(origin)
@@ -160,14 +160,8 @@ def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
             cells.append("<td>–</td>")
             continue
         note = f' title="{escape(other.note, quote=True)}"' if other.note else ""
-        cells.append(
-            f"<td{note}>{shown.text(other.value)}<br><small>{_difference(found)}</small></td>"
-        )
+        cells.append(f"<td{note}>{shown.cell(other)}<br><small>{_difference(found)}</small></td>")
     return "".join(cells)
-
-
-def _value(shown: Any, value: float) -> str:
-    return number(shown.factor * value).replace("-", "−")
 
 
 def _difference(found: Any) -> str:
@@ -175,7 +169,7 @@ def _difference(found: Any) -> str:
     if found.percent is None or abs(found.percent) > 1e4:
         return "*" if found.significant else ""
     mark = " *" if found.significant else ""
-    return f"{found.percent:+.2f} %{mark}".replace("-", "−")
+    return f"{found.percent:+.2f} %{mark}"
 
 
 def _budgets(result: Measurement) -> str:
@@ -185,7 +179,8 @@ def _budgets(result: Measurement) -> str:
     heads = "".join(f"<th>{escape(name)}</th>" for name in names)
     lines = []
     for row in result.rows:
-        shown, estimate = display(row.figure.quantity), row.figure.estimate
+        estimate = row.figure.estimate
+        shown = display(row.figure.quantity).fitting(abs(estimate.value))
         own: dict[str, float] = {}
         for c in estimate.components:
             own[c.name] = (own.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5
@@ -216,7 +211,7 @@ def _motion(result: TestResult, key: str) -> str:
     if curves is None:
         return ""
     axis = result.test.axis
-    plots = [
+    plots = [  # the legend of the first serves all
         inline_svg(
             draw_motion_error(
                 result.details["stroke"].curve,
@@ -236,6 +231,7 @@ def _motion(result: TestResult, key: str) -> str:
             position_label=f"position {axis}",
             label="rotation" if turning else "distance from the line",
             line="none" if turning else "least_squares",
+            legend=False,
         )
         plots.append(inline_svg(figure, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}"))
     return f'<div class="plots two">{"".join(plots)}</div>'
@@ -284,7 +280,7 @@ def _response(result: TestResult, key: str) -> str:
         return ""
     plots = [
         inline_svg(
-            draw_modal_fit(fit, output=_driven(fit)),
+            draw_modal_fit(fit, output=strongest_output(fit)),
             f"{key}-fit",
             f"{result.test.name}: response and fit",
         )
@@ -295,14 +291,6 @@ def _response(result: TestResult, key: str) -> str:
             inline_svg(figure, f"{key}-stabilisation", f"{result.test.name}: stabilisation")
         )
     return f'<p>Test {escape(result.test.name)}.</p><div class="plots">{"".join(plots)}</div>'
-
-
-def _driven(fit: Any) -> int:
-    """The output that the first input moves most."""
-    import numpy as np
-
-    measured = fit.fitted[0].measured.response[:, :, 0]
-    return int(np.argmax(np.abs(measured).max(axis=0)))
 
 
 def _standing(result: TestResult, key: str) -> str:

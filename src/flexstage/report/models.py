@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.progress import share
+from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
@@ -49,6 +50,8 @@ class ModelRun:
     refinement: "Refinement | None" = None
     strokes: "tuple[FiniteStroke, ...]" = ()
     bars: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,10 +145,7 @@ def _meshed(
 
 def _no_accuracy(model: str, wanted: Wanted) -> None:
     if wanted.accuracy is not None:
-        raise ModelError(
-            f"the {model} model has no mesh to refine to an accuracy: ask the plane or the solid "
-            "one, or leave the accuracy out"
-        )
+        raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
 
 
 def _no_stroke(model: str, wanted: Wanted) -> None:

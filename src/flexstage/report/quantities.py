@@ -1,12 +1,13 @@
 """How quantities are written for people: names, prefixed units, four digits."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from flexstage.characteristic import QUANTITIES
+from flexstage.characteristic import QUANTITIES, Characteristic
 
 __all__ = ["Display", "beside", "display", "number", "prefixed"]
 
+_SMALLER = {"µ": "n", "n": "p"}
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
@@ -55,6 +56,65 @@ class Display:
             return "≈ 0"
         return number(value * self.factor)
 
+    def cell(self, row: Characteristic) -> str:
+        """Write the value of a characteristic with the digits that are known of it.
+
+        Parameters
+        ----------
+        row : Characteristic
+            The characteristic.
+
+        Returns
+        -------
+        str
+            Published values as they are printed; measured ones to the second digit of their
+            uncertainty; those of models with four significant digits, or fewer where their
+            uncertainty says so.
+
+        Examples
+        --------
+        >>> row = Characteristic(quantity="straightness", axis="x", origin="published-measured",
+        ...     value=9e-08, unit="m")
+        >>> display("straightness").cell(row)
+        '0.09'
+        """
+        if row.origin.startswith("published"):
+            return f"{row.value * self.factor:.10g}"
+        plain = self.text(row.value)
+        if row.uncertainty and abs(row.value) >= self.zero:
+            known = beside(row.value * self.factor, row.uncertainty * self.factor)[0]
+            # of a model four digits are enough, however well its mesh has settled
+            return known if row.origin == "measured" else min(known, plain, key=len)
+        return plain
+
+    def fitting(self, largest: float) -> "Display":
+        """Return the same quantity in a smaller unit where its values are tiny.
+
+        Parameters
+        ----------
+        largest : float
+            The largest magnitude that is shown, in the unit of
+            `flexstage.characteristic.QUANTITIES`.
+
+        Returns
+        -------
+        Display
+            In nanometres or nanoradians where less than a tenth of a micrometre or microradian is
+            shown, and in pico units below that.
+
+        Examples
+        --------
+        >>> display("resolution").fitting(4.033e-10).unit
+        'pm'
+        """
+        shown = self
+        while shown.unit[:1] in _SMALLER and shown.unit[1:] and 0.0 < largest * shown.factor < 0.1:
+            unit = _SMALLER[shown.unit[0]] + shown.unit[1:]
+            if shown.unit.endswith("²"):
+                break
+            shown = replace(shown, unit=unit, factor=1e3 * shown.factor)
+        return shown
+
 
 _SHOWN: dict[str, Display] = {
     "input_displacement": Display(label="Input displacement", unit="µm", factor=1e6),
@@ -69,11 +129,11 @@ _SHOWN: dict[str, Display] = {
     "parasitic_rotation": Display(label="Parasitic rotation", unit="µrad", factor=1e6, zero=1e-12),
     "input_stiffness": Display(label="Input stiffness", unit="N/µm", factor=1e-6),
     "output_stiffness": Display(label="Output stiffness", unit="N/µm", factor=1e-6),
-    "gravity_sag": Display(label="Sag under its weight", unit="µm", factor=1e6, zero=1e-12),
+    "gravity_sag": Display(label="Deflection under 1 g", unit="µm", factor=1e6, zero=1e-12),
     "thermal_drift": Display(label="Thermal drift", unit="nm/K", factor=1e9, zero=1e-13),
     "out_of_plane_frequency_hz": Display(label="Lowest mode out of plane", unit="Hz", factor=1.0),
     "out_of_plane_stiffness": Display(label="Stiffness out of plane", unit="N/µm", factor=1e-6),
-    "buckling_factor": Display(label="Buckling load over load", unit="", factor=1.0),
+    "buckling_factor": Display(label="Buckling factor", unit="", factor=1.0),
     "straightness": Display(label="Straightness in plane", unit="µm", factor=1e6, zero=1e-15),
     "straightness_out_of_plane": Display(
         label="Straightness out of plane", unit="µm", factor=1e6, zero=1e-15

@@ -2,15 +2,15 @@
 
 import json
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic
-from flexstage.report.bench import centring_results
-from flexstage.report.hysteresis import experiment_results
-from flexstage.report.measurement import Measurement, measurement_results
 from flexstage.report.models import ModelRun
-from flexstage.report.study import Study
 from flexstage.system import Analysis, load_readings
+
+if TYPE_CHECKING:
+    from flexstage.report.measurement import Measurement
+    from flexstage.report.study import Study
 
 __all__ = ["analysis_results", "characteristic_row", "results_json", "run_results", "study_results"]
 
@@ -156,7 +156,7 @@ def run_results(run: ModelRun) -> dict[str, Any]:
     return out
 
 
-def study_results(study: Study) -> dict[str, Any]:
+def study_results(study: "Study") -> dict[str, Any]:
     """Return a study as plain data.
 
     Parameters
@@ -169,6 +169,9 @@ def study_results(study: Study) -> dict[str, Any]:
     dict
         The tidy table of characteristics, and each model's modes, stress, validity, provenance.
     """
+    from flexstage.report.bench import centring_results
+    from flexstage.report.hysteresis import experiment_results
+
     stage = study.stage
     return {
         "stage": {"name": stage.name, "title": stage.title, "notes": list(stage.notes)},
@@ -185,7 +188,9 @@ def study_results(study: Study) -> dict[str, Any]:
     }
 
 
-def _virtual(found: Measurement | str | None) -> dict[str, Any]:
+def _virtual(found: "Measurement | str | None") -> dict[str, Any]:
+    from flexstage.report.measurement import measurement_results
+
     if found is None:
         return {}
     return {"left_out": found} if isinstance(found, str) else measurement_results(found)

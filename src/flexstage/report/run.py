@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 from html import escape
-from importlib.resources import files
-from string import Template
 from typing import TYPE_CHECKING
 
 import flexstage
@@ -18,9 +16,9 @@ from flexstage.plans.results import (
     VerifiedStep,
 )
 from flexstage.report.figures import draw_drive_fit, draw_following, inline_svg
-from flexstage.report.figures.style import css_variables
 from flexstage.report.measurement import Measurement, set_beside
 from flexstage.report.measurement_html import measurement_section
+from flexstage.report.page import page_html
 from flexstage.report.quantities import beside, display, number
 
 if TYPE_CHECKING:
@@ -53,22 +51,18 @@ def run_text(result: PlanResult) -> str:
         The page.
     """
     parts = list(_parts(result))
-    sections = "".join(
-        f'<section id="{key}"><h2>{title}</h2>{content}</section>' for key, title, content in parts
-    )
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, title, _ in parts)
     name = result.plan.title or f"experiments on {result.stage.name}"
-    page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
-    return page.substitute(
-        version=escape(flexstage.__version__),
-        title=escape(f"{result.stage.name}: {name}"),
-        light=css_variables(),
-        heading=escape(f"{result.stage.name}: {name}"),
-        lead=escape(_lead(result)),
+    return page_html(
+        title=f"{result.stage.name}: {name}",
+        heading=f"{result.stage.name}: {name}",
+        lead=_lead(result),
+        version=flexstage.__version__,
+        links=((key, title) for key, title, _ in parts),
+        body="".join(
+            f'<section id="{key}"><h2>{title}</h2>{content}</section>'
+            for key, title, content in parts
+        ),
         notes=_notes(result),
-        navigation=links,
-        symbols="",
-        sections=sections,
     )
 
 
@@ -177,9 +171,9 @@ def _further(result: PlanResult) -> str:
     if not rows:
         return ""
     return (
-        "<p>Natural frequencies are those of the stage with its drives taken out, unless this "
-        "table says that they were in place. It lists what was measured so, and what a test gave "
-        "that another one had given before it.</p>"
+        "<p>Natural frequencies are those of the stage without its drives, except where this table "
+        "says that they were in place. It lists those, and what a test gave again after another "
+        "test.</p>"
         '<div class="scroll"><table><thead><tr><th class="text">Quantity</th>'
         '<th class="text">Axis</th><th class="text">Test</th><th>value</th>'
         '<th>±&nbsp;(95&nbsp;%)</th><th class="text">Unit</th></tr></thead>'
@@ -194,7 +188,7 @@ def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
         errors = "; ".join(f"{name} {value:.3g}" for name, value in step.errors_percent.items())
         # the study's own model is a Bouc-Wen model: no other is set beside what it printed
         known = published.select("hysteresis_deviation", step.axis, "published-measured")
-        beside = number(_UM * known[0].value) if known and step.kind == "bouc-wen" else ""
+        beside = f"{_UM * known[0].value:.10g}" if known and step.kind == "bouc-wen" else ""
         rows.append(
             f"<tr><th>{escape(step.name)}</th><td>{escape(step.axis)}</td>"
             f'<td class="text">{escape(step.kind)}</td><td class="text">{escape(errors)}</td>'
@@ -216,8 +210,8 @@ def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
 
 def _following(result: PlanResult, steps: list[VerifiedStep]) -> str:
     heads = (
-        "", "stroke [µm]", "rate [Hz]", "loop width [µm]", "narrower by [%]", "error [nm rms]",
-        "[% of the stroke]", "error, largest [nm]",
+        "", "stroke [µm]", "rate [Hz]", "loop width [µm]", "narrowed by [%]", "error [nm rms]",
+        "[% of the stroke]", "largest error [nm]",
     )  # fmt: skip
     lines, plots, told = [], [], {}
     shown: set[str] = set()
@@ -234,10 +228,9 @@ def _following(result: PlanResult, steps: list[VerifiedStep]) -> str:
     titles = "".join(f"<th>{title}</th>" for title in heads)
     notes = "".join(f"<li>{escape(text)}</li>" for text in told)
     return (
-        "<p>Errors are those of the reading, whose own noise is part of them. The width of a loop "
-        "hides every error that its two branches share, so the error from the reference stands "
-        "beside it. In open loop the reading is shifted by its mean difference from the "
-        "reference.</p>"
+        "<p>Errors include the noise of the reading. The loop width hides every error that both "
+        "branches share; therefore the error from the reference is given as well. In "
+        "open loop the reading is shifted by its mean difference from the reference.</p>"
         f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
         f'<tbody>{"".join(lines)}</tbody></table></div><div class="plots">{"".join(plots)}</div>'
         + (f"<ul>{notes}</ul>" if notes else "")
@@ -300,12 +293,11 @@ def _centred(step: CentredStep) -> str:
     )  # fmt: skip
     titles = "".join(f"<th>{title}</th>" for title in heads)
     return (
-        f"<p>Step {escape(step.name)}: at most {step.target * _UM:.3g} µm was asked for; "
+        f"<p>Step {escape(step.name)}: target {step.target * _UM:.3g} µm; "
         f"{escape(step.reason)}. The scale and its heads are simulated, so the true one is "
         "known.</p>"
         f'<div class="scroll"><table><thead><tr>{titles}</tr></thead>'
-        f"<tbody>{''.join(rows).replace('>-', '>−')}</tbody></table></div>"
-        + (f"<ul>{notes}</ul>" if notes else "")
+        f"<tbody>{''.join(rows)}</tbody></table></div>" + (f"<ul>{notes}</ul>" if notes else "")
     )
 
 

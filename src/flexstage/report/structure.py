@@ -1,10 +1,14 @@
 """The sections of the report on the equations of motion, and on their structural diagram."""
 
 import re
+from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.errors import FlexstageError
+from flexstage.report.page import figure, row_of
+from flexstage.report.quantities import number
+from flexstage.stage import PiezoStack
 
 if TYPE_CHECKING:
     from flexstage.report.study import Study
@@ -60,19 +64,51 @@ def diagram_section(study: "Study") -> str:
     from flexstage.export import dynamic_model
     from flexstage.export.diagram import diagram_files
 
+    identified = {
+        axis: made.runs[0].identification.model for axis, made in study.experiments.items()
+    }
     try:
-        model = dynamic_model(study.stage, lumped.system)
+        model = dynamic_model(study.stage, lumped.system, hysteresis=identified or "usual")
         files = diagram_files(study.stage, model=model)
     except FlexstageError as error:
         return f"<p>No diagram could be drawn: {escape(str(error))}</p>"
     whole = files.pop("diagram.svg")
-    axes = "".join(_drawing(svg, "plot") for svg in files.values())
+    said = (
+        "with the hysteresis that the experiment of this report identified"
+        if identified
+        else "stacks with hysteresis of a usual width"
+    )
+    stacks = f", {said}" if any(isinstance(d, PiezoStack) for d in study.stage.drives) else ""
+    found = f" {_difference(study)}" if _difference(study) else ""
+    axes = row_of(
+        figure(_drawing(svg, "plot"), f"{escape(name)}: lumped model{stacks}.{found}")
+        for name, svg in zip(_names(study, files), files.values(), strict=True)
+    )
     return (
         "<p>Lagrange's equations as blocks and lines, each axis by itself. "
         "<code>flexstage export STAGE --to simulink</code> builds that of the whole stage.</p>"
-        f'<div class="plots">{axes}</div>'
-        "<details><summary>The whole stage, bodies and hinges that are alike drawn once</summary>"
-        f'<div class="wide">{_drawing(whole, "natural")}</div></details>'
+        f'<div class="diagrams">{axes}</div>'
+        '<details class="screen"><summary>The whole stage, bodies and hinges that are alike drawn '
+        f'once</summary><div class="wide">{_drawing(whole, "natural")}</div></details>'
+    )
+
+
+def _names(study: "Study", files: Mapping[str, bytes]) -> list[str]:
+    axes = [axis.name for axis in study.stage.axes]
+    named = [f"Axis {name}" for name in axes]
+    return named if len(named) == len(files) else [f"Diagram {i + 1}" for i in range(len(files))]
+
+
+def _difference(study: "Study") -> str:
+    """Say by how much its frequencies are not those of the Bode diagrams."""
+    if study.main.system.model == "lumped" or not study.main.axes:
+        return ""
+    pairs = [
+        float(a.modes["in place"].frequency_hz[0]) for a in (study.analyses["lumped"], study.main)
+    ]
+    return (
+        f"Its lowest natural frequency with the drives in place is {number(pairs[0])} Hz; the Bode "
+        f"diagrams are of the {study.main.system.model} model, which has {number(pairs[1])} Hz."
     )
 
 

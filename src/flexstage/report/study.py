@@ -13,6 +13,7 @@ from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
 from flexstage.report.models import MODELS, ModelRun, Plane, Wanted, known_model, run_model
+from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis
 
@@ -83,6 +84,8 @@ class Study:
     measured: "Characterisation | None" = None
     virtual: "Measurement | str | None" = None
     centring: "CentringTrial | str | None" = None
+
+    __repr__ = short_repr
 
     @property
     def characteristics(self) -> Characteristics:
@@ -211,7 +214,7 @@ def run_study(
         with share(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
             made = replace(
                 made,
-                virtual=run_measurement(stage, made.characteristics, seed=seed),
+                virtual=run_measurement(stage, seed=seed),
                 centring=run_centring(stage, seed=seed),
             )
     if not hysteresis:

@@ -1,22 +1,26 @@
 """Tables of the report as HTML."""
 
 from collections import defaultdict
-from dataclasses import fields
+from collections.abc import Collection
+from dataclasses import fields, replace
 from html import escape
 
 from flexstage.characteristic import Characteristic
 from flexstage.hinges import Profile
-from flexstage.report.comparison import Comparison, ComparisonRow
-from flexstage.report.quantities import display, number
+from flexstage.report.comparison import Comparison, ComparisonRow, shared_rows
+from flexstage.report.page import captioned, table_html
+from flexstage.report.quantities import Display, display, number
 from flexstage.stage import Stage
 from flexstage.units import DIMENSIONS
 
 __all__ = [
+    "MANUFACTURE",
     "characteristics_table",
     "column_title",
     "differences_table",
     "hinge_table",
     "published_table",
+    "shown_in",
 ]
 
 _TITLES = {
@@ -24,7 +28,9 @@ _TITLES = {
     "published-fem": "FEM",
     "published-measured": "measured",
 }
-_FEW = 2  # columns of ours beside which there is room for differences
+#: What comes from manufacture: no model of the ideal geometry is compared with it.
+MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
+_LABEL_HEADS = ('<th class="text">Quantity</th>', '<th class="text">Axis</th>')
 _MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
@@ -63,48 +69,56 @@ def percent(value: float | None) -> str:
     str
         One decimal; empty for none.
     """
-    return "" if value is None else f"{value:+.1f} %".replace("-", "−")
+    if value is None:
+        return ""
+    # a difference that rounds to nothing has no sign
+    return "0.0 %" if abs(value) < 0.05 else f"{value:+.1f} %".replace("-", "−")
 
 
-def characteristics_table(comparison: Comparison) -> str:
-    """Write all origins side by side, the best of ours set off.
-
-    Where there is room for it, with its difference to each published one.
+def characteristics_table(comparison: Comparison, quantities: Collection[str], caption: str) -> str:
+    """Write some quantities by all origins side by side, the best of ours set off.
 
     Parameters
     ----------
     comparison : Comparison
         The table.
+    quantities : collection of str
+        The quantities.
+    caption : str
+        HTML that stands above it.
 
     Returns
     -------
     str
-        A ``<table>``; each value also stands unrounded in ``data-value``.
+        A ``<table>``; each value also stands unrounded in ``data-value``. Empty where we have no
+        value of any of them. A row that is the same for all axes stands once.
     """
+    rows = [
+        row
+        for row in shared_rows(comparison.rows)
+        if row.quantity in quantities and any(column in row.cells for column in comparison.ours)
+    ]
+    shown = [c for c in comparison.columns if any(c in row.cells for row in rows)]
+    published = [c for c in shown if c in comparison.published]
     ours = comparison.best
     others = [column for column in comparison.ours if column != ours]
-    signed = comparison.published if len(comparison.ours) <= _FEW else ()
     groups = "<th></th><th></th>"
-    if comparison.published:
-        groups += f'<th colspan="{len(comparison.published)}">published</th>'
-    groups += f'<th colspan="{1 + len(others)}">computed here</th>'
-    if signed:
-        groups += f'<th colspan="{len(signed)}">{escape(ours)} against published</th>'
-    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
-    heads += "".join(f"<th>{escape(column_title(c))}</th>" for c in comparison.columns)
-    heads += "".join(f"<th>{escape(column_title(c))}</th>" for c in signed)
+    if published:
+        groups += f'<th colspan="{len(published)}">published</th>'
+    groups += f'<th colspan="{len(shown) - len(published)}">here, by model</th>'
+    heads = [*_LABEL_HEADS, *(f"<th>{escape(column_title(c))}</th>" for c in shown)]
     lines = []
     before = ""
-    for row in comparison.rows:
-        cells = _label_cells(row)
-        for column in comparison.columns:
+    for row in rows:
+        fitting = shown_in(row)
+        cells = _label_cells(row, fitting)
+        for column in shown:
             kind = "ours" if column == ours else "variant" if column in others else ""
-            cells.append(_value_cell(row, column, kind))
-        cells += [f"<td>{percent(row.difference_percent(ours, c))}</td>" for c in signed]
+            cells.append(_value_cell(row, column, fitting, kind))
         opening = '<tr class="next">' if row.quantity != before else "<tr>"
         lines.append(f"{opening}{''.join(cells)}</tr>")
         before = row.quantity
-    return _table(f'<tr class="groups">{groups}</tr><tr>{heads}</tr>', lines)
+    return captioned(table_html(heads, lines, groups=groups), caption) if lines else ""
 
 
 def differences_table(comparison: Comparison) -> str:
@@ -118,30 +132,30 @@ def differences_table(comparison: Comparison) -> str:
     Returns
     -------
     str
-        A ``<table>``; empty where nothing was published, or where `characteristics_table` has room
-        for it.
+        A ``<table>``; empty where nothing was published.
     """
-    if not comparison.published or len(comparison.ours) <= _FEW:
-        return ""
     models = comparison.models
     groups = "<th></th><th></th>" + "".join(
-        f'<th colspan="{len(models)}">against {column_title(c)}</th>' for c in comparison.published
+        f'<th colspan="{len(models)}">to {column_title(c)}</th>' for c in comparison.published
     )
-    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
     # the longest name may be broken, or the last column stands outside the page
     names = [escape(m).replace("superelement", "super&shy;element") for m in models]
-    heads += "".join(f"<th>{name}</th>" for name in names) * len(comparison.published)
+    heads = [*_LABEL_HEADS, *[f"<th>{name}</th>" for name in names] * len(comparison.published)]
     lines = []
-    for row in comparison.rows:
+    for row in shared_rows(comparison.rows):
+        if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
+            continue  # the latter is put into every model
         signed = [
             percent(row.difference_percent(m, c)).removesuffix(" %")
             for c in comparison.published
             for m in models
         ]
         if any(signed):
-            cells = [*_label_cells(row), *(f"<td>{text}</td>" for text in signed)]
+            label = _label_cells(row, replace(display(row.quantity), unit=""))
+            cells = [*label, *(f"<td>{text}</td>" for text in signed)]
             lines.append(f"<tr>{''.join(cells)}</tr>")
-    return _table(f'<tr class="groups">{groups}</tr><tr>{heads}</tr>', lines) if lines else ""
+    caption = "Difference of each model here to each published origin [% of the published value]."
+    return captioned(table_html(heads, lines, groups=groups), caption) if lines else ""
 
 
 def published_table(comparison: Comparison) -> str:
@@ -155,24 +169,31 @@ def published_table(comparison: Comparison) -> str:
     Returns
     -------
     str
-        A ``<table>``; empty where fewer than two origins were published.
+        A ``<table>``; empty where nothing was published.
     """
-    pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
-    if not pairs:
+    if not comparison.published:
         return ""
-    heads = '<th class="text">Quantity</th><th class="text">Axis</th>'
-    heads += "".join(f"<th>{column_title(c)}</th>" for c in comparison.published)
-    heads += "".join(f"<th>{column_title(a)} against {column_title(b)}</th>" for a, b in pairs)
-    lines = []
-    for row in comparison.rows:
+    pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
+    heads = [*_LABEL_HEADS, *(f"<th>{column_title(c)}</th>" for c in comparison.published)]
+    heads += [f"<th>{column_title(a)} to {column_title(b)}</th>" for a, b in pairs]
+    lines, notes = [], []
+    for row in shared_rows(comparison.rows):
         if not any(column in row.cells for column in comparison.published):
             continue
-        cells = _label_cells(row)
-        shown = display(row.quantity)
-        cells += [f"<td>{shown.text(row.value(c))}</td>" for c in comparison.published]
+        fitting = shown_in(row)
+        cells = _label_cells(row, fitting)
+        cells += [_value_cell(row, c, fitting) for c in comparison.published]
         cells += [f"<td>{percent(row.difference_percent(a, b))}</td>" for a, b in pairs]
+        remarks = [n for c in comparison.published if c in row.cells and (n := row.cells[c].note)]
+        notes.append("; ".join(dict.fromkeys(remarks)))
+        cells.append(f'<td class="text wrap">{escape(notes[-1])}</td>')
         lines.append(f"<tr>{''.join(cells)}</tr>")
-    return _table(f"<tr>{heads}</tr>", lines)
+    heads.append('<th class="text">remark</th>')
+    caption = (
+        "Published figures, and the differences between their own columns [% of the second one]. "
+        "Values as they are printed."
+    )
+    return captioned(table_html(heads, lines), caption)
 
 
 def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> str:
@@ -222,7 +243,30 @@ def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> 
         "<th>Neck [mm]</th><th>Axial [N/µm]</th><th>Shear [N/µm]</th><th>Rotation [N m/rad]</th>"
         '<th class="text">Method</th>'
     )
-    return _table(f"<tr>{heads}</tr>", lines)
+    caption = (
+        "Stiffness about the neck, lumped model. Hinges that are alike in notch and adjoining "
+        "bodies share a row."
+    )
+    return captioned(table_html((heads,), lines), caption)
+
+
+def shown_in(row: ComparisonRow) -> Display:
+    """Return the unit that a row is shown in.
+
+    Parameters
+    ----------
+    row : ComparisonRow
+        The row.
+
+    Returns
+    -------
+    Display
+        One in which its values are not tiny; the usual one where some are published, as it is the
+        one that they are printed in.
+    """
+    if any(column.startswith("published") for column in row.cells):
+        return display(row.quantity)
+    return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))
 
 
 def _profile_text(profile: Profile) -> str:
@@ -236,28 +280,20 @@ def _profile_text(profile: Profile) -> str:
     return f"{profile.kind}{side}" + "".join(f", {size}" for size in sizes)
 
 
-def _label_cells(row: ComparisonRow) -> list[str]:
-    shown = display(row.quantity)
+def _label_cells(row: ComparisonRow, shown: Display) -> list[str]:
     unit = f" [{shown.unit}]" if shown.unit else ""
     remark = f"<br><small>{escape(row.remark)}</small>" if row.remark else ""
     return [
-        f'<td class="text">{escape(shown.label + unit)}{remark}</td>',
+        f'<td class="text wrap">{escape(shown.label + unit)}{remark}</td>',
         f'<td class="text">{escape(row.axis)}</td>',
     ]
 
 
-def _value_cell(row: ComparisonRow, column: str, kind: str) -> str:
+def _value_cell(row: ComparisonRow, column: str, shown: Display, kind: str = "") -> str:
     cell: Characteristic | None = row.cells.get(column)
     if cell is None:
         return f'<td class="{kind}">–</td>'
     title = f' title="{escape(cell.note, quote=True)}"' if cell.note else ""
     names = {"quantity": row.quantity, "axis": row.axis, "column": column, "value": cell.value}
     data = "".join(f' data-{k}="{escape(str(v), quote=True)}"' for k, v in names.items())
-    return f'<td class="{kind}"{data}{title}>{display(row.quantity).text(cell.value)}</td>'
-
-
-def _table(head: str, lines: list[str]) -> str:
-    return (
-        f'<div class="scroll"><table><thead>{head}</thead><tbody>{"".join(lines)}</tbody>'
-        "</table></div>"
-    )
+    return f'<td class="{kind}"{data}{title}>{shown.cell(cell)}</td>'

@@ -1,13 +1,18 @@
 """The description of a stage, its file, and the checks of its geometry."""
 
-from flexstage.stage.checks import Finding, check
-from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
-from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
-from flexstage.stage.mass import MassProperties, mass_properties
-from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
-from flexstage.stage.notch import half_notch
-from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
-from flexstage.stage.roots import Root, hinge_root, root_widths
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.stage.checks import Finding, check
+    from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
+    from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
+    from flexstage.stage.mass import MassProperties, mass_properties
+    from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
+    from flexstage.stage.notch import half_notch
+    from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
+    from flexstage.stage.roots import Root, hinge_root, root_widths
 
 __all__ = [
     "AreaIntegrals",
@@ -38,3 +43,5 @@ __all__ = [
     "stage_to_text",
     "write_stage",
 ]
+
+import_on_use(__name__)

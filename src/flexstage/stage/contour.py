@@ -155,7 +155,7 @@ def body_contour(
             else:
                 raise StageError(
                     f"hinge '{hinge.name}' does not grow from one straight edge of body "
-                    f"'{body.name}': see what 'flexstage check' says about it"
+                    f"'{body.name}': run 'flexstage check' on it"
                 )
     outline = loops[0]
     assert isinstance(outline, Loop)

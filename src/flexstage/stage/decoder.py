@@ -19,7 +19,7 @@ from flexstage.stage.field_types import (
     optional_part,
     required,
 )
-from flexstage.stage.outline import LARGEST, Circle, Loop
+from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
 from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence
 from flexstage.units import DIMENSIONS, Dimension, parse
 
@@ -27,9 +27,6 @@ __all__ = ["Decoder"]
 
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
 _MOST_POINTS = 10_000
-#: Shortest length of a body [m]: below it figures leave the range of numbers before a check can say
-#: what is wrong.
-_SMALLEST = 1e-12
 
 
 @dataclass(slots=True)
@@ -106,11 +103,11 @@ class Decoder:
                     self._fitting(dimension, item, f"{path}[{k}]") for k, item in enumerate(items)
                 )
             value = self._fitting(dimension, node, path)
-            if self.bounded and dimension.name == "length" and 0.0 < abs(value) < _SMALLEST:
+            if self.bounded and dimension.name == "length" and 0.0 < abs(value) < SMALLEST:
                 self.refuse(
                     node,
                     path,
-                    f"{_show(node)} is shorter than {_SMALLEST:g} m, no length of a stage",
+                    f"{_show(node)} is shorter than {SMALLEST:g} m, no length of a stage",
                 )
             return value
         if origin is tuple:

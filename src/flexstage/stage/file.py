@@ -18,7 +18,7 @@ from flexstage.stage.encoder import Number, encode
 from flexstage.stage.field_types import check_name, field_types
 from flexstage.stage.model import Stage
 from flexstage.stage.yaml_reader import Mapping as MappingNode
-from flexstage.stage.yaml_reader import Node, Scalar, Sequence, parse_yaml, read_text
+from flexstage.stage.yaml_reader import Node, Scalar, parse_yaml, plain, read_text
 from flexstage.stage.yaml_writer import yaml_text
 from flexstage.units import DIMENSIONS
 
@@ -228,7 +228,7 @@ def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) ->
         decoder.refuse(node, "design", "expected a mapping with the name of a design")
     if designs is None:
         decoder.refuse(node, "design", "parametric designs are not available here")
-    parameters = {k: _plain(v) for k, v in node.items.items() if k != "name"}
+    parameters = {k: plain(v) for k, v in node.items.items() if k != "name"}
     name = node.items["name"]
     try:
         return designs(name.text if isinstance(name, Scalar) else "", parameters)
@@ -239,14 +239,6 @@ def _from_design(decoder: Decoder, node: Node, designs: DesignBuilder | None) ->
         )
         place = node if culprit is None else node.items[culprit]
         decoder.refuse(place, "design", str(error), type(error))
-
-
-def _plain(node: Node) -> object:
-    if isinstance(node, MappingNode):
-        return {k: _plain(v) for k, v in node.items.items()}
-    if isinstance(node, Sequence):
-        return [_plain(v) for v in node.items]
-    return node.value
 
 
 def _placed(error: FlexstageError, decoder: Decoder, root: MappingNode) -> FlexstageError:

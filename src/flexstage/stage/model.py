@@ -2,13 +2,15 @@
 
 import difflib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from flexstage.characteristic import Characteristic
 from flexstage.errors import StageError
 from flexstage.hinges import Profile
 from flexstage.material import Material
+from flexstage.short_repr import short_repr
 from flexstage.stage.drive import Drive
 from flexstage.stage.outline import Circle, Loop, Point
 from flexstage.units import DIMENSIONS
@@ -243,6 +245,15 @@ class Stage:
     manufacture: Manufacture = field(default_factory=Manufacture)
     published: tuple[Characteristic, ...] = ()
     notes: tuple[str, ...] = ()
+
+    # how a notebook shows a stage; set by the room that draws
+    _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None
+
+    __repr__ = short_repr
+
+    def _repr_html_(self) -> str | None:
+        draw = type(self)._notebook_html
+        return None if draw is None else draw(self)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.thickness < math.inf:

@@ -15,9 +15,10 @@ __all__ = ["AreaIntegrals", "Circle", "Loop", "Point"]
 
 Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 
-# Beyond these an outline is a slip of the pen, and its polygon would have no end: coordinates [m],
-# and a bulge that leaves a quarter of a degree of the full circle open.
-LARGEST = 100.0
+#: Shortest and longest length of a stage [m]. Beyond them one is a slip of the pen: figures leave
+#: the range of numbers before a check can say what is wrong, and a polygon has no end.
+SMALLEST, LARGEST = 1e-12, 100.0
+# leaves a quarter of a degree of the full circle open
 _LARGEST_BULGE = 1e3
 
 

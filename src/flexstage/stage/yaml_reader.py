@@ -1,4 +1,4 @@
-"""Reads YAML text into plain nodes that remember their line, and refuses what a stage never needs.
+"""Reads YAML text into plain nodes that remember their line, and refuses what no description needs.
 
 Only the events of the parser are used: no object is built from a tag, no alias is followed, and the
 limits are checked while the text is read, so a hostile file ends early. Scalars are told apart by
@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
-from flexstage.errors import StageError
+from flexstage.errors import FlexstageError, StageError
 
-__all__ = ["Mapping", "Node", "Scalar", "Sequence", "parse_yaml", "read_text"]
+__all__ = ["Mapping", "Node", "Scalar", "Sequence", "parse_yaml", "plain", "read_text"]
 
 #: Largest file that is read [bytes].
 MAX_BYTES = 1_000_000
@@ -24,7 +24,8 @@ MAX_NODES = 100_000
 #: Deepest nesting of lists and mappings.
 MAX_DEPTH = 30
 
-_NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+#: What is a number where it stands without quotes.
+NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 _MAX_DIGITS = 60
 
@@ -93,13 +94,19 @@ class Mapping:
 Node = Scalar | Sequence | Mapping
 
 
-def read_text(path: Path) -> str:
+def read_text(
+    path: Path, kind: str = "stage file", error: type[FlexstageError] = StageError
+) -> str:
     """Read a small text file.
 
     Parameters
     ----------
     path : pathlib.Path
         The file.
+    kind : str
+        What it should be, for messages.
+    error : type
+        The class of errors.
 
     Returns
     -------
@@ -108,39 +115,46 @@ def read_text(path: Path) -> str:
 
     Raises
     ------
-    StageError
+    FlexstageError
         There is no such file, it is not a regular one, it is too large, or it is not UTF-8.
     """
     try:
         # asked before it is opened: opening a named pipe would wait for ever
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise StageError(f"{path} is a directory, expected a stage file")
+            raise error(f"{path} is a directory, expected a {kind}")
         if not stat.S_ISREG(status.st_mode):
-            raise StageError(f"{path} is not a regular file, expected a stage file")
+            raise error(f"{path} is not a regular file, expected a {kind}")
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise StageError(f"there is no file {path}: give the path of a stage file") from None
-    except StageError:
+        raise error(f"there is no file {path}: give the path of a {kind}") from None
+    except FlexstageError:
         raise
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise StageError(f"the file {path} cannot be read: {reason}") from None
+    except (OSError, ValueError) as fault:
+        reason = getattr(fault, "strerror", None) or str(fault)
+        raise error(f"the file {path} cannot be read: {reason}") from None
     if len(data) > MAX_BYTES:
-        raise StageError(
-            f"{path} is larger than {MAX_BYTES // 1_000_000} MB, the most that a stage file may be"
+        raise error(
+            f"{path} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
         )
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise StageError(
+    except UnicodeDecodeError as fault:
+        line = data.count(b"\n", 0, fault.start) + 1
+        raise error(
             f"{path}, line {line}: the file is not UTF-8 text; save it in that encoding"
         ) from None
 
 
-def parse_yaml(text: str, source: str) -> Node:
+def parse_yaml(
+    text: str,
+    source: str,
+    kind: str = "stage file",
+    error: type[FlexstageError] = StageError,
+    *,
+    finite: bool = True,
+) -> Node:
     """Parse the one YAML document of a text.
 
     Parameters
@@ -149,6 +163,12 @@ def parse_yaml(text: str, source: str) -> Node:
         The text.
     source : str
         What to call it in messages.
+    kind : str
+        What it should be, for messages.
+    error : type
+        The class of errors.
+    finite : bool
+        Whether infinity, and what is no number, is refused.
 
     Returns
     -------
@@ -157,38 +177,61 @@ def parse_yaml(text: str, source: str) -> Node:
 
     Raises
     ------
-    StageError
+    FlexstageError
         The text is not YAML, or it holds an alias, an anchor, a tag, a repeated key, a second
         document, a number that is not finite, or too much.
     """
     import yaml
 
     if len(text) > MAX_BYTES:
-        raise StageError(
-            f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a stage may be"
+        raise error(
+            f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
         )
     for pattern, what in _OTHERS.items():
         if re.match(pattern, text):
-            raise StageError(f"{source} is {what}, where a text in YAML is expected")
+            raise error(f"{source} is {what}, where a text in YAML is expected")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        return _Builder(source).document(yaml.parse(text, Loader=loader))
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
+        return _Builder(source, kind, error, finite).document(yaml.parse(text, Loader=loader))
+    except yaml.MarkedYAMLError as fault:
+        mark = fault.problem_mark or fault.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        raise StageError(f"{source}{line}: this is not YAML: {error.problem}") from None
-    except yaml.YAMLError as error:
-        reason = getattr(error, "reason", None) or "it cannot be parsed"
-        raise StageError(f"{source}: this is not YAML: {reason}") from None
+        raise error(f"{source}{line}: this is not YAML: {fault.problem}") from None
+    except yaml.YAMLError as fault:
+        reason = getattr(fault, "reason", None) or "it cannot be parsed"
+        raise error(f"{source}: this is not YAML: {reason}") from None
     except UnicodeEncodeError:
-        raise StageError(f"{source}: this is not YAML: it holds half a character") from None
+        raise error(f"{source}: this is not YAML: it holds half a character") from None
+
+
+def plain(node: Node) -> object:
+    """Return what nodes hold as plain data.
+
+    Parameters
+    ----------
+    node : Node
+        The nodes.
+
+    Returns
+    -------
+    object
+        Dicts, lists and values.
+    """
+    if isinstance(node, Mapping):
+        return {key: plain(value) for key, value in node.items.items()}
+    if isinstance(node, Sequence):
+        return [plain(value) for value in node.items]
+    return node.value
 
 
 class _Builder:
     """Builds nodes from the parser's events, with a stack of its own instead of recursion."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, kind: str, error: type[FlexstageError], finite: bool) -> None:
         self.source = source
+        self.kind = kind
+        self.error = error
+        self.finite = finite
         self.count = 0
 
     def document(self, events: Iterator[Any]) -> Node:
@@ -203,12 +246,14 @@ class _Builder:
             if isinstance(event, yaml.DocumentStartEvent):
                 documents += 1
                 if documents > 1:
-                    self.refuse(line, "a second document begins; a stage file holds one")
+                    self.refuse(line, f"a second document begins; a {self.kind} holds one")
             elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
                 stack.pop()
                 keys.pop()
             elif isinstance(event, yaml.AliasEvent):
-                self.refuse(line, f"aliases such as '*{event.anchor}' are not used in stage files")
+                self.refuse(
+                    line, f"aliases such as '*{event.anchor}' are not used in a {self.kind}"
+                )
             elif isinstance(event, yaml.NodeEvent):
                 if stack and isinstance(stack[-1], Mapping) and keys[-1] is None:
                     keys[-1] = self.key(event, line, stack[-1])
@@ -231,7 +276,7 @@ class _Builder:
                     stack.append(node)
                     keys.append(None)
         if root is None:
-            self.refuse(1, "the file is empty; begin it with 'flexstage: 1'")
+            self.refuse(1, f"the file is empty, expected a {self.kind}")
         return root
 
     def admit(self, event: Any, line: int) -> None:
@@ -239,9 +284,9 @@ class _Builder:
         if self.count > MAX_NODES:
             self.refuse(line, f"the file holds more than {MAX_NODES} values")
         if event.anchor is not None:
-            self.refuse(line, f"anchors such as '&{event.anchor}' are not used in stage files")
+            self.refuse(line, f"anchors such as '&{event.anchor}' are not used in a {self.kind}")
         if event.tag is not None:
-            self.refuse(line, f"tags such as '{event.tag[:60]}' are not used in stage files")
+            self.refuse(line, f"tags such as '{event.tag[:60]}' are not used in a {self.kind}")
 
     def key(self, event: Any, line: int, parent: Mapping) -> tuple[str, int]:
         self.admit(event, line)
@@ -274,8 +319,10 @@ class _Builder:
         if text in ("false", "False", "FALSE"):
             return False
         if _NOT_FINITE.fullmatch(text):
-            self.refuse(line, f"'{text}' is not a finite number")
-        if _NUMBER.fullmatch(text):
+            if self.finite:
+                self.refuse(line, f"'{text}' is not a finite number")
+            return float(text.replace(".", ""))
+        if NUMBER.fullmatch(text):
             if len(text) > _MAX_DIGITS:
                 self.refuse(line, f"a number has more than {_MAX_DIGITS} digits")
             if text.lstrip("+-").isdigit():
@@ -287,4 +334,4 @@ class _Builder:
         return text
 
     def refuse(self, line: int, message: str) -> NoReturn:
-        raise StageError(f"{self.source}, line {line}: {message}")
+        raise self.error(f"{self.source}, line {line}: {message}")

@@ -3,8 +3,9 @@
 from typing import Any
 
 from flexstage.stage.encoder import Number
+from flexstage.stage.yaml_reader import NUMBER
 
-__all__ = ["yaml_text"]
+__all__ = ["plain_dumper", "yaml_text"]
 
 
 def yaml_text(data: Any) -> str:
@@ -47,17 +48,20 @@ def _flow(value: Any, depth: int) -> Any:
     return value
 
 
-def _dumper() -> type:
+def plain_dumper() -> type:
+    """Make what writes plain data so that `yaml_reader` reads it back.
+
+    Returns
+    -------
+    type
+        A class for ``yaml.dump``: no part is named and referred to, and a text that is a number to
+        the reader stands in quotes.
+    """
     import yaml
 
     class Dumper(yaml.SafeDumper):
         def ignore_aliases(self, data: Any) -> bool:
             return True
-
-    def number(dumper: Any, data: Number) -> Any:
-        # whatever tag the text would be given, so that none is written
-        tag = dumper.resolve(yaml.ScalarNode, str(data), (True, False))
-        return dumper.represent_scalar(tag, str(data))
 
     def text(dumper: Any, data: str) -> Any:
         # line ends of any kind are folded unless they stand escaped between double quotes
@@ -65,15 +69,30 @@ def _dumper() -> type:
             "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
         )
 
-    Dumper.add_representer(Number, number)
     Dumper.add_representer(str, text)
-    Dumper.add_representer(
+    # YAML 1.1, which the library writes, takes 1e5 for a text
+    Dumper.add_implicit_resolver("tag:yaml.org,2002:float", NUMBER, list("+-.0123456789"))
+    return Dumper
+
+
+def _dumper() -> type:
+    import yaml
+
+    dumper: Any = plain_dumper()
+
+    def number(to: Any, data: Number) -> Any:
+        # whatever tag the text would be given, so that none is written
+        tag = to.resolve(yaml.ScalarNode, str(data), (True, False))
+        return to.represent_scalar(tag, str(data))
+
+    dumper.add_representer(Number, number)
+    dumper.add_representer(
         _Row, lambda d, data: d.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
     )
-    Dumper.add_representer(
+    dumper.add_representer(
         _Line,
         lambda d, data: d.represent_mapping(
             "tag:yaml.org,2002:map", list(data.items()), flow_style=True
         ),
     )
-    return Dumper
+    return dumper

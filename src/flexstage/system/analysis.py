@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.provenance import Provenance, provenance
+from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.axis import AxisAnalysis, analyse_axis
 from flexstage.system.characteristics import axis_characteristics
@@ -52,6 +53,8 @@ class Analysis:
     characteristics: Characteristics
     validity: tuple[str, ...]
     provenance: Provenance
+
+    __repr__ = short_repr
 
     @property
     def hinge_stress(self) -> dict[str, dict[str, float]]:
@@ -109,14 +112,12 @@ def _missing(system: MechanicalSystem, bare: Modes) -> tuple[str, ...]:
     """Say what a description leaves out that the figures above would need."""
     notes = []
     if not system.axes:
-        notes.append(
-            "No axis is named, a drive and the probe that reads it, so there are modes only."
-        )
+        notes.append("No axis is named (a drive and the probe that reads it): modes only.")
     f = bare.frequency_hz
     # rounding leaves 1e-8 of the highest frequency in place of nothing
     loose = int((f <= 1e-6 * f.max(initial=0.0)).sum())
     if loose:
         notes.append(
-            f"{loose} of these modes, at 0 Hz, deform no hinge: nothing holds a body there."
+            f"{loose} of these modes, at 0 Hz, deform no hinge: a body is not constrained."
         )
     return tuple(notes)

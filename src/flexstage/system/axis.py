@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
 from flexstage.system.mechanical import AxisPort, MechanicalSystem
 from flexstage.system.statics import StaticSolution, drive_stiffness, static_displacements
 
@@ -38,6 +39,8 @@ class AxisAnalysis:
     output_displacement: float
     input_stiffness: float
     static: StaticSolution
+
+    __repr__ = short_repr
 
 
 def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:

@@ -14,7 +14,7 @@ from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
 from flexstage.system.statics import probe_stiffness, static_loads
 
-__all__ = ["axis_characteristics", "axis_mode"]
+__all__ = ["axis_characteristics", "axis_mode", "pulsating_limit"]
 
 
 def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -> int:
@@ -121,7 +121,9 @@ def axis_characteristics(
     if others and axis.output_displacement != 0.0:
         cross = [static.readings[a.probe] / axis.output_displacement for a in others]
         add(
-            "cross_coupling", max(cross, key=abs), "reading of the other axis over that of this one"
+            "cross_coupling",
+            max(cross, key=abs),
+            "displacement of the other axis over that of this one",
         )
     body = system.probe(axis.probe).body
     if body in static.body_motion:
@@ -129,7 +131,7 @@ def axis_characteristics(
     add("input_stiffness", axis.input_stiffness, "force of the drive over its elongation")
     stiffness = probe_stiffness(system, axis.probe, drives="in place")
     if stiffness < math.inf:
-        where = f"against a force at probe '{axis.probe}', drives in place (a rigid one is held)"
+        where = f"against a force at probe '{axis.probe}', drives in place (rigid ones locked)"
         add("output_stiffness", stiffness, where)
     for quantity, value, note in _loaded(stage, system, axis.probe):
         add(quantity, value, note)
@@ -142,12 +144,40 @@ def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
     its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
     """
-    limit, strength = material.fatigue_limit, material.yield_strength
-    if limit is None or strength is None or stress <= 0.0:
+    allowed = pulsating_limit(material)
+    if allowed is None or stress <= 0.0:
         return None
     cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
-    note = f"stroke from nothing to full and back, by Soderberg{cycles}"
-    return 1.0 / (0.5 * stress / limit + 0.5 * stress / strength), note
+    note = f"stroke from zero to full and back, Soderberg line{cycles}"
+    return allowed / stress, note
+
+
+def pulsating_limit(material: Material) -> float | None:
+    r"""Return the peak stress that fatigue allows when it goes from zero to it and back.
+
+    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
+    mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
+
+    Parameters
+    ----------
+    material : Material
+        The material.
+
+    Returns
+    -------
+    float or None
+        The peak [Pa]; None if fatigue limit or yield strength is unknown.
+
+    Examples
+    --------
+    >>> from flexstage.material import material
+    >>> print(f"{pulsating_limit(material('Al 7075-T6')) / 1e6:.0f} MPa")
+    242 MPa
+    """
+    limit, strength = material.fatigue_limit, material.yield_strength
+    if limit is None or strength is None:
+        return None
+    return 2.0 / (1.0 / limit + 1.0 / strength)
 
 
 def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
@@ -157,14 +187,14 @@ def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tupl
         angle = stage.probe(probe).direction
         weight = {"gravity x": math.cos(angle), "gravity y": math.sin(angle)}
         sag = static_loads(system, weight, drives="in place").readings[probe]
-        yield "gravity_sag", sag, "1 g along the axis, drives in place (a rigid one is held)"
+        yield "gravity_sag", sag, "1 g along the axis, drives in place (rigid ones locked)"
     if "temperature" in known:
         drift = static_loads(system, {"temperature": 1.0}).readings[probe]
         yield (
             "thermal_drift",
             drift,
-            "uniform change of temperature, drives removed, base of constant length; on a base "
-            "that expands, times the difference of the coefficients over the stage's own",
+            "uniform temperature change, drives removed, base without expansion; for another base, "
+            "multiply by (stage coefficient - base coefficient) / stage coefficient",
         )
     body = system.probe(probe).body
     lift = f"{body} out of plane"

@@ -60,7 +60,7 @@ def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array,
 
 _SINGULAR = (
     "the stage can move without deforming a hinge, so it has no stiffness to compute with: "
-    "hold a body, add a hinge, or see what 'flexstage check' says about it"
+    "hold a body, add a hinge, or run 'flexstage check' on it"
 )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
 from flexstage.system.damping import Damping, ModalDamping
 
 __all__ = [
@@ -297,6 +298,8 @@ class MechanicalSystem:
     damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
     validity: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.coordinates)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.short_repr import short_repr
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
@@ -33,6 +34,8 @@ class Modes:
     frequency_hz: Array
     shapes: Array
     damping_ratio: Array
+
+    __repr__ = short_repr
 
     @property
     def omega(self) -> Array:

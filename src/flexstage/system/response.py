@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
 from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
@@ -57,6 +58,8 @@ class FrequencyResponse:
     input_kind: str
     unit: str
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimeResponse:
@@ -78,6 +81,8 @@ class TimeResponse:
     q: Array
     velocity: Array
     readings: dict[str, Array]
+
+    __repr__ = short_repr
 
 
 def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
 from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import modes
@@ -46,6 +47,8 @@ class StateSpace:
     D: Array
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+
+    __repr__ = short_repr
 
     def to_control(self) -> "control.StateSpace":
         """Return it as an object of the python-control library.

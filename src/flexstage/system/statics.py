@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
+from flexstage.short_repr import short_repr
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
@@ -53,6 +54,8 @@ class StaticSolution:
     readings: dict[str, float]
     body_motion: dict[str, tuple[float, float, float]]
     hinge_stress: dict[str, float]
+
+    __repr__ = short_repr
 
 
 def static_forces(

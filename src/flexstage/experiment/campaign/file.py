@@ -38,7 +38,8 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     """
     file = Path(path)
     source = os.fspath(path)
-    root = parse_yaml(read_text(file), source)
+    kind = "description of tests"
+    root = parse_yaml(read_text(file, kind), source, kind)
     decoder = Decoder(source)
     if not isinstance(root, MappingNode) or "campaign" not in root.items:
         decoder.refuse(root, "", "a description of tests begins with 'campaign: 1'")

@@ -17,6 +17,7 @@ from flexstage.records import (
     require_unclipped,
     saturation,
 )
+from flexstage.records.rows import row_range
 
 __all__ = ["column", "columns_of", "load_records", "optional_column", "runs_of", "sphere_columns"]
 
@@ -78,6 +79,8 @@ def load_records(test: Test, folder: Path) -> list[Record]:
             units=units,
             dataset=how.dataset,
             columns=wanted or None,
+            rows=row_range(how.rows, "'rows'"),
+            skip_lines=how.skip_lines,
             delimiter=delimiter,
             decimal=how.decimal,
             over="point" if test.kind in _POINTS else "time",
@@ -227,7 +230,7 @@ def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
     channel = record.channel(named)
     allowed = _UNITS.get(role)
     if allowed is not None and channel.unit not in allowed:
-        got = f"is in {channel.unit}" if channel.unit else "does not say its unit"
+        got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
         expected = "a unit of length" if allowed == ("m",) else f"one of {', '.join(allowed)}"
         expected = "a unit of angle" if allowed == ("rad",) else expected
         raise RecordError(

@@ -94,6 +94,10 @@ class Reading:
         Dataset of the files.
     delimiter, decimal : str, optional
         Of text files.
+    rows : str, optional
+        Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted.
+    skip_lines : int
+        Lines to skip at the start of a text file.
     """
 
     sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
@@ -102,6 +106,8 @@ class Reading:
     dataset: str | None = None
     delimiter: str | None = None
     decimal: str | None = None
+    rows: str | None = None
+    skip_lines: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

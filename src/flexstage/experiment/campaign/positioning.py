@@ -184,7 +184,7 @@ def _sorted(test: Test, seen: Visits) -> bool:
     if np.array_equal(seen.target, seen.target[::-1]):
         raise RecordError(
             f"test '{test.name}': the rows go up and down over the targets once, several at each: "
-            "a test has two runs at least; where each row is an approach, say cycle=standard"
+            "a test has two runs at least; where each row is an approach, use cycle=standard"
         )
     return True
 

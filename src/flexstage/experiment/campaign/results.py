@@ -8,6 +8,7 @@ from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.short_repr import short_repr
 
 __all__ = ["Characterisation", "Figure", "TestResult"]
 
@@ -69,6 +70,8 @@ class TestResult:
     details: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Characterisation:
@@ -87,6 +90,8 @@ class Characterisation:
     campaign: Campaign
     results: tuple[TestResult, ...]
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -106,7 +106,7 @@ def _centres(record: Record, sphere: str) -> Array:
     for name in sphere_columns(sphere):
         channel = record.channel(name)
         if channel.unit != "m":
-            got = f"is in {channel.unit}" if channel.unit else "does not say its unit"
+            got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
             raise RecordError(
                 f"column '{name}' {got}, and a sphere needs a unit of length: give it, such as "
                 "spheres=mm"

@@ -11,6 +11,7 @@ from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.stabilisation import Stabilisation
 from flexstage.experiment.spectra.response import MeasuredResponse
+from flexstage.short_repr import short_repr
 
 __all__ = ["FittedResponse", "ModalFit", "Mode"]
 
@@ -143,6 +144,8 @@ class ModalFit:
     notes: tuple[str, ...]
     basis: ModalBasis
     theta: Array
+
+    __repr__ = short_repr
 
     def response(self, frequency_hz: ArrayLike, number: int = 0) -> Complex:
         """Return the fitted response, in the units of the measured one.

@@ -97,7 +97,7 @@ class Visits:
             raise RecordError(
                 f"{both.size} of {self.levels.size} positions were reached from both sides, and "
                 "positioning needs two at least, reached both from below and from above: record "
-                f"them rising and falling, {_COLUMN}, or say cycle=step where each target was "
+                f"them rising and falling, {_COLUMN}, or use cycle=step where each target was "
                 "reached from both sides in turn"
             )
         runs = int(counts[:, both].min())
@@ -200,7 +200,7 @@ def _series(levels: Array, target: Integers) -> Integers:
         if (i and step[i - 1] == 0) or after in (0, before):
             raise RecordError(
                 f"target {_micrometres(levels, target[i])} stands in rows {i + 1} and {i + 2}, "
-                f"where no series of a standard cycle turns round: {_COLUMN}, or say cycle=step "
+                f"where no series of a standard cycle turns round: {_COLUMN}, or use cycle=step "
                 "where each target was reached from both sides in turn"
             )
         direction[i], direction[i + 1] = -after, after

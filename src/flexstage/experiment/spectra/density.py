@@ -216,7 +216,7 @@ def spectral_density(
     sums = SumOfSpectra(length // 2 + 1, 1, 0, x.size)
     count = add_segments(sums, (x,), w, hop, detrend=detrend)
     if not np.isfinite(sums.power).all():
-        raise RecordError("a spectral density needs finite samples: mend those that are NaN")
+        raise RecordError("a spectral density needs finite samples: correct those that are NaN")
     density = sums.power[0] * (2.0 / (sample_rate_hz * float(w @ w) * count))
     density[0] *= 0.5
     if length % 2 == 0:

@@ -75,7 +75,7 @@ def response_from_record(
     names = _functions(record) if functions is None else list(functions)
     if not names:
         raise RecordError(
-            "the record holds no frequency response: it needs columns 'NAME real' and 'NAME "
+            "the record contains no frequency response: it needs columns 'NAME real' and 'NAME "
             f"imaginary', got {', '.join(c.name for c in record.channels[:10])}"
         )
     ends = {name: _ends(record, name) for name in names}

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
+from flexstage.short_repr import short_repr
 
 __all__ = ["MeasuredResponse"]
 
@@ -68,6 +69,8 @@ class MeasuredResponse:
     notes: tuple[str, ...] = ()
     blur: float = 0.0
     rate_uncertainty: float = 0.0
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         f = self.frequency_hz

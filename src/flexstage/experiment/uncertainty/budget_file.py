@@ -8,7 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal, NoReturn, cast
 
-from flexstage.errors import ModelError, RecordError, StageError, UnitError
+from flexstage.errors import ModelError, RecordError, UnitError
 from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, monte_carlo
@@ -138,11 +138,7 @@ def read_budget(path: Path) -> Budget:
     RecordError
         There is no such file, or it is no budget; the line is named.
     """
-    try:
-        text = read_text(path)
-    except StageError as error:
-        raise RecordError(_own_words(error)) from None
-    return budget_from_text(text, str(path))
+    return budget_from_text(read_text(path, "budget file", RecordError), str(path))
 
 
 def budget_from_text(text: str, source: str = "budget") -> Budget:
@@ -178,17 +174,7 @@ def budget_from_text(text: str, source: str = "budget") -> Budget:
     >>> round(budget.propagate().uncertainty * 1e9, 2)
     16.23
     """
-    try:
-        root = parse_yaml(text, source)
-    except StageError as error:
-        raise RecordError(_own_words(error)) from None
-    return _Reader(source).budget(root)
-
-
-def _own_words(error: Exception) -> str:
-    """The stage file's messages, said of a budget."""
-    said = str(error).replace("stage files", "budgets").replace("a stage file", "a budget file")
-    return said.replace("; begin it with 'flexstage: 1'", "").replace("a stage may", "a budget may")
+    return _Reader(source).budget(parse_yaml(text, source, "budget file", RecordError))
 
 
 class _Reader:

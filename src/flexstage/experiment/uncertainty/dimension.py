@@ -45,7 +45,7 @@ def require_dimension(tree: ast.expr, units: Mapping[str, str], unit: str) -> No
     if found != wanted:
         raise ModelError(
             f"the equation gives {_written(found)}, and the result is in {_written(wanted)}: "
-            "mend the equation, the unit of the result or that of an influence"
+            "correct the equation, the unit of the result or that of an influence"
         )
 
 

@@ -302,7 +302,7 @@ def _next(steps: list[_Step], starts: dict[tuple[int, int], list[int]], step: _S
         raise StageError(
             f"{len(near)} edges go on from the contour of body '{step.body}' at "
             f"({step.end[0] * 1e3:.6g}, {step.end[1] * 1e3:.6g}) mm, where it should be one: "
-            "bodies or notches touch there; see what 'flexstage check' says"
+            "bodies or notches touch there; run 'flexstage check' for details"
         )
     return near[0]
 

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.element import (
+    LONGEST,
+    SHORTEST,
     ChainElement,
     Complex,
     checked_state,
@@ -244,9 +246,9 @@ class LogCreep(Creep):
             raise ModelError(
                 f"the rate of creep must be finite and not negative, got {self.rate_per_decade!r}"
             )
-        if not 0.0 < self.shortest < self.longest < math.inf:
+        if not SHORTEST <= self.shortest < self.longest <= LONGEST:
             raise ModelError(
-                "the shortest time of creep must be positive and the longest above it, got "
+                f"the times of creep must rise and be between {SHORTEST:g} and {LONGEST:g} s, got "
                 f"{self.shortest!r} and {self.longest!r} s"
             )
         if not 1 <= self.per_decade <= 100:
@@ -328,12 +330,12 @@ class CreepSpectrum(Creep):
         tau, a = np.array(self.times), np.array(self.weights)
         if (
             tau.size == 0
-            or not np.all(np.isfinite(tau))
-            or tau[0] <= 0.0
+            or not np.all((tau >= SHORTEST) & (tau <= LONGEST))
             or np.any(np.diff(tau) <= 0.0)
         ):
             raise ModelError(
-                f"the time constants of creep must be positive, finite and rising, got {self.times}"
+                f"the time constants of creep must rise and be between {SHORTEST:g} and "
+                f"{LONGEST:g} s, got {self.times}"
             )
         if a.shape != tau.shape or not np.all(np.isfinite(a)) or a.min() < 0.0 or a.max() == 0.0:
             raise ModelError(

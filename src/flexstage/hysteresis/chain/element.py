@@ -9,7 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, Response
 
-__all__ = ["ChainElement", "Complex", "checked_state", "positive_step"]
+__all__ = ["LONGEST", "SHORTEST", "ChainElement", "Complex", "checked_state", "positive_step"]
+
+#: What times of an element are between, other than none at all [s]; 1e9 s are 30 years.
+SHORTEST, LONGEST = 1e-12, 1e9
 
 Complex = NDArray[np.complex128]
 

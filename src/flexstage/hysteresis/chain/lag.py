@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.element import (
+    LONGEST,
     ChainElement,
     Complex,
     checked_state,
@@ -19,6 +20,9 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, samples
 
 __all__ = ["Lag"]
+
+#: Most steps of a delay: so many samples are kept.
+_MOST_STEPS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +46,7 @@ class Lag(ChainElement):
     Raises
     ------
     ModelError
-        A time is negative or not finite.
+        A time is negative or longer than `LONGEST`.
 
     Examples
     --------
@@ -61,9 +65,9 @@ class Lag(ChainElement):
     def __post_init__(self) -> None:
         for name in ("time_constant", "delay"):
             value = getattr(self, name)
-            if not (value >= 0.0 and math.isfinite(value)):
+            if not 0.0 <= value <= LONGEST:
                 raise ModelError(
-                    f"the {name} of a lag must be finite and not negative, got {value!r} s"
+                    f"the {name} of a lag must be between 0 and {LONGEST:g} s, got {value!r} s"
                 )
 
     def settled(self, x: float, dt: float) -> Array:
@@ -209,6 +213,11 @@ class Lag(ChainElement):
 
     def _whole(self, dt: float) -> int:
         """Whole steps in the delay."""
+        if self.delay > _MOST_STEPS * dt:
+            raise ModelError(
+                f"a delay of {self.delay:g} s is more than {_MOST_STEPS:,} steps of {dt:g} s: "
+                "check the delay, or take a longer step"
+            )
         return math.floor(self.delay / dt)
 
     def _ratio(self, dt: float) -> float:

@@ -39,6 +39,7 @@ from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
 from flexstage.hysteresis.identification.verdict import Verdict, verdict
 from flexstage.progress import tell
 from flexstage.records import Record
+from flexstage.short_repr import short_repr
 from flexstage.units import readable
 
 __all__ = ["Candidate", "Identification", "identify"]
@@ -178,6 +179,8 @@ class Identification:
     predicted: tuple[Array, ...]
     verdict: Verdict
     settings: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -360,7 +363,7 @@ def _passed_over(tried: Mapping[str, _Tried], candidates: Sequence[Candidate]) -
         return ()
     return (
         f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
-        "be made from the model, name one by --model",
+        "be made from the model, name one by --hysteresis-model",
     )
 
 

@@ -23,6 +23,7 @@ from flexstage.hysteresis.identification.faults import (
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record, difference_noise
+from flexstage.short_repr import short_repr
 
 __all__ = ["Measurement", "Section", "measurement"]
 
@@ -131,6 +132,8 @@ class Measurement:
     warnings: tuple[str, ...]
     findings: tuple[RecordFault, ...] = ()
     drift: bool = False
+
+    __repr__ = short_repr
 
     @property
     def input_range(self) -> tuple[float, float]:
@@ -272,7 +275,7 @@ def require_usable(record: Record, name: str, values: Array, *, gaps: bool = Fal
         raise RecordError(f"{where} has {values.size} samples: at least {least} are needed")
     if not np.all(np.isfinite(values)):
         first = int(np.argmin(np.isfinite(values)))
-        raise RecordError(f"{where} holds {values[first]} at sample {first}: mend the record")
+        raise RecordError(f"{where} holds {values[first]} at sample {first}: correct the record")
     size = float(np.ptp(values))
     if not size > 1e-13 * float(np.max(np.abs(values))):
         raise RecordError(f"{where} is constant at {values[0]:g}: choose a column that moves")

@@ -89,7 +89,7 @@ def state_after(model: str, u: float, h: float) -> Array:
     if not math.isfinite(h):
         raise ModelError(
             f"the hysteretic displacement of {model} grew without limit for this input: "
-            "see the condition 'bounded' of the model, and mend its parameters or its state"
+            "see the condition 'bounded' of the model, and correct its parameters or its state"
         )
     return np.array([u, h])
 

@@ -162,7 +162,7 @@ class BoucWenOscillator:
         if done < force.size:
             raise ModelError(
                 f"the motion diverges after sample {done - 1} of {force.size}: there is no "
-                "equilibrium; lower the force, or mend the parameters"
+                "equilibrium; lower the force, or correct the parameters"
             )
         y, v, z = np.ascontiguousarray(motion.T)
         return OscillatorResponse(displacement=y, velocity=v, force=z, state=motion[-1].copy())

@@ -1,5 +1,6 @@
 """An NI card with a stage as an instrument: sensors, drives behind amplifiers, one clock."""
 
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 
@@ -173,14 +174,15 @@ class NiAxis:
 class NiAcquisition:
     """An NI card, the sensors and drives wired to it, and the stage that they belong to.
 
-    Inputs and outputs share one clock. A sample of a record is taken at the instant at which the
+    Inputs and outputs share one clock. The first sensor is sampled at the instant at which the
     output of the same number changes, so that a stage without delay shows it one sample of the
-    card's clock later. Connecting moves nothing; what the drives stand at when the program begins
-    is told by the setup. `close` leads the drives to their safe voltages, unless the setup says
-    not to, since a card goes on giving what it gave.
+    card's clock later; where a multiplexer leads the inputs to one converter, each further sensor
+    is sampled one conversion later, which `settings` says. Connecting moves nothing; the outputs
+    are read back where the card can. `close` leads the drives to their safe voltages, unless the
+    setup says not to, since a card goes on giving what it gave.
 
     Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
-    are those that were commanded and not measured.
+    of a record are those that were commanded and not measured.
 
     Parameters
     ----------
@@ -197,9 +199,12 @@ class NiAcquisition:
     ------
     NotConnectedError
         The card is not there.
+    ControllerError
+        An output gives another voltage than the setup says.
     ModelError
-        Limits have nothing in common, the drive has no range of voltages, or the stage has no such
-        axis.
+        Limits have nothing in common, the drive has no range of voltages, the stage has no such
+        axis, the card is of a family whose outputs cannot take the clock of its inputs, or a rate
+        is beyond it.
     """
 
     def __init__(
@@ -211,17 +216,23 @@ class NiAcquisition:
         limits: Mapping[str, AxisLimits] | None = None,
     ) -> None:
         self.setup, self._backend = setup, backend
-        model, serial = backend.identify(setup.device)
+        self._card = backend.describe(setup)
         self._identity = Identity(
-            vendor="flexstage" if backend.simulated else "NI",
-            model=model,
-            serial_number=serial,
-            simulated=backend.simulated,
+            vendor=self._card.vendor,
+            model=self._card.model,
+            serial_number=self._card.serial_number,
+            simulated=self._card.simulated,
         )
         found = {d.axis: _limits(d, stage, (limits or {}).get(d.axis)) for d in setup.outputs}
-        self._recorder = NiRecorder(backend, setup, self._busy)
+        self._recorder = NiRecorder(backend, setup, self._card, self._busy)
         self.outputs = NiOutputs(
-            backend, setup, found, self._recorder.clock, self._recorder.given, self._polled
+            backend,
+            setup,
+            found,
+            self._recorder.clock,
+            self._recorder.given,
+            self._polled,
+            self._recorder.release,
         )
         self._axes = {d.axis: NiAxis(self, d, found[d.axis]) for d in setup.outputs}
         self._closed = False
@@ -348,16 +359,18 @@ class NiAcquisition:
         Mapping
             Text by name.
         """
-        found = {"driver": self._backend.note, "output rate": f"{self.setup.output_rate_hz:g} Hz"}
-        for s in self.setup.inputs:
+        found = {"driver": self._card.note, "output rate": f"{self.setup.output_rate_hz:g} Hz"}
+        for k, s in enumerate(self.setup.inputs):
             low, high = s.voltage_range
             found[f"sensor {s.name}"] = (
                 f"{s.channel} ({s.terminal}, {low:g} to {high:g} V), {s.gain:.9g} {s.unit}/V, "
-                f"{s.offset:.9g} {s.unit} at 0 V"
+                f"{s.offset:.9g} {s.unit} at 0 V{_delay(k, self._recorder.interval)}"
             )
+        begins = "read back" if self.outputs.readable else "assumed, this card cannot read it back"
         for d in self.setup.outputs:
             found[f"drive {d.axis}"] = (
-                f"{d.channel}, amplifier {d.gain:.9g} V/V, {d.offset:.9g} V at 0 V"
+                f"{d.channel}, amplifier {d.gain:.9g} V/V, {d.offset:.9g} V at 0 V; "
+                f"{self.outputs.began[d.axis]:.4g} V when connected ({begins})"
             )
         return found
 
@@ -381,6 +394,15 @@ class NiAcquisition:
     def _polled(self) -> None:
         self._recorder.drain()
         self._recorder.rest()
+
+
+def _delay(place: int, interval: float) -> str:
+    """Say when a sensor is sampled, by its place in the scan and the time between conversions."""
+    if place == 0 or interval == 0.0:
+        return ""
+    if math.isnan(interval):
+        return ", sampled after the first sensor by a time that the driver does not report"
+    return f", sampled {1e6 * place * interval:.3g} us after the first sensor"
 
 
 def _limits(drive: DriveOutput, stage: Stage | None, more: AxisLimits | None) -> AxisLimits:

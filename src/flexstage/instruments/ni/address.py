@@ -1,23 +1,31 @@
 """An NI card by its address: ``ni://Dev1?x=ao0,ai0&amplifier=15&sensitivity=10um/V``."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar, get_args
 from urllib.parse import parse_qsl, urlsplit
+
+import numpy as np
 
 from flexstage.errors import ModelError, UnitError
 from flexstage.instruments.limits import stage_limits
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.backend import NiBackend
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
-from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput, Terminal
 from flexstage.instruments.ni.simulated import SimulatedBackend
 from flexstage.stage import Stage
 from flexstage.units import parse
 
 __all__ = ["open_address", "setup_of_address"]
 
-_OPTIONS = ("amplifier", "rate", "sensitivity", "simulated", "seed")
-_SENSITIVITY = 10e-6  # of a simulated sensor, where none is given [m/V]
+_OF_CARD = ("rate", "simulated", "seed")
+_OF_SENSOR = ("sensitivity", "offset", "range", "terminal")
+_OF_DRIVE = ("amplifier", "bias", "standing")
+_SENSITIVITY = "10um/V"  # of a simulated sensor, where none is given
 _NOISE = 0.2e-3  # of a simulated input [V]: 2 nm at that sensitivity
+
+_T = TypeVar("_T")
 
 
 def open_address(
@@ -31,9 +39,16 @@ def open_address(
 
     The address is ``ni://CARD?OPTIONS``. For each axis there is an option with the output of its
     drive and the input of its sensor (``x=ao0,ai0``); an axis of the stage that is not named
-    gets those of its number. ``amplifier=15`` is the gain of the amplifiers [V/V],
-    ``sensitivity=10um/V`` what the sensors read for a volt (a real card needs both),
-    ``rate=20kHz`` how often outputs change, ``simulated=1`` asks for a simulated card and
+    gets those of its number. ``roll=ai2`` is a further sensor, without a drive.
+
+    Of sensors: ``sensitivity=10um/V`` (a real card needs it), ``offset=1.3um`` at 0 V,
+    ``range=5V`` for plus and minus 5 V or ``range=0V:10V``, ``terminal=rse`` (or ``nrse``,
+    ``diff``, ``pseudo_diff``). Of drives: ``amplifier=15``, the gain [V/V] (a real card needs it),
+    ``bias=-30V`` at the drive for 0 V of the card, ``standing=12V`` at the drive when connecting.
+    Each is of all sensors or drives, or of one of them by its name behind a dot:
+    ``sensitivity.y=8.1um/V``.
+
+    ``rate=20kHz`` is how often outputs change, ``simulated=1`` asks for a simulated card and
     ``seed=3`` for its noise. A card is also simulated where there is no driver for a real one: its
     identity, its settings and the notes of every record say so.
 
@@ -74,7 +89,7 @@ def open_address(
         setup = setup_of_address(address, stage, axes=axes, simulated=simulated)
     elif unfit := sorted((set(options) | set(axes or ())) - {"simulated", "seed"}):
         raise ModelError(
-            f"'{unfit[0]}' is said beside a setup that says what is wired to {address!r}: leave "
+            f"the option '{unfit[0]}' of {address!r} and 'setup' both describe the wiring: leave "
             "one of them out"
         )
     if not simulated:
@@ -117,47 +132,138 @@ def setup_of_address(
 
     Examples
     --------
-    >>> setup = setup_of_address("ni://Dev2?x=ao1,ai4&sensitivity=2um/V&amplifier=7.5")
-    >>> setup.outputs[0].channel, setup.inputs[0].channel, setup.outputs[0].gain
-    ('Dev2/ao1', 'Dev2/ai4', 7.5)
+    >>> setup = setup_of_address(
+    ...     "ni://Dev2?x=ao1,ai4&y=ao0,ai5&sensitivity=2um/V&sensitivity.y=-3um/V&amplifier=7.5"
+    ...     "&terminal=rse&range.y=5V"
+    ... )
+    >>> x, y = setup.inputs
+    >>> (x.channel, x.gain, x.terminal), (y.gain, y.terminal, y.voltage_range)
+    (('Dev2/ai4', 2e-06, 'rse'), (-3e-06, 'rse', (-5.0, 5.0)))
     """
     device, options = _parts(address)
-    named = {**options, **(axes or {})}
-    wires = _wires(address, named, [] if stage is None else [a.name for a in stage.axes])
-    if not wires:
+    known = [] if stage is None else [a.name for a in stage.axes]
+    wires = _wires(address, {**options, **(axes or {})}, known)
+    drives = [name for name, (output, _) in wires.items() if output]
+    if not drives:
         raise ModelError(
             f"the address {address!r} names no axis: add its output and input, such as 'x=ao0,ai0'"
         )
-    if "sensitivity" not in options and not simulated:
-        raise ModelError(
-            f"the address {address!r} does not say what a sensor reads for a volt: add it, such as "
-            "'sensitivity=10um/V'"
-        )
-    if "amplifier" not in options and not simulated:
-        raise ModelError(
-            f"the address {address!r} does not say what amplifiers are behind the outputs, so that "
-            "no voltage at a drive is known: add their gain, such as 'amplifier=15', or "
-            "'amplifier=1' where there are none"
-        )
-    try:
-        gain = parse(options["sensitivity"], "gain") if "sensitivity" in options else _SENSITIVITY
-        rate = parse(options.get("rate", "10 kHz"), "frequency")
-        amplifier = float(options.get("amplifier", "1"))
-    except (UnitError, ValueError) as error:
-        raise ModelError(f"the address {address!r} has a number that is none: {error}") from None
+    chosen = _Chosen(address, options, sensors=list(wires), drives=drives)
+    if not simulated:
+        chosen.require("sensitivity", wires, "what sensor '{}' reads for a volt", "10um/V")
+        chosen.require("amplifier", drives, "the gain of the amplifier of axis '{}'", "15")
     return NiSetup(
         device=device,
         inputs=tuple(
-            SensorInput(channel=f"{device}/{sensor}", name=axis, gain=gain)
-            for axis, (_, sensor) in wires.items()
+            _sensor(chosen, name, f"{device}/{wire}", driven=bool(output))
+            for name, (output, wire) in wires.items()
         ),
         outputs=tuple(
-            DriveOutput(channel=f"{device}/{output}", axis=axis, sensor=axis, gain=amplifier)
-            for axis, (output, _) in wires.items()
+            DriveOutput(
+                channel=f"{device}/{wires[axis][0]}",
+                axis=axis,
+                sensor=axis,
+                gain=chosen.read("amplifier", axis, _number, 1.0),
+                offset=chosen.read("bias", axis, _volts, 0.0),
+                standing=chosen.read("standing", axis, _volts, None),
+            )
+            for axis in drives
         ),
-        output_rate_hz=rate,
-        largest_rate_hz=max(5.0 * rate, 50e3),
+        output_rate_hz=chosen.read("rate", "", lambda text: parse(text, "frequency"), 10e3),
     )
+
+
+class _Chosen:
+    """The options of an address: of all sensors or drives, or of one by its name."""
+
+    def __init__(
+        self, address: str, options: Mapping[str, str], *, sensors: Sequence[str], drives: list[str]
+    ) -> None:
+        self._address, self._options = address, options
+        for key in options:
+            option, dot, name = key.partition(".")
+            if dot and (
+                option not in (*_OF_SENSOR, *_OF_DRIVE)
+                or name not in (sensors if option in _OF_SENSOR else drives)
+            ):
+                raise ModelError(
+                    f"the address {address!r} has no option '{key}': sensors "
+                    f"({', '.join(sensors)}) take {', '.join(_OF_SENSOR)}, and drives "
+                    f"({', '.join(drives)}) {', '.join(_OF_DRIVE)}, as in 'range.{sensors[0]}=5V'"
+                )
+
+    def require(self, option: str, names: Sequence[str] | Mapping, what: str, such: str) -> None:
+        """Refuse an address that leaves an option out for one of the names."""
+        for name in names:
+            if option not in self._options and f"{option}.{name}" not in self._options:
+                bare = ", or 'amplifier=1' without one" if option == "amplifier" else ""
+                raise ModelError(
+                    f"the address {self._address!r} does not give {what.format(name)}: add it, "
+                    f"such as '{option}={such}' or '{option}.{name}={such}'{bare}"
+                )
+
+    def read(self, option: str, name: str, how: Callable[[str], _T], usual: _T) -> _T:
+        """Return the value of an option for a sensor or drive."""
+        key = f"{option}.{name}" if f"{option}.{name}" in self._options else option
+        if key not in self._options:
+            return usual
+        try:
+            return how(self._options[key])
+        except (UnitError, ValueError) as error:
+            raise ModelError(f"'{key}' in the address {self._address!r}: {error}") from None
+
+
+def _sensor(chosen: _Chosen, name: str, channel: str, *, driven: bool) -> SensorInput:
+    read = _metres if driven else _gain
+    gain, unit = chosen.read("sensitivity", name, read, read(_SENSITIVITY))
+    quantity = {"m": "length", "rad": "angle", "N": "force"}[unit]
+    return SensorInput(
+        channel=channel,
+        name=name,
+        unit=unit,
+        gain=gain,
+        offset=chosen.read("offset", name, lambda text: parse(text, quantity), 0.0),
+        voltage_range=chosen.read("range", name, _range, (-10.0, 10.0)),
+        terminal=chosen.read("terminal", name, _terminal, "default"),
+    )
+
+
+def _metres(text: str) -> tuple[float, str]:
+    return parse(text, "gain"), "m"
+
+
+def _gain(text: str) -> tuple[float, str]:
+    """Read what a sensor without a drive reads for a volt, and its unit."""
+    for quantity, unit in (("angle", "rad"), ("force", "N")):
+        try:
+            return parse(text.removesuffix("/V"), quantity), unit
+        except UnitError:
+            continue
+    return _metres(text)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"expected a number such as 15, got '{text}'") from None
+
+
+def _volts(text: str) -> float:
+    return parse(text, "voltage")
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Read "5V", which is plus and minus 5 V, or "0V:10V"."""
+    low, colon, high = text.partition(":")
+    return (_volts(low), _volts(high)) if colon else (-_volts(low), _volts(low))
+
+
+def _terminal(text: str) -> Terminal:
+    for known in get_args(Terminal):
+        if text.lower().replace("-", "_") == known:
+            return known
+    raise ValueError(f"expected {', '.join(get_args(Terminal))}, got '{text}'")
 
 
 def _parts(address: str) -> tuple[str, dict[str, str]]:
@@ -168,29 +274,36 @@ def _parts(address: str) -> tuple[str, dict[str, str]]:
         )
     pairs = parse_qsl(split.query, keep_blank_values=True)
     if len({k for k, _ in pairs}) != len(pairs):
-        raise ModelError(f"the address {address!r} says something twice: say it once")
+        raise ModelError(f"the address {address!r} has an option twice: leave one out")
     return split.netloc, dict(pairs)
 
 
 def _wires(
     address: str, options: Mapping[str, str], axes: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
-    """Return output and input by axis."""
+    """Return output and input by axis, and behind them the inputs of sensors without a drive."""
     found = {axis: (f"ao{k}", f"ai{k}") for k, axis in enumerate(axes)}
+    known = (*_OF_CARD, *_OF_SENSOR, *_OF_DRIVE)
+    alone: dict[str, tuple[str, str]] = {}
     for name, text in options.items():
-        if name in _OPTIONS:
+        if name in known or "." in name:
             continue
         wires = [w.strip() for w in text.split(",")]
+        if len(wires) == 1 and re.fullmatch(r"ai\d+", wires[0]) and name not in axes:
+            alone[name] = ("", wires[0])
+            continue
         if axes and name not in axes:
-            known = ", ".join((*axes, *_OPTIONS))
-            raise ModelError(f"the address {address!r} says '{name}': what it may say is {known}")
-        if len(wires) != 2 or not (wires[0].startswith("ao") and wires[1].startswith("ai")):
+            raise ModelError(
+                f"the address {address!r} has no option '{name}': it takes "
+                f"{', '.join((*axes, *known))}, or a further sensor such as '{name}=ai5'"
+            )
+        if not re.fullmatch(r"ao\d+,ai\d+", ",".join(wires)):
             raise ModelError(
                 f"the address {address!r} must name an output and an input for '{name}', such as "
                 f"'{name}=ao0,ai0', got {text!r}"
             )
         found[name] = (wires[0], wires[1])
-    return found
+    return found | alone
 
 
 def _is_yes(text: str, address: str) -> bool:
@@ -215,4 +328,10 @@ def _simulated(
         reach = 0.8 * min(sensor.voltage_range[1], -sensor.voltage_range[0])
         reach = reach if reach > 0.0 else 0.8 * sensor.voltage_range[1]
         wiring[sensor.channel] = {drive.channel: reach * drive.gain / max(abs(low), abs(high))}
-    return SimulatedBackend(wiring, noise=_NOISE, seed=int(seed), note=note)
+    return SimulatedBackend(
+        wiring,
+        noise=_NOISE,
+        seed=int(seed),
+        note=note,
+        standing={d.channel: float(d.output(np.array(d.begins_at))) for d in setup.outputs},
+    )

@@ -4,16 +4,98 @@ All voltages are those at the terminals of the card, channels first: shape (chan
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.instruments.ni.setup import DriveOutput, SensorInput
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
-__all__ = ["InputTask", "NiBackend", "OutputTask"]
+__all__ = ["CardInfo", "InputTask", "NiBackend", "OutputTask"]
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CardInfo:
+    """What the driver reports about a card.
+
+    Parameters
+    ----------
+    vendor, model, serial_number : str
+        Which card it is.
+    simulated : bool
+        Whether there is no hardware behind it, so that nothing it gives was measured.
+    note : str
+        What a reader of a record should know of the driver.
+    single_rate_hz : float
+        Largest rate of a single input [Hz].
+    total_rate_hz : float
+        Largest number of samples in a second of several inputs together [Hz].
+    output_rate_hz : float
+        Largest rate of its outputs [Hz]; infinite where none is used.
+    simultaneous : bool
+        Whether each input has a converter of its own; else they share one by a multiplexer.
+
+    Examples
+    --------
+    >>> card = CardInfo(
+    ...     vendor="NI", model="USB-6211", simulated=False, note="", single_rate_hz=250e3,
+    ...     total_rate_hz=250e3, output_rate_hz=250e3, simultaneous=False,
+    ... )
+    >>> card.largest_rate_hz(4), card.rate_limit(4)
+    (62500.0, '62500 Hz (250000 samples/s shared by 4 inputs)')
+    """
+
+    vendor: str
+    model: str
+    serial_number: str = ""
+    simulated: bool
+    note: str
+    single_rate_hz: float
+    total_rate_hz: float
+    output_rate_hz: float
+    simultaneous: bool
+
+    def largest_rate_hz(self, inputs: int) -> float:
+        """Return the largest rate at which inputs, and the outputs in use, go together.
+
+        Parameters
+        ----------
+        inputs : int
+            How many inputs are sampled.
+
+        Returns
+        -------
+        float
+            The rate [Hz].
+        """
+        return min(self._input_rate_hz(inputs), self.output_rate_hz)
+
+    def rate_limit(self, inputs: int) -> str:
+        """Return that rate as text, with what it is limited by.
+
+        Parameters
+        ----------
+        inputs : int
+            How many inputs are sampled.
+
+        Returns
+        -------
+        str
+            The rate and its reason.
+        """
+        rate = self.largest_rate_hz(inputs)
+        if rate < self._input_rate_hz(inputs):
+            return f"{rate:.6g} Hz (limit of its outputs)"
+        if rate < self.single_rate_hz and not self.simultaneous:
+            return f"{rate:.6g} Hz ({self.total_rate_hz:.6g} samples/s shared by {inputs} inputs)"
+        return f"{rate:.6g} Hz (limit of its inputs)"
+
+    def _input_rate_hz(self, inputs: int) -> float:
+        shared = self.total_rate_hz / (1 if self.simultaneous else inputs)
+        return min(self.single_rate_hz, shared if inputs > 1 else self.single_rate_hz)
 
 
 class InputTask(Protocol):
@@ -22,6 +104,14 @@ class InputTask(Protocol):
     @property
     def rate_hz(self) -> float:
         """Rate that the card keeps [Hz]."""
+        ...
+
+    @property
+    def interval(self) -> float:
+        """Time from one input's conversion to the next one's [s].
+
+        Zero where all are converted at once, not a number where the driver does not report it.
+        """
         ...
 
     def start(self) -> None:
@@ -56,11 +146,11 @@ class OutputTask(Protocol):
     """Samples that are put out once by a clock; the outputs hold the last one."""
 
     def start(self) -> None:
-        """Begin, or wait for the start of the inputs where it was opened so."""
+        """Begin, with the next edge of the clock."""
         ...
 
     def done(self) -> bool:
-        """Say whether the last sample was put out."""
+        """Say whether the last sample was put out; after a stop, whether it was before."""
         ...
 
     def stop(self) -> None:
@@ -68,7 +158,10 @@ class OutputTask(Protocol):
         ...
 
     def generated(self) -> int:
-        """Return how many samples were put out; -1 where nobody knows."""
+        """Return how many samples left the driver; -1 where it is not known.
+
+        Up to the size of the card's memory they may be ahead of what was put out.
+        """
         ...
 
     def close(self) -> None:
@@ -79,33 +172,25 @@ class OutputTask(Protocol):
 class NiBackend(Protocol):
     """A driver of NI cards."""
 
-    @property
-    def simulated(self) -> bool:
-        """Whether there is no card behind it."""
-        ...
-
-    @property
-    def note(self) -> str:
-        """What a reader of a record should know of the driver."""
-        ...
-
-    def identify(self, device: str) -> tuple[str, str]:
-        """Return the type and the serial number of a card.
+    def describe(self, setup: NiSetup) -> CardInfo:
+        """Ask the driver about a card.
 
         Parameters
         ----------
-        device : str
-            Its name.
+        setup : NiSetup
+            The card, and what is wired to it.
 
         Returns
         -------
-        tuple of str
-            Both.
+        CardInfo
+            What it reports.
 
         Raises
         ------
         NotConnectedError
             There is no such card.
+        ModelError
+            Drives are wired, and its outputs cannot take the clock of its inputs.
         """
         ...
 
@@ -136,20 +221,23 @@ class NiBackend(Protocol):
         """
         ...
 
-    def kept_rate(self, inputs: Sequence[SensorInput], rate_hz: float) -> float:
-        """Return the rate that the card would keep for one that is asked for.
+    def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
+        """Measure what outputs give, by the internal channels of the card.
 
         Parameters
         ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate that is wanted [Hz].
+        outputs : sequence of DriveOutput
+            The outputs.
 
         Returns
         -------
-        float
-            The rate [Hz].
+        numpy.ndarray
+            Their voltages [V], shape (channels,); not a number where the card has no such channels.
+
+        Raises
+        ------
+        ControllerError
+            The inputs are in use.
         """
         ...
 
@@ -179,7 +267,6 @@ class NiBackend(Protocol):
         rate_hz: float,
         *,
         clock: InputTask | None,
-        wait_for_start: bool,
     ) -> OutputTask:
         """Prepare outputs.
 
@@ -192,10 +279,8 @@ class NiBackend(Protocol):
         rate_hz : float
             Rate of their own clock [Hz].
         clock : InputTask or None
-            Inputs with whose clock they go; with their own where there are none.
-        wait_for_start : bool
-            Whether the first sample is put out at the instant of the first sample of the inputs,
-            which are started later.
+            Inputs whose clock they take, with their own where there are none. Inputs that start
+            later put out the first sample with their own first one.
 
         Returns
         -------

@@ -1,5 +1,6 @@
 """The real driver: NI-DAQmx, by NI's own Python package."""
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -9,16 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import ControllerError, NotConnectedError
-from flexstage.instruments.ni.backend import InputTask
-from flexstage.instruments.ni.daqmx_codes import GONE, SENTENCES
-from flexstage.instruments.ni.setup import DriveOutput, SensorInput
+from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.instruments.ni.backend import CardInfo, InputTask
+from flexstage.instruments.ni.daqmx_codes import GONE, NOT_SUPPORTED, SENTENCES
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
 __all__ = ["DaqmxBackend", "driver_found"]
 
 Array = NDArray[np.float64]
 
 _TIMEOUT = 10.0
+_WIDEST = 10.0  # range in which outputs are read back [V]
+#: Categories of the driver whose cards lead the clock of their inputs to their outputs.
+_FAMILIES = ("M_SERIES_DAQ", "X_SERIES_DAQ", "S_SERIES_DAQ", "E_SERIES_DAQ", "MIODAQ")
 
 
 def driver_found() -> str:
@@ -48,13 +52,17 @@ def driver_found() -> str:
 class DaqmxBackend:
     """NI cards by NI-DAQmx.
 
-    Inputs are sampled without end into a buffer and read from there. Outputs go with the sample
-    clock of the inputs and, where asked, begin with their start trigger; both are routed inside
-    the card. An input is sampled at the edge at which the output of the same number changes, so
-    that it sees the output before.
+    Inputs are sampled without end into a buffer and read from there. Outputs take the sample
+    clock of the inputs, which is routed inside the card, and are started first: they wait for its
+    first edge, so that no start trigger is needed, and none is used, since one that came a few
+    ticks before or after that edge would shift the outputs by a sample. The first input is sampled
+    at the edge at which the output of the same number changes, and sees the output before.
 
-    Validity: cards whose analogue outputs take a clock; inputs and outputs on one card. How many
-    samples were put out before a stop is known to some samples.
+    Validity: with drives, cards of the M and X series (S, E and mioDAQ are let through too, and
+    the driver decides), inputs and outputs on one card; not CompactDAQ, whose modules have the
+    clocks of their chassis, and not USB-600x, whose outputs do not take the clock of the inputs.
+    Without drives, any card with analogue inputs. Outputs are read back on the multiplexed cards of
+    the M and X series.
 
     Parameters
     ----------
@@ -82,37 +90,59 @@ class DaqmxBackend:
             import nidaqmx.system
         self._ni: Any = library
 
-    @property
-    def simulated(self) -> bool:
-        """False: what NI MAX simulates says so by its serial number of zero."""
-        return False
-
-    @property
-    def note(self) -> str:
-        """The package and its version."""
-        return f"NI-DAQmx by nidaqmx {getattr(self._ni, '__version__', '')}".strip()
-
-    def identify(self, device: str) -> tuple[str, str]:
-        """Return the type and the serial number of a card.
+    def describe(self, setup: NiSetup) -> CardInfo:
+        """Ask the driver about a card.
 
         Parameters
         ----------
-        device : str
-            Its name in NI MAX.
+        setup : NiSetup
+            The card, and what is wired to it.
 
         Returns
         -------
-        tuple of str
-            Both.
+        CardInfo
+            What it reports.
 
         Raises
         ------
         NotConnectedError
             There is no such card.
+        ModelError
+            Drives are wired, and its outputs cannot take the clock of its inputs.
         """
-        with self._sentences(device):
-            card = self._ni.system.Device(device)
-            return str(card.product_type), f"{card.serial_num:08X}"
+        note = f"NI-DAQmx by nidaqmx {getattr(self._ni, '__version__', '')}".strip()
+        with self._sentences(setup.device):
+            card = self._ni.system.Device(setup.device)
+            simulated = bool(card.is_simulated)
+            if setup.outputs:
+                self._require_shared_clock(card, setup.device)
+            return CardInfo(
+                vendor="NI",
+                model=str(card.product_type),
+                serial_number=f"{card.serial_num:08X}",
+                simulated=simulated,
+                note=f"card simulated by NI MAX: nothing was measured; {note}"
+                if simulated
+                else note,
+                single_rate_hz=float(card.ai_max_single_chan_rate),
+                total_rate_hz=float(card.ai_max_multi_chan_rate),
+                output_rate_hz=float(card.ao_max_rate) if setup.outputs else math.inf,
+                simultaneous=bool(card.ai_simultaneous_sampling_supported),
+            )
+
+    def _require_shared_clock(self, card: Any, device: str) -> None:
+        """Refuse a card whose outputs cannot take the clock of its inputs."""
+        try:
+            family = str(card.product_category.name)
+        except ValueError:  # a category that is younger than the package
+            family = "UNKNOWN"
+        if family in _FAMILIES and card.ao_samp_clk_supported:
+            return
+        raise ModelError(
+            f"the outputs of card '{device}' ({card.product_type}) cannot take the clock of its "
+            "inputs, which drives need: use a card of the M or X series, such as USB-6211 or "
+            "PCIe-6321, or wire sensors alone"
+        )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
         """Return what stands at inputs now.
@@ -151,26 +181,38 @@ class DaqmxBackend:
             )
             writer.write_one_sample(np.ascontiguousarray(volts, dtype=np.float64), timeout=_TIMEOUT)
 
-    def kept_rate(self, inputs: Sequence[SensorInput], rate_hz: float) -> float:
-        """Return the rate that the card would keep.
+    def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
+        """Measure what outputs give, by the internal channels of the card.
 
         Parameters
         ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate that is wanted [Hz].
+        outputs : sequence of DriveOutput
+            The outputs.
 
         Returns
         -------
-        float
-            The rate [Hz].
+        numpy.ndarray
+            Their voltages [V], shape (channels,); not a number where the card has no such
+            channels, or is simulated.
         """
-        task = self.open_input(inputs, rate_hz, 1000)
-        try:
-            return task.rate_hz
-        finally:
-            task.close()
+        unknown, data = np.full(len(outputs), np.nan), np.zeros(len(outputs))
+        device = _device(outputs[0].channel)
+        with self._sentences("the inputs"), self._task() as task:
+            if self._ni.system.Device(device).is_simulated:  # it would read a sine
+                return unknown
+            for drive in outputs:
+                name = drive.channel.strip("/").rsplit("/", maxsplit=1)[-1]
+                try:
+                    task.ai_channels.add_ai_voltage_chan(
+                        f"{device}/_{name}_vs_aognd", min_val=-_WIDEST, max_val=_WIDEST
+                    )
+                except self._ni.errors.DaqError as error:
+                    if int(error.error_code) in GONE:
+                        raise
+                    return unknown
+            reader = self._ni.stream_readers.AnalogMultiChannelReader(task.in_stream)
+            reader.read_one_sample(data, timeout=_TIMEOUT)
+        return data
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
         """Prepare inputs.
@@ -197,7 +239,8 @@ class DaqmxBackend:
                 task.timing.cfg_samp_clk_timing(
                     rate_hz, sample_mode=continuous, samps_per_chan=buffer
                 )
-                return _Input(self, task, len(inputs), _device(inputs[0].channel))
+                device = _device(inputs[0].channel)
+                return _Input(self, task, len(inputs), device, self._interval(task, device, inputs))
 
     def open_output(
         self,
@@ -206,7 +249,6 @@ class DaqmxBackend:
         rate_hz: float,
         *,
         clock: InputTask | None,
-        wait_for_start: bool,
     ) -> "_Output":
         """Prepare outputs.
 
@@ -219,9 +261,7 @@ class DaqmxBackend:
         rate_hz : float
             Rate of their own clock [Hz].
         clock : InputTask or None
-            Inputs with whose clock they go.
-        wait_for_start : bool
-            Whether the start of the inputs starts them.
+            Inputs whose clock they take.
 
         Returns
         -------
@@ -230,6 +270,8 @@ class DaqmxBackend:
         """
         constants = self._ni.constants
         device = clock.device if isinstance(clock, _Input) else ""
+        if volts.shape[1] == 1:  # a finite task has two samples at least
+            volts = np.repeat(volts, 2, axis=1)
         with self._sentences("the outputs"):
             task = self._ni.Task()
             with self._closing_on_error(task):
@@ -241,10 +283,6 @@ class DaqmxBackend:
                     sample_mode=constants.AcquisitionType.FINITE,
                     samps_per_chan=volts.shape[1],
                 )
-                if device and wait_for_start:
-                    task.triggers.start_trigger.cfg_dig_edge_start_trig(
-                        f"/{device}/ai/StartTrigger", trigger_edge=constants.Edge.RISING
-                    )
                 writer = self._ni.stream_writers.AnalogMultiChannelWriter(
                     task.out_stream, auto_start=False
                 )
@@ -280,6 +318,19 @@ class DaqmxBackend:
             task.ao_channels.add_ao_voltage_chan(
                 drive.channel, min_val=drive.voltage_range[0], max_val=drive.voltage_range[1]
             )
+
+    def _interval(self, task: Any, device: str, inputs: Sequence[SensorInput]) -> float:
+        """Time from one conversion to the next [s]; not a number where the driver has none."""
+        if len(inputs) == 1:
+            return 0.0
+        if self._ni.system.Device(device).ai_simultaneous_sampling_supported:
+            return 0.0
+        try:
+            return 1.0 / float(task.timing.ai_conv_rate)
+        except self._ni.errors.DaqError as error:
+            if int(error.error_code) in NOT_SUPPORTED:
+                return math.nan
+            raise
 
     @contextmanager
     def _task(self) -> Iterator[Any]:
@@ -320,9 +371,11 @@ class DaqmxBackend:
 
 
 class _Input:
-    def __init__(self, backend: DaqmxBackend, task: Any, channels: int, device: str) -> None:
+    def __init__(
+        self, backend: DaqmxBackend, task: Any, channels: int, device: str, interval: float
+    ) -> None:
         self._backend, self._task, self._channels = backend, task, channels
-        self.device = device
+        self.device, self.interval = device, interval
         self.rate_hz = float(task.timing.samp_clk_rate)
         self._reader = backend._ni.stream_readers.AnalogMultiChannelReader(task.in_stream)
 
@@ -350,39 +403,36 @@ class _Input:
 class _Output:
     def __init__(self, backend: DaqmxBackend, task: Any) -> None:
         self._backend, self._task = backend, task
-        self._count: int | None = None  # known once it was stopped
+        # A task that was stopped does not tell how far it had come: asked before, and kept.
+        self._ended: tuple[bool, int] | None = None
 
     def start(self) -> None:
         with self._backend._sentences("the outputs"):
             self._task.start()
 
     def done(self) -> bool:
+        if self._ended is not None:
+            return self._ended[0]
         with self._backend._sentences("the outputs"):
-            return self._count is not None or bool(self._task.is_task_done())
+            return bool(self._task.is_task_done())
 
     def stop(self) -> None:
-        if self._count is not None:
+        if self._ended is not None:
             return
-        # Asked before the stop, since a task that was stopped does not tell; -1 where it does not.
-        count = -1
+        ended = (False, -1)
         with suppress(ControllerError, NotConnectedError):
-            count = self.generated()
+            ended = (self.done(), self.generated())
         with self._backend._sentences("the outputs"):
             self._task.stop()
-        self._count = count
+        self._ended = ended
 
     def generated(self) -> int:
-        if self._count is not None:
-            return self._count
+        if self._ended is not None:
+            return self._ended[1]
         with self._backend._sentences("the outputs"):
             return int(self._task.out_stream.total_samp_per_chan_generated)
 
     def close(self) -> None:
-        if self._count is None:
-            count = -1
-            with suppress(ControllerError, NotConnectedError):
-                count = self.generated()
-            self._count = count
         with self._backend._sentences("the outputs"):
             self._task.close()
 

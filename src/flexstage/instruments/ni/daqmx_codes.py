@@ -1,9 +1,15 @@
 """What the numbers of the errors of NI-DAQmx mean for a user."""
 
-__all__ = ["GONE", "SENTENCES"]
+__all__ = ["GONE", "NOT_SUPPORTED", "NO_ROUTE", "SENTENCES"]
 
 #: Numbers of errors by which a card is gone, or was never there.
 GONE = {-200220, -201003, -201401, -89130}
+
+#: Numbers of errors by which a card, or a task, does not have a property.
+NOT_SUPPORTED = {-200197, -200452}
+
+#: Numbers of errors by which a signal cannot be led from one part of a card to another.
+NO_ROUTE = {-89136, -89139, -89140, -200368}
 
 #: What the numbers of the errors that come most often mean for the user.
 SENTENCES = {
@@ -20,4 +26,9 @@ SENTENCES = {
     -200077: "the card does not take one of the settings, such as a range or a rate",
     -200170: "the card has no such channel: look up its channels in NI MAX",
     -200561: "a voltage is outside the range of the output",
+    **dict.fromkeys(
+        NO_ROUTE,
+        "the outputs of this card cannot take the clock of its inputs: use a card of the M or X "
+        "series",
+    ),
 }

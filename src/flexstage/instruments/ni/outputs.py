@@ -20,6 +20,7 @@ __all__ = ["NiOutputs"]
 Array = NDArray[np.float64]
 
 _LARGEST = 20_000_000  # samples of all drives in memory
+_AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]
 
 
 class NiOutputs:
@@ -41,6 +42,13 @@ class NiOutputs:
         begin with the first sample of the record.
     asked : callable
         Is called with every question whether something runs.
+    freed : callable
+        Ends a record, so that the inputs can read the outputs back.
+
+    Raises
+    ------
+    ControllerError
+        An output gives another voltage than the setup says.
     """
 
     def __init__(
@@ -51,9 +59,10 @@ class NiOutputs:
         clock: Callable[[], tuple[InputTask, bool] | None],
         told: Callable[[Mapping[str, Array], bool], None],
         asked: Callable[[], None],
+        freed: Callable[[], None],
     ) -> None:
         self._backend, self._setup, self._limits = backend, setup, limits
-        self._clock, self._told, self._asked = clock, told, asked
+        self._clock, self._told, self._asked, self._freed = clock, told, asked, freed
         self._drives: dict[str, DriveOutput] = {d.axis: d for d in setup.outputs}
         self._standing = {d.axis: d.begins_at for d in setup.outputs}
         self._lock = threading.RLock()
@@ -61,6 +70,10 @@ class NiOutputs:
         self._running: dict[str, Array] = {}
         self._loaded: Waveform | None = None
         self._stopped = False
+        self.readable = False  # the card can read its outputs back
+        if setup.outputs:
+            self._look()
+        self.began = dict(self._standing)  # voltages at the drives when connected [V]
 
     # the generator of waveforms -----------------------------------------------------------------
 
@@ -168,6 +181,8 @@ class NiOutputs:
     def voltage(self, axis: str) -> float:
         """Return the voltage that was given to a drive.
 
+        After a stop it is read back from the card, which ends a record that still runs.
+
         Parameters
         ----------
         axis : str
@@ -176,12 +191,14 @@ class NiOutputs:
         Returns
         -------
         float
-            The voltage [V]; not a number where nobody knows.
+            The voltage [V]; not a number where it is not known.
         """
         with self._lock:
             if self.busy() and self._task is not None and axis in self._running:
-                n = self._task.generated()
+                n = min(self._task.generated(), self._running[axis].size)
                 return float(self._running[axis][n - 1]) if n > 0 else self._standing[axis]
+            if math.isnan(self._standing[axis]) and self.readable:
+                self._read_back()
             return self._standing[axis]
 
     def set_voltage(self, axis: str, voltage: float) -> None:
@@ -205,11 +222,12 @@ class NiOutputs:
         check_voltage(limits, voltage, axis)
         if self.running():
             raise ControllerError(f"a waveform runs: axis '{axis}' takes no voltage until it ends")
-        here = self._standing[axis]
+        here = self.voltage(axis)
         if not math.isfinite(here):
             raise ControllerError(
-                f"nobody knows the voltage of axis '{axis}' since its outputs were lost: measure "
-                "it, and give it as 'standing' when you connect again"
+                f"the voltage of axis '{axis}' is not known since its output was stopped, and this "
+                "card cannot read it back: measure it, and give it as 'standing' when you connect "
+                "again"
             )
         self._stopped = False
         step = abs(voltage - here)
@@ -251,7 +269,7 @@ class NiOutputs:
         volts = np.array([d.output(v) for d, v in zip(drives, values.values(), strict=True)])
         waits = source is not None and not source[1]
         with self._lock:
-            task = self._backend.open_output(drives, volts, rate, clock=clock, wait_for_start=waits)
+            task = self._backend.open_output(drives, volts, rate, clock=clock)
             self._task, self._running = task, values
             task.start()
         self._told(values, waits)
@@ -261,21 +279,49 @@ class NiOutputs:
             clock.start()
 
     def _finish(self) -> None:
-        """Close the task; the drives stand at what it put out last."""
+        """Close the task; the drives stand at its last sample, or where a stop cut it short."""
         task, self._task = self._task, None
         if task is None:
             return
         values, self._running = self._running, {}
         try:
-            n = task.generated()
+            whole, n = task.done(), task.generated()
             task.close()
         except (ControllerError, NotConnectedError):
-            n = -1
+            whole, n = False, -1
         for axis, v in values.items():
-            if n > 0:
-                self._standing[axis] = float(v[min(n, v.size) - 1])
-            elif n < 0:
+            if whole:
+                self._standing[axis] = float(v[-1])
+            elif n != 0:  # the card's memory may be behind what was counted
                 self._standing[axis] = math.nan
+        self._tell_standing()
+
+    def _look(self) -> None:
+        """Compare what the outputs give with what the setup says, before the first voltage."""
+        volts = self._backend.read_outputs(self._setup.outputs)
+        self.readable = bool(np.all(np.isfinite(volts)))
+        for drive, v in zip(self._setup.outputs, volts, strict=True):
+            if not abs(v - float(drive.output(np.array(drive.begins_at)))) > _AGREES:
+                continue
+            found = float(drive.voltage(v))
+            if drive.standing is not None:
+                raise ControllerError(
+                    f"output '{drive.channel}' gives {v:.4g} V, which is {found:.4g} V at the "
+                    f"drive of axis '{drive.axis}', and the setup says {drive.standing:g} V: leave "
+                    "'standing' out, or correct the gain or offset of the amplifier"
+                )
+            self._standing[drive.axis] = found
+        self._tell_standing()
+
+    def _read_back(self) -> None:
+        """Measure the drives whose voltages are not known."""
+        lost = [d for d in self._setup.outputs if math.isnan(self._standing[d.axis])]
+        self._freed()
+        for drive, v in zip(lost, self._backend.read_outputs(lost), strict=True):
+            self._standing[drive.axis] = float(drive.voltage(v))
+        self._tell_standing()
+
+    def _tell_standing(self) -> None:
         self._told({axis: np.array([v]) for axis, v in self._standing.items()}, False)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.ni.backend import InputTask, NiBackend
+from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import NiSetup
 from flexstage.instruments.protocol import Signal
 from flexstage.records import Channel, Record
@@ -24,8 +24,9 @@ _BUFFER_TIME = 10.0  # how long the driver keeps samples that are not read [s]
 class NiRecorder:
     """Records sensors and voltages of a card.
 
-    The card samples at a multiple of the rate that is asked for, so that the outputs, which share
-    the clock, change often enough; the samples between are left out without a filter.
+    Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
+    the outputs, which share the clock, change often enough; the samples between are left out
+    without a filter.
 
     Parameters
     ----------
@@ -33,12 +34,21 @@ class NiRecorder:
         The driver.
     setup : NiSetup
         What is wired.
+    card : CardInfo
+        What the driver reports about the card.
     busy : callable
         Says whether outputs go with the clock of the record, which may then not end.
+
+    Raises
+    ------
+    ModelError
+        The outputs are to change faster than the card samples.
     """
 
-    def __init__(self, backend: NiBackend, setup: NiSetup, busy: Callable[[], bool]) -> None:
-        self._backend, self._setup, self._busy = backend, setup, busy
+    def __init__(
+        self, backend: NiBackend, setup: NiSetup, card: CardInfo, busy: Callable[[], bool]
+    ) -> None:
+        self._backend, self._setup, self._card, self._busy = backend, setup, card, busy
         self._signals: tuple[Signal, ...] = ()
         self._rate, self._divider, self._samples = setup.output_rate_hz, 1, 0
         self._task: InputTask | None = None
@@ -48,11 +58,20 @@ class NiRecorder:
         self._latest: Array | None = None
         self._standing = {d.axis: np.array([d.begins_at]) for d in setup.outputs}
         self._voltages: dict[str, list[tuple[int, Array]]] = {}
+        usual = setup.output_rate_hz
+        if setup.outputs:
+            self._require_rate(usual)
+        self._interval = self._kept_timing(min(usual, self.base_rate_hz))[1]
+
+    @property
+    def interval(self) -> float:
+        """Time from one sensor's conversion to the next one's [s], as of `InputTask`."""
+        return self._interval
 
     @property
     def base_rate_hz(self) -> float:
         """Highest rate of samples [Hz]."""
-        return self._setup.largest_rate_hz
+        return self._card.largest_rate_hz(len(self._setup.inputs))
 
     @property
     def capacity(self) -> int:
@@ -90,15 +109,12 @@ class NiRecorder:
             self._source(signal)
         if not 1 <= samples <= self.capacity:
             raise ModelError(f"a record has 1 to {self.capacity} samples, got {samples}")
-        if not 0.0 < rate_hz <= self.base_rate_hz:
-            raise ModelError(
-                f"card '{self._setup.device}' records at up to {self.base_rate_hz:g} Hz, got "
-                f"{rate_hz!r}"
-            )
+        self._require_rate(rate_hz)
         self.release()
-        divider = max(math.ceil(self._setup.output_rate_hz / rate_hz * (1.0 - 1e-9)), 1)
+        changes = self._setup.output_rate_hz if self._setup.outputs else rate_hz
+        divider = max(math.ceil(changes / rate_hz * (1.0 - 1e-9)), 1)
         divider = max(min(divider, math.floor(self.base_rate_hz / rate_hz)), 1)
-        kept = self._backend.kept_rate(self._setup.inputs, rate_hz * divider)
+        kept, self._interval = self._kept_timing(rate_hz * divider)
         self._signals, self._samples, self._divider = tuple(signals), samples, divider
         self._rate = kept / divider
         return self._rate
@@ -170,7 +186,7 @@ class NiRecorder:
             ),
             time=k / self._rate,
             source=f"NI card {self._setup.device}",
-            notes=(self._backend.note,) if self._backend.simulated else (),
+            notes=(self._card.note,) if self._card.simulated else (),
         )
 
     # with the outputs -----------------------------------------------------------------------------
@@ -208,11 +224,10 @@ class NiRecorder:
 
     def drain(self) -> None:
         """Read what the driver has kept, so that its buffer does not run over."""
-        if self._task is None or not self._started:
+        task = self._task  # another thread may end the record
+        if task is None or not self._started or (count := task.available()) == 0:
             return
-        if (count := self._task.available()) == 0:
-            return
-        found = self._task.read(count)
+        found = task.read(count)
         self._latest = found[:, -1]
         lead = -self._ticks % self._divider
         self._ticks += found.shape[1]
@@ -257,6 +272,21 @@ class NiRecorder:
         if self._task is None or not self._started:
             return 0
         return self._ticks + self._task.available()
+
+    def _require_rate(self, rate_hz: float) -> None:
+        if not 0.0 < rate_hz <= self.base_rate_hz:
+            raise ModelError(
+                f"card '{self._setup.device}' ({self._card.model}) samples at up to "
+                f"{self._card.rate_limit(len(self._setup.inputs))}, got {rate_hz!r} Hz"
+            )
+
+    def _kept_timing(self, rate_hz: float) -> tuple[float, float]:
+        """Rate and interval of conversions that the card keeps for a rate."""
+        task = self._backend.open_input(self._setup.inputs, rate_hz, 1000)
+        try:
+            return task.rate_hz, task.interval
+        finally:
+            task.close()
 
     def _open(self) -> InputTask:
         if not self._signals:

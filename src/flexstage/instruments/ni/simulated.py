@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError
-from flexstage.instruments.ni.backend import InputTask
-from flexstage.instruments.ni.setup import DriveOutput, SensorInput
+from flexstage.instruments.ni.backend import CardInfo, InputTask
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
 __all__ = ["SimulatedBackend"]
 
 Array = NDArray[np.float64]
 
 _CALL = 1e-4  # what a call takes [s]
+_RATE = 250e3  # of all inputs together, and of the outputs [Hz]
+_SETTLING = 10e-6  # that the driver leaves beside each conversion where there is time [s]
 
 
 class SimulatedBackend:
@@ -23,7 +25,8 @@ class SimulatedBackend:
     .. math:: v_i(t) = a_i + \sum_j g_{ij} u_j(t) + e
 
     An output changes at an edge of its clock, and an input that is sampled at the same edge still
-    sees what was before, as it is with a card.
+    sees what was before, as it is with a card. Inputs are converted one after the other, unless
+    `simultaneous`.
 
     Validity: for trying a program without a card; nothing of the stage is in it. Time passes by
     `pause` and a little by each call.
@@ -41,6 +44,12 @@ class SimulatedBackend:
         Of the noise.
     note : str
         Why there is no card.
+    simultaneous : bool
+        Whether each input has a converter of its own.
+    standing : Mapping, optional
+        What outputs give when the program begins [V]; zero where not given.
+    readable : bool
+        Whether the outputs can be read back.
     """
 
     def __init__(
@@ -51,39 +60,42 @@ class SimulatedBackend:
         noise: float = 0.0,
         seed: int = 0,
         note: str = "simulated: asked for",
+        simultaneous: bool = False,
+        standing: Mapping[str, float] | None = None,
+        readable: bool = True,
     ) -> None:
         self._wiring, self._at_rest, self._noise = wiring, at_rest or {}, noise
         self._rng = np.random.default_rng(np.random.SeedSequence(seed))
         self._note = note
-        self._standing: dict[str, float] = {}
+        self._standing, self._readable = dict(standing or {}), readable
+        self.simultaneous = simultaneous
         self._output: _Output | None = None
         self._input: _Input | None = None
         self.now = 0.0
 
-    @property
-    def simulated(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def note(self) -> str:
-        """Why there is no card."""
-        return self._note
-
-    def identify(self, device: str) -> tuple[str, str]:
-        """Return the type and the serial number of the card.
+    def describe(self, setup: NiSetup) -> CardInfo:
+        """Return what a simulated card is.
 
         Parameters
         ----------
-        device : str
-            Its name.
+        setup : NiSetup
+            The card, and what is wired to it.
 
         Returns
         -------
-        tuple of str
-            The same for every name.
+        CardInfo
+            The same for every card, but for its name.
         """
-        return f"simulated card {device}", ""
+        return CardInfo(
+            vendor="flexstage",
+            model=f"simulated card {setup.device}",
+            simulated=True,
+            note=self._note,
+            single_rate_hz=_RATE,
+            total_rate_hz=_RATE,
+            output_rate_hz=_RATE,
+            simultaneous=self.simultaneous,
+        )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
         """Return what stands at inputs now.
@@ -121,22 +133,31 @@ class SimulatedBackend:
         for drive, value in zip(outputs, volts, strict=True):
             self._standing[drive.channel] = float(value)
 
-    def kept_rate(self, inputs: Sequence[SensorInput], rate_hz: float) -> float:
-        """Return the rate that a card with a timebase of 100 MHz keeps.
+    def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
+        """Return what outputs give.
 
         Parameters
         ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate that is wanted [Hz].
+        outputs : sequence of DriveOutput
+            The outputs.
 
         Returns
         -------
-        float
-            The next higher whole part of the timebase [Hz].
+        numpy.ndarray
+            Their voltages [V], shape (channels,).
+
+        Raises
+        ------
+        ControllerError
+            The inputs are in use.
         """
-        return 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
+        self._call()
+        if not self._readable:
+            return np.full(len(outputs), np.nan)
+        if self._input is not None:
+            raise ControllerError("the inputs are reserved by a record", -50103)
+        now = np.array([self.now])
+        return np.array([self._given(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
         """Prepare inputs.
@@ -155,7 +176,9 @@ class SimulatedBackend:
         InputTask
             The task.
         """
-        self._input = _Input(self, inputs, self.kept_rate(inputs, rate_hz), buffer)
+        # a timebase of 100 MHz is divided by a whole number
+        kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
+        self._input = _Input(self, inputs, kept, buffer)
         return self._input
 
     def open_output(
@@ -165,7 +188,6 @@ class SimulatedBackend:
         rate_hz: float,
         *,
         clock: InputTask | None,
-        wait_for_start: bool,
     ) -> "_Output":
         """Prepare outputs.
 
@@ -178,9 +200,7 @@ class SimulatedBackend:
         rate_hz : float
             Rate of their own clock [Hz].
         clock : InputTask or None
-            Inputs with whose clock they go.
-        wait_for_start : bool
-            Whether the start of the inputs starts them.
+            Inputs whose clock they take.
 
         Returns
         -------
@@ -190,9 +210,7 @@ class SimulatedBackend:
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
         source = clock if isinstance(clock, _Input) else None
-        self._output = _Output(
-            self, [d.channel for d in outputs], volts, rate_hz, source, wait_for_start
-        )
+        self._output = _Output(self, [d.channel for d in outputs], volts, rate_hz, source)
         return self._output
 
     def pause(self, seconds: float) -> None:
@@ -209,7 +227,7 @@ class SimulatedBackend:
         """Give all free."""
         self._input = self._output = None
 
-    def read_at(self, inputs: Sequence[SensorInput], time: Array) -> Array:
+    def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:
         """Return what inputs see at some times, the output that changes then not yet counted.
 
         Parameters
@@ -217,7 +235,9 @@ class SimulatedBackend:
         inputs : sequence of SensorInput
             The inputs.
         time : numpy.ndarray
-            Rising times [s], shape (n,).
+            Rising times of the first input [s], shape (n,).
+        interval : float
+            Time from one input to the next [s].
 
         Returns
         -------
@@ -228,7 +248,7 @@ class SimulatedBackend:
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)
             for channel, gain in self._wiring.get(sensor.channel, {}).items():
-                out[k] += gain * self._given(channel, time)
+                out[k] += gain * self._given(channel, time + k * interval)
             if self._noise:
                 out[k] += self._noise * self._rng.standard_normal(time.size)
             np.clip(out[k], *sensor.voltage_range, out=out[k])
@@ -245,7 +265,7 @@ class SimulatedBackend:
 
     def _end_output(self, task: "_Output") -> None:
         for channel, values in zip(task.channels, task.volts, strict=True):
-            if n := task.generated():
+            if n := task.put_out():
                 self._standing[channel] = float(values[n - 1])
         if self._output is task:
             self._output = None
@@ -261,6 +281,8 @@ class _Input:
     ) -> None:
         self._owner, self._inputs, self._buffer = owner, inputs, buffer
         self.rate_hz, self.begin = rate, math.inf
+        fastest = min(1.0 / _RATE + _SETTLING, 1.0 / (rate * len(inputs)))
+        self.interval = 0.0 if owner.simultaneous or len(inputs) == 1 else fastest
         self._kept = np.empty((len(inputs), 0))
         self._sampled = 0
 
@@ -274,7 +296,9 @@ class _Input:
         total = 0 if until < 0.0 else math.floor(until * self.rate_hz + 1e-6) + 1
         if total > self._sampled:
             time = self.begin + np.arange(self._sampled, total) / self.rate_hz
-            self._kept = np.hstack([self._kept, self._owner.read_at(self._inputs, time)])
+            self._kept = np.hstack(
+                [self._kept, self._owner.read_at(self._inputs, time, self.interval)]
+            )
             self._sampled = total
 
     def available(self) -> int:
@@ -302,11 +326,10 @@ class _Output:
         volts: Array,
         rate: float,
         clock: _Input | None,
-        wait: bool,
     ) -> None:
         self._owner, self.channels, self.volts = owner, tuple(channels), volts
         self._rate = rate if clock is None else clock.rate_hz
-        self._clock, self._wait = clock, wait
+        self._clock = clock
         self._armed = False
         self._begin, self._stopped = math.inf, math.inf
 
@@ -314,7 +337,7 @@ class _Output:
         self._owner._call()
         if self._clock is None:
             self._begin = self._owner.now
-        elif self._wait:
+        elif self._clock.begin == math.inf:  # its first edge will be the first of the outputs
             self._armed = True
         else:  # with the next edge of a clock that runs
             self._clock.sample()
@@ -338,7 +361,7 @@ class _Output:
 
     def done(self) -> bool:
         self._owner._call()
-        return self.generated() == self.volts.shape[1]
+        return self.put_out() == self.volts.shape[1]
 
     def stop(self) -> None:
         if self._owner._input is not None:
@@ -346,6 +369,9 @@ class _Output:
         self._stopped = min(self._stopped, self._owner.now)
 
     def generated(self) -> int:
+        return self.put_out()
+
+    def put_out(self) -> int:
         return int(self._count(np.array([self._owner.now + 1e-9]))[0])
 
     def close(self) -> None:

@@ -1,13 +1,18 @@
 """Recording to disk: streams that survive a crash, and the folders of runs."""
 
-from flexstage.instruments.recording.archive import archived
-from flexstage.instruments.recording.attributes import RunFile, file_summary, read_metadata
-from flexstage.instruments.recording.chunk import Irregularity
-from flexstage.instruments.recording.files import in_use
-from flexstage.instruments.recording.folder import RunFolder
-from flexstage.instruments.recording.metadata import RunMetadata, utc_now
-from flexstage.instruments.recording.recovery import Lost, Recovery, examine, recover
-from flexstage.instruments.recording.writer import STREAM_SUFFIX, RunWriter
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.instruments.recording.archive import archived
+    from flexstage.instruments.recording.attributes import RunFile, file_summary, read_metadata
+    from flexstage.instruments.recording.chunk import Irregularity
+    from flexstage.instruments.recording.files import in_use
+    from flexstage.instruments.recording.folder import RunFolder
+    from flexstage.instruments.recording.metadata import RunMetadata, utc_now
+    from flexstage.instruments.recording.recovery import Lost, Recovery, examine, recover
+    from flexstage.instruments.recording.writer import STREAM_SUFFIX, RunWriter
 
 __all__ = [
     "STREAM_SUFFIX",
@@ -26,3 +31,5 @@ __all__ = [
     "recover",
     "utc_now",
 ]
+
+import_on_use(__name__)

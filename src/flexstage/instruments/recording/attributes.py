@@ -69,7 +69,7 @@ def read_metadata(attributes: Any) -> RunMetadata:
     """
     try:
         return RunMetadata.from_plain(json.loads(attributes[RUN]))
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
         if isinstance(error, RecordError):
             raise
         raise RecordError(

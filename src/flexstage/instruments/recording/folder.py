@@ -216,7 +216,7 @@ class RunFolder:
             state = json.loads(self.state_file.read_text("utf-8"))
         except FileNotFoundError:
             return {}
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise RecordError(f"'{self.state_file}' cannot be read: {error}") from error
         if not isinstance(state, dict):
             raise RecordError(f"'{self.state_file}' holds no state of a run")

@@ -207,7 +207,7 @@ class StreamHead:
             channels = tuple((str(name), str(unit)) for name, unit in plain["channels"])
             rate = float(plain["sample_rate_hz"])
             run = plain["run"]
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise RecordError(f"the head of the stream describes no stream ({error!r})") from error
         return cls(channels=channels, sample_rate_hz=rate, metadata=RunMetadata.from_plain(run))
 

@@ -6,9 +6,16 @@ scatter that such stages have; `VirtualController` puts axes, waveforms and a re
 `flexstage.instruments.connect` does all of it for an address such as ``twin://vgtu-piezo?seed=3``.
 """
 
-from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.server import GcsServer
+from typing import TYPE_CHECKING
+
+from flexstage.lazy import import_on_use
+
+if TYPE_CHECKING:
+    from flexstage.instruments.twin.build import virtual_stage
+    from flexstage.instruments.twin.controller import VirtualController
+    from flexstage.instruments.twin.interpreter import Interpreter
+    from flexstage.instruments.twin.server import GcsServer
 
 __all__ = ["GcsServer", "Interpreter", "VirtualController", "virtual_stage"]
+
+import_on_use(__name__)

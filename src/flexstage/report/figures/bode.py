@@ -1,5 +1,6 @@
 """Bode diagram of one axis: magnitude and phase, with the resonances marked."""
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,13 @@ _LABEL = (0.13, 0.07)
 _UNITS = {"m/N": ("µm/N", 1e6), "m/m": ("µm/µm", 1.0), "rad/N": ("µrad/N", 1e6)}
 
 
-def draw_bode(analysis: Analysis, axis: str) -> "Figure":
+def draw_bode(
+    analysis: Analysis,
+    axis: str,
+    *,
+    conditions: Collection[str] | None = None,
+    size: tuple[float, float] = (5.1, 5.0),
+) -> "Figure":
     """Draw the response of an axis to its drive: a column for each condition of the drives.
 
     Parameters
@@ -35,6 +42,10 @@ def draw_bode(analysis: Analysis, axis: str) -> "Figure":
         The analysis.
     axis : str
         Name of the axis.
+    conditions : collection of str, optional
+        Conditions of the drives that are drawn; all where not given.
+    size : tuple of float
+        Width and height of a column [inch].
 
     Returns
     -------
@@ -51,11 +62,13 @@ def draw_bode(analysis: Analysis, axis: str) -> "Figure":
     shown = [
         r
         for r in analysis.responses
-        if port is not None and (r.drive, r.probe) == (port.drive, port.probe)
+        if port is not None
+        and (r.drive, r.probe) == (port.drive, port.probe)
+        and (conditions is None or r.drives in conditions)
     ]
     if not shown:
         raise ModelError(f"the analysis has no frequency response of an axis '{axis}'")
-    figure = new_figure(5.1 * len(shown), 5.0)
+    figure = new_figure(size[0] * len(shown), size[1])
     grid = figure.subplots(2, len(shown), sharex="col", height_ratios=(1.7, 1.0), squeeze=False)
     for column, response in enumerate(shown):
         _column(grid[0, column], grid[1, column], analysis, response, axis)
@@ -85,7 +98,8 @@ def _column(
     lower.yaxis.set_major_locator(MultipleLocator(90.0 if span < 400.0 else 180.0))
     entitle(
         upper,
-        f"{axis}: {response.input_kind} of drive '{response.drive}', drives {response.drives}",
+        f"{axis}, {analysis.system.model} model: {response.input_kind} of drive "
+        f"'{response.drive}', drives {response.drives}",
     )
     upper.set_ylabel(f"{response.probe} / {response.input_kind} [{unit}]", parse_math=False)
     lower.set_ylabel("phase [°]")
@@ -139,7 +153,7 @@ def _published(upper: "Axes", lower: "Axes", stage: Stage, axis: str) -> None:
     ]
     for row in rows:
         colour, dashes, word = _PUBLISHED[row.origin]
-        label = f"published, {word}: {number(row.value)} Hz"
+        label = f"published, {word}: {row.value:.10g} Hz"
         for axes in (upper, lower):
             axes.axvline(row.value, color=colour, linestyle=dashes, linewidth=0.9, label=label)
     if rows:

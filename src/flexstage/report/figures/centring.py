@@ -128,7 +128,7 @@ def _polar(
     axes.spines["polar"].set_color(MUTED)
     axes.spines["polar"].set_linewidth(0.6)
     what = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
-    entitle(axes, f"{what} [{unit}]; dashed: none")
+    entitle(axes, f"{what} [{unit}]; dashed circle: zero")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(
             loc="upper left", bbox_to_anchor=(-0.22, 0.08), fontsize=7.5, frameon=False,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_compensation"]
+__all__ = ["draw_compensation", "draw_loop"]
 
 _UM = 1e6
 
@@ -28,15 +28,42 @@ def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
     Returns
     -------
     matplotlib.figure.Figure
-        Measured and modelled loop; the loop over the reference without and with the inverse; and
+        Simulated and modelled loop, with their difference; the loop over the reference without and
+        with the inverse; and
         the difference from the reference over time.
     """
-    figure = new_figure(10.6, 3.3 * len(experiments))
-    grid = figure.subplots(len(experiments), 3, squeeze=False, width_ratios=(1.0, 1.0, 1.15))
-    for row, (name, made) in zip(grid, experiments.items(), strict=True):
-        _loop(row[0], name, made)
-        _over_reference(row[1], made)
-        _difference(row[2], made)
+    figure = new_figure(10.6, 3.5 * len(experiments))
+    grid = figure.add_gridspec(
+        2 * len(experiments), 3, width_ratios=(1.0, 1.0, 1.15),
+        height_ratios=(2.4, 1.0) * len(experiments),
+    )  # fmt: skip
+    for i, (name, made) in enumerate(experiments.items()):
+        rows = slice(2 * i, 2 * i + 2)
+        loop = figure.add_subplot(grid[2 * i, 0])
+        _loop(loop, name, made)
+        _residual(figure.add_subplot(grid[2 * i + 1, 0], sharex=loop), made)
+        _over_reference(figure.add_subplot(grid[rows, 1]), made)
+        _difference(figure.add_subplot(grid[rows, 2]), made)
+    return figure
+
+
+def draw_loop(made: AxisExperiment) -> "Figure":
+    """Draw the loop of one axis over its reference, without and with the inverse.
+
+    Parameters
+    ----------
+    made : AxisExperiment
+        The experiment.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The loops.
+    """
+    figure = new_figure(5.0, 2.8)
+    axes = figure.subplots()
+    _over_reference(axes, made)
+    entitle(axes, f"{made.axis}: open loop and with the inverse, simulated")
     return figure
 
 
@@ -50,13 +77,22 @@ def _loop(axes: "Axes", name: str, made: AxisExperiment) -> None:
         made.voltage, _UM * made.modelled, color=CYCLE[0], linewidth=0.9, linestyle=(0, (4, 2)),
         label="Bouc-Wen",
     )  # fmt: skip
-    axes.set_xlabel("voltage [V]", color=INK)
+    axes.tick_params(labelbottom=False)
     axes.set_ylabel(f"{name} [µm]", color=INK)
     axes.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK)
     entitle(
         axes,
-        f"{name}: loop {_UM * made.width:.2f} µm wide, model within {_UM * made.deviation:.2f}",
+        f"{name}: {_UM * made.width:.2f} µm wide at full range, model within "
+        f"{_UM * made.deviation:.2f} µm",
     )
+
+
+def _residual(axes: "Axes", made: AxisExperiment) -> None:
+    dress(axes)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.plot(made.voltage, _UM * (made.measured - made.modelled), color=CYCLE[0], linewidth=0.8)
+    axes.set_xlabel("voltage [V]", color=INK)
+    axes.set_ylabel("residual [µm]", color=INK)
 
 
 def _over_reference(axes: "Axes", made: AxisExperiment) -> None:
@@ -74,7 +110,8 @@ def _over_reference(axes: "Axes", made: AxisExperiment) -> None:
     axes.set_xlabel("reference [µm]", color=INK)
     axes.set_ylabel("output [µm]", color=INK)
     axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
-    entitle(axes, "open loop and with the inverse")
+    share = np.ptp(made.reference) / made.stroke
+    entitle(axes, f"open loop and with the inverse, {100.0 * share:.0f} % of the stroke")
 
 
 def _difference(axes: "Axes", made: AxisExperiment) -> None:
@@ -87,7 +124,7 @@ def _difference(axes: "Axes", made: AxisExperiment) -> None:
         axes.plot(
             made.time, error, color=CYCLE[i], linewidth=0.7,
             label=f"{run.title}: {1e3 * _UM * run.tracking.rms:.0f} nm rms, "
-            f"{1e3 * _UM * run.tracking.largest:.0f} at most",
+            f"{1e3 * _UM * run.tracking.largest:.0f} nm at most",
         )  # fmt: skip
     axes.set_xlim(made.time[0], made.time[-1])
     axes.set_ylim(-1.1 * top, 1.6 * top)

@@ -30,21 +30,24 @@ __all__ = ["draw_stage", "fill_of"]
 
 _MM = 1e3
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
-_LONGEST = 7.2  # longer side of the drawing itself [inch]
+#: Longer side of the drawing itself [inch], with a key beside it and alone.
+_LONGEST, _ALONE = 7.2, 4.2
 
 
-def draw_stage(stage: Stage) -> "Figure":
+def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     """Draw a stage to scale, in millimetres.
 
     Parameters
     ----------
     stage : Stage
         The stage.
+    key : bool
+        Whether bodies and hinges are numbered, with a key of the names of everything beside it.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The drawing, with a key of its bodies, hinges, drives and probes beside it.
+        The drawing.
 
     Examples
     --------
@@ -58,17 +61,23 @@ def draw_stage(stage: Stage) -> "Figure":
     longest = max(x1 - x0, y1 - y0)
     margin = 0.07 * longest
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
-    per_inch = max(x1 - x0, y1 - y0) / _LONGEST
+    per_inch = max(x1 - x0, y1 - y0) / (_LONGEST if key else _ALONE)
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
     tall = max(height, 3.4)
-    columns = arrange(_entries(stage, shapes), tall)
-    key_width = len(columns) * COLUMN_WIDTH
     width = max(width, 2.5)
-    figure = new_figure(width + key_width + 0.7, tall + 0.8)
-    axes, key = figure.subplots(1, 2, width_ratios=(width, key_width))
+    if key:
+        columns = arrange(_entries(stage, shapes), tall)
+        key_width = len(columns) * COLUMN_WIDTH
+        figure = new_figure(width + key_width + 0.7, tall + 0.8)
+        axes, beside = figure.subplots(1, 2, width_ratios=(width, key_width))
+        draw_key(beside, columns, tall)
+    else:
+        figure = new_figure(width + 0.7, height + 0.8)
+        axes = figure.subplots()
     dress(axes, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-    entitle(axes, stage.title or stage.name, 10.0)
+    if key:
+        entitle(axes, stage.title or stage.name, 10.0)
 
     _bodies(axes, stage, shapes)
     # points of type in millimetres of the drawing: sizes of labels are told in it
@@ -79,9 +88,9 @@ def draw_stage(stage: Stage) -> "Figure":
     for hinge in stage.hinges:
         placer.take(hinge.at[0] * _MM, hinge.at[1] * _MM, 3.0 * point, 3.0 * point)
     _probes(axes, stage, placer, longest, point)
-    _numbers(axes, shapes, placer, point)
-    _hinges(axes, stage, placer, point)
-    draw_key(key, columns, tall)
+    if key:
+        _numbers(axes, shapes, placer, point)
+        _hinges(axes, stage, placer, point)
     return figure
 
 
@@ -240,8 +249,12 @@ def _middle() -> dict[str, Any]:
 def _halo() -> dict[str, Any]:
     from matplotlib.patheffects import withStroke
 
-    # a dollar sign in a name is no formula
-    return {"parse_math": False, "path_effects": [withStroke(linewidth=1.6, foreground=PAPER)]}
+    # a dollar sign in a name is no formula; no label leaves its axes, and measuring it takes long
+    return {
+        "parse_math": False,
+        "in_layout": False,
+        "path_effects": [withStroke(linewidth=1.6, foreground=PAPER)],
+    }
 
 
 def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:

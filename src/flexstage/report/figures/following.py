@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.plans.identify_step import SETTLED
 from flexstage.plans.results import FollowedRun, IdentifiedStep, VerifiedStep
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
@@ -141,9 +142,12 @@ def draw_drive_fit(step: IdentifiedStep) -> "Figure":
     right.plot(
         step.time[at], _NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
     )
+    # what is drawn in grey still remembers what was before the record
+    settled = step.time[int(SETTLED * step.time.size)]
+    right.axvspan(step.time[0], settled, color=MUTED, alpha=0.18, linewidth=0.0)
     right.set_xlabel("time [s]", color=INK)
     right.set_ylabel("reading less model [nm]", color=INK)
-    entitle(right, f"what the model leaves, {_length(step.deviation)} at most")
+    entitle(right, f"model error, {_length(step.deviation)} at most after the grey part")
     return figure
 
 

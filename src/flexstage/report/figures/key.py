@@ -98,7 +98,8 @@ def _row(axes: "Axes", entry: Entry, left: float, y: float) -> None:
 
     def write(x: float, text: str, **style: Any) -> None:
         usual = {"va": "center_baseline", "fontsize": 7, "color": INK, "parse_math": False}
-        axes.text(x, y, text, None, **(usual | style))
+        # no row leaves its column, and measuring it takes long
+        axes.text(x, y, text, None, in_layout=False, **(usual | style))
 
     at = left + 0.14
     if entry.detail:

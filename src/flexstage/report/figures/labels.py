@@ -1,11 +1,14 @@
 """Finding free places for short labels in a crowded drawing."""
 
-import itertools
-import math
+import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["Placer"]
 
-_DIRECTIONS = [(math.cos(a), math.sin(a)) for a in (math.pi / 8.0 * k for k in range(16))]
+# Every place that is tried: 16 directions, at first beside the point, then heights further away.
+_STEPS = np.repeat((0.0, 0.6, 1.2, 2.0, 3.0, 4.5), 16)
+_ALONG = np.tile(np.cos(np.pi / 8.0 * np.arange(16)), 6)
+_UP = np.tile(np.sin(np.pi / 8.0 * np.arange(16)), 6)
 
 
 class Placer:
@@ -48,7 +51,7 @@ class Placer:
         bool
             Whether it is free.
         """
-        return self._overlap((x, y), width, height) == 0.0
+        return bool(self._overlap(np.array([[x, y]]), width, height)[0] == 0.0)
 
     def place(
         self, x: float, y: float, width: float, height: float, *, nearest: float
@@ -69,31 +72,26 @@ class Placer:
         tuple of float
             Centre of the label.
         """
-        best, best_cost = (x, y), math.inf
-        for step, (c, s) in itertools.product((0.0, 0.6, 1.2, 2.0, 3.0, 4.5), _DIRECTIONS):
-            # the label's own half size in that direction, then the gap
-            reach = min(
-                0.5 * width / abs(c) if abs(c) > 1e-9 else math.inf,
-                0.5 * height / abs(s) if abs(s) > 1e-9 else math.inf,
-            )
-            distance = reach + nearest + step * height
-            at = (x + c * distance, y + s * distance)
-            # a twentieth of a label covered is as bad as a label three heights further away
-            cost = 10.0 * self._overlap(at, width, height) + 0.15 * width * height * step
-            if cost < best_cost:
-                best, best_cost = at, cost
-        self.take(*best, width, height)
-        return best
+        # the label's own half size in each direction, then the gap
+        with np.errstate(divide="ignore"):
+            reach = np.minimum(0.5 * width / abs(_ALONG), 0.5 * height / abs(_UP))
+        distance = reach + nearest + _STEPS * height
+        at = np.column_stack((x + _ALONG * distance, y + _UP * distance))
+        # a twentieth of a label covered is as bad as a label three heights further away
+        cost = 10.0 * self._overlap(at, width, height) + 0.15 * width * height * _STEPS
+        best_x, best_y = map(float, at[np.argmin(cost)])
+        self.take(best_x, best_y, width, height)
+        return best_x, best_y
 
-    def _overlap(self, at: tuple[float, float], width: float, height: float) -> float:
-        left, bottom = at[0] - width / 2, at[1] - height / 2
+    def _overlap(self, at: NDArray[np.float64], width: float, height: float) -> NDArray[np.float64]:
+        """Area that a label at each of some places covers of what is taken, or lies outside."""
+        left, bottom = at[:, 0] - width / 2, at[:, 1] - height / 2
         right, top = left + width, bottom + height
-        total = 0.0
-        for x0, y0, x1, y1 in self._taken:
-            across, up = min(right, x1) - max(left, x0), min(top, y1) - max(bottom, y0)
-            if across > 0.0 and up > 0.0:
-                total += across * up
+        x0, y0, x1, y1 = np.reshape(self._taken, (-1, 4)).T[:, :, None]
+        across = np.minimum(right, x1) - np.maximum(left, x0)
+        up = np.minimum(top, y1) - np.maximum(bottom, y0)
+        covered = np.sum(np.maximum(across, 0.0) * np.maximum(up, 0.0), axis=0)
         x0, y0, x1, y1 = self._bounds
-        outside = max(x0 - left, 0.0) + max(right - x1, 0.0) + max(y0 - bottom, 0.0)
-        outside += max(top - y1, 0.0)
-        return total + 10.0 * outside * height
+        outside = np.maximum(x0 - left, 0.0) + np.maximum(right - x1, 0.0)
+        outside += np.maximum(y0 - bottom, 0.0) + np.maximum(top - y1, 0.0)
+        return covered + 10.0 * outside * height

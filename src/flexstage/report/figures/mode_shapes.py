@@ -142,5 +142,5 @@ def _card(
     label = f"mode {index + 1} at {number(frequency)} Hz, drives {html.escape(condition)}"
     return (
         f'<figure class="mode"><svg viewBox="{box}" role="img" aria-label="{label}">'
-        f"{''.join(parts)}</svg><figcaption>{caption}</figcaption></figure>"
+        f"{''.join(parts)}</svg><p>{caption}</p></figure>"
     )

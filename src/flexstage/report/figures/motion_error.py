@@ -28,6 +28,7 @@ def draw_motion_error(
     position_label: str = "position",
     label: str = "error",
     line: Line = "least_squares",
+    legend: bool = True,
 ) -> "Figure":
     """Draw a measured error over the stroke, forward and backward, with its 95 % band.
 
@@ -41,6 +42,8 @@ def draw_motion_error(
         What is on the axes, without unit.
     line : {"none", "least_squares", "terminal", "zero"}
         Straight line of the mean of both runs that is taken off.
+    legend : bool
+        Whether to name the curves.
 
     Returns
     -------
@@ -76,10 +79,11 @@ def draw_motion_error(
     axes.set_xlabel(f"{position_label}{of_position}", fontsize=8.5, parse_math=False)
     of_error = f" [{prefix}{curve.unit}]" if curve.unit else ""
     axes.set_ylabel(f"{label}{of_error}", fontsize=8.5, parse_math=False)
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=7.5, frameon=False,
-        labelcolor=INK, title="with 95 % band", title_fontproperties={"size": 7.5},
-    ).get_title().set_color(MUTED)  # fmt: skip
+    if legend:
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=7.5, frameon=False,
+            labelcolor=INK, title="with 95 % band", title_fontproperties={"size": 7.5},
+        ).get_title().set_color(MUTED)  # fmt: skip
     if title:
         entitle(axes, title)
     return figure
@@ -134,7 +138,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
         axes,
         title
         or f"{number(area.value)} ± {_short(area.expanded)} µm², off square by "
-        f"{number(angle.value)} ± {_short(angle.expanded)} µrad",
+        f"{number(angle.value)} ± {_short(angle.expanded)} µrad (statistical)",
     )
     return figure
 

@@ -151,7 +151,7 @@ def _trace(axes: "Axes", y: np.ndarray, noise: HoldNoise) -> None:
     drift_factor, drift_label = _scale(abs(noise.drift.value), noise.unit)
     axes.text(
         0.02, 0.985, f"drift {drift_factor * noise.drift.value:.3g} ± "
-        f"{drift_factor * noise.drift.expanded:.2g} {drift_label}/s",
+        f"{drift_factor * noise.drift.expanded:.2g} {drift_label}/s (statistical)",
         transform=axes.transAxes, va="top", fontsize=8, color=CYCLE[1], parse_math=False,
     )  # fmt: skip
 
@@ -209,7 +209,8 @@ def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
         if here.any():
             axes.errorbar(
                 at[here], factor * size[here], factor * half[here], color=colour, linestyle="none",
-                marker=marker, markersize=4, linewidth=1.0, capsize=2, label=f"told: {verdict}",
+                marker=marker, markersize=4, linewidth=1.0, capsize=2,
+                label=f"step resolved: {verdict}",
             )  # fmt: skip
     axes.set(xlabel="step", ylabel=f"size of the step [{label}]")
     if size.max() > 5.0 * max(float(size.min()), 1e-3 * size.max()):

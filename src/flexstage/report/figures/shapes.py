@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.hinges import Profile
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 
 if TYPE_CHECKING:
     from matplotlib.path import Path
 
-__all__ = ["BodyShape", "body_shapes", "extent"]
+__all__ = ["BodyShape", "body_shapes", "extent", "notch_contour"]
 
 # Chords may leave their arcs by this much [m]: a tenth of a pixel of a large drawing.
 _TOLERANCE = 10e-6
@@ -147,7 +148,7 @@ def _shape(stage: Stage, body: Body) -> BodyShape:
 def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
     """Corners of the half of a notch on one side of the neck, a little into the body."""
     profile = hinge.profile
-    edge = _contour(hinge)
+    edge = notch_contour(profile)
     neck = 0.5 * profile.neck_thickness
     upper = [(x, neck + depth) for x, depth in edge]
     lower = [(x, -neck if profile.one_sided else -neck - depth) for x, depth in edge]
@@ -156,9 +157,20 @@ def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
     return [hinge.to_plane(side * along, across) for along, across in corners]
 
 
-def _contour(hinge: Hinge) -> list[tuple[float, float]]:
-    """Points (distance from the neck, depth) of the profile's contour, arcs as chords."""
-    vertices = hinge.profile.contour()
+def notch_contour(profile: Profile) -> list[tuple[float, float]]:
+    """Return the contour of a notch as a polygon.
+
+    Parameters
+    ----------
+    profile : Profile
+        The notch.
+
+    Returns
+    -------
+    list of tuple of float
+        Distance from the neck, and depth [m], from the neck to the root; arcs as chords.
+    """
+    vertices = profile.contour()
     points: list[tuple[float, float]] = []
     for start, end in itertools.pairwise(vertices):
         if start.bulge:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
 from flexstage.experiment.modal import ModalFit
@@ -14,8 +15,12 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_modal_fit", "draw_stabilisation"]
 
+Array = NDArray[np.float64]
+
 # half width of a 95 % interval of a normal distribution
 _NORMAL = 1.959964
+# a mode belongs to poles that are nearer than this part of its frequency
+_BESIDE_A_POLE = 0.02
 # points that a fitted curve is drawn with beside those of the lines
 _POINTS = 1500
 
@@ -70,7 +75,14 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
         order = [np.full(x.size, o.order) for x, o in zip(f, diagram.orders, strict=True)]
         over.plot(np.concatenate(f), np.concatenate(order), marker, color=colour, label=label,
                   markersize=points, markeredgewidth=0.9, fillstyle="none", zorder=3)  # fmt: skip
-    for n, mode in enumerate(fit.modes):
+    # a mode that other responses have shown need not have poles here
+    poles = np.concatenate([o.frequency_hz for o in diagram.orders])
+    seen = [
+        mode
+        for mode in fit.modes
+        if np.any(np.abs(poles / mode.frequency_hz.value - 1.0) < _BESIDE_A_POLE)
+    ]
+    for n, mode in enumerate(seen):
         over.axvline(mode.frequency_hz.value, color=CYCLE[1], linewidth=0.9,
                      label="mode of the fit" if n == 0 else None, zorder=2)  # fmt: skip
     orders = [o.order for o in diagram.orders]
@@ -122,6 +134,8 @@ def draw_modal_fit(
         fine = np.union1d(fine, near[(near > f[0]) & (near < f[-1])])
     value, spread = fit.response(fine, number)[at], fit.response_uncertainty(fine, number)[at]
     left = np.abs(measured.response[at] - fit.response(f, number)[at])
+    from matplotlib.ticker import MultipleLocator
+
     figure = new_figure(9.6, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
     dress(upper)
@@ -146,16 +160,30 @@ def draw_modal_fit(
     figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=5,
                   fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)  # fmt: skip
     dress(lower)
-    lower.plot(f, np.degrees(np.angle(measured.response[at])), ".", color=CYCLE[1], markersize=2.2)
-    phase = np.degrees(np.angle(value))
-    # a phase that passes 180 deg jumps: leave the line open there
+    cut = _emptiest(np.degrees(np.angle(value)))
+    points = _from(cut, np.degrees(np.angle(measured.response[at])))
+    lower.plot(f, points, ".", color=CYCLE[1], markersize=2.2)
+    phase = _from(cut, np.degrees(np.angle(value)))
+    # a phase that passes the cut jumps: leave the line open there
     phase[1:][np.abs(np.diff(phase)) > 180.0] = np.nan
     lower.plot(fine, phase, color=CYCLE[0], linewidth=1.0)
-    lower.set_ylim(-190.0, 190.0)
-    lower.set_yticks([-180.0, -90.0, 0.0, 90.0, 180.0])
+    lower.set_ylim(cut - 10.0, cut + 370.0)
+    lower.yaxis.set_major_locator(MultipleLocator(90.0))
     lower.set_ylabel("phase [deg]", color=INK)
     _band(lower, fit)
     return figure
+
+
+def _emptiest(phase: Array) -> float:
+    """The phase at which a scale of 360 degrees begins so that the curve crosses no end of it."""
+    held = np.sort(phase)
+    gaps = np.diff(held, append=held[0] + 360.0)
+    widest = int(np.argmax(gaps))
+    return float((held[widest] + 0.5 * gaps[widest]) % 360.0 - 360.0)
+
+
+def _from(cut: float, phase: Array) -> Array:
+    return cut + np.mod(phase - cut, 360.0)
 
 
 def _band(axes: "Axes", fit: ModalFit) -> None:
@@ -166,6 +194,5 @@ def _band(axes: "Axes", fit: ModalFit) -> None:
 def _unit(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
     if not outputs or not outputs[0] or not inputs or not inputs[0]:
         return ""
-    return f" [{outputs[0]}/{inputs[0]}]" if "/" not in outputs[0] else (
-        f" [({outputs[0]})/{inputs[0]}]"
-    )  # fmt: skip
+    output = outputs[0].replace("^2", "²")
+    return f" [({output})/{inputs[0]}]" if "/" in output else f" [{output}/{inputs[0]}]"

@@ -65,7 +65,7 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
     Returns
     -------
     matplotlib.figure.Figure
-        Each body where it goes to, motion exaggerated by a factor that is told; its place at rest
+        Each body where it goes to, motion magnified by the factor in the title; its place at rest
         as a thin line.
 
     Raises

@@ -1,4 +1,4 @@
-"""Largest stress in every hinge at full stroke, against yield and fatigue."""
+"""Largest stress in every hinge at full stroke, against yield and what fatigue allows."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, new_figure
-from flexstage.system import Analysis
+from flexstage.system import Analysis, pulsating_limit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def draw_stress(analysis: Analysis) -> "Figure":
     limits: list[tuple[float, str, Any]] = [
         (limit * _MPA, label, dashes)
         for limit, label, dashes in (
-            (material.fatigue_limit, "fatigue limit", (0, (4, 2))),
+            (pulsating_limit(material), "fatigue, 0 to peak, allows", (0, (4, 2))),
             (material.yield_strength, "yield", "solid"),
         )
         if limit is not None

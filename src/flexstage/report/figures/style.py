@@ -2,6 +2,7 @@
 
 import io
 import re
+from functools import cache
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ __all__ = [
     "entitle",
     "inline_svg",
     "new_figure",
+    "svg_text",
 ]
 
 # Neutral colours. Inline in a page every colour becomes a CSS variable, so the page can be dark.
@@ -117,9 +119,20 @@ def new_figure(width: float, height: float) -> "Figure":
     matplotlib.figure.Figure
         An empty figure.
     """
+    return _figure_class()(figsize=(width, height), facecolor=PAPER, layout="constrained")
+
+
+@cache
+def _figure_class() -> type["Figure"]:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), facecolor=PAPER, layout="constrained")
+    class NotebookFigure(Figure):
+        """A figure that a notebook shows without any setting."""
+
+        def _repr_svg_(self) -> str:
+            return svg_text(self)
+
+    return NotebookFigure
 
 
 def dress(axes: "Axes", *, grid: bool = True) -> None:
@@ -197,6 +210,23 @@ def encode(figure: "Figure", kind: str) -> bytes:
     return buffer.getvalue()
 
 
+def svg_text(figure: "Figure") -> str:
+    """Turn a figure into one SVG element.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element with its own colours and size.
+    """
+    text = encode(figure, "svg").decode("utf-8")
+    return text[text.index("<svg") :]
+
+
 def inline_svg(figure: "Figure", name: str, title: str) -> str:
     """Turn a figure into SVG that can stand inside an HTML page with others.
 
@@ -217,8 +247,7 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
     str
         An ``<svg>`` element.
     """
-    text = encode(figure, "svg").decode("utf-8")
-    text = text[text.index("<svg") :]
+    text = svg_text(figure)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)

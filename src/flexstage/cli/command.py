@@ -1,0 +1,137 @@
+"""How commands show their help, and the options that had another name before."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+__all__ = ["FORMER_OPTIONS", "Command", "Group"]
+
+#: Former names of options by command, and the present ones: they still work, and are not listed.
+FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
+    "analyse": {"--out": "--folder"},
+    "study": {
+        "--out": "--folder",
+        "--models": "--model",
+        "--hysteresis": "--identification",
+        "--no-hysteresis": "--no-identification",
+    },
+    "hinges": {"--angle": "--half-angle"},
+    "equations": {"--format": "--to"},
+    "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
+    "excite": {
+        "--rates": "--loop-rates",
+        "--hold": "--hold-time",
+        "--resonance": "--multisine",
+        "--no-resonance": "--no-multisine",
+    },
+    "identify": {
+        "--model": "--hysteresis-model",
+        "--damping": "--damping-ratio",
+        "--test": "--test-record",
+    },
+    "compensate": {
+        "--unit": "--reference-unit",
+        "--limits": "--voltage",
+        "--band": "--reference-bandwidth",
+    },
+    "characterise": {
+        "--out": "--folder",
+        "--models": "--model",
+        "--unit": "--column-unit",
+        "--virtual": "--virtual-seed",
+    },
+    "frf": {"--modes": "--fit-modes", "--delay": "--fit-delay", "--lag": "--fit-lag"},
+    "run": {"--out": "--folder", "--steps": "--only"},
+    "twin": {"--rate": "--servo-rate"},
+    "runs": {"--kind": "--test", "--serial": "--serial-number"},
+    "calibrations": {"--serial": "--serial-number", "--at": "--valid-at"},
+}
+
+
+class Command(TyperCommand):
+    """A command: a usage line as manuals have it, options in sections, former names understood."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put present names of options in place of former ones, and parse."""
+        return super().parse_args(ctx, _present(self.name, args))
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the usage line: optional arguments are in brackets."""
+        return ["[OPTIONS]", *(_in_usage(p) for p in arguments(self.get_params(ctx)))]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write what each argument and option does, in the sections that they are declared for."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None:
+                continue
+            if parameter.param_type_name == "argument":
+                sections.setdefault("Arguments", []).append((_shown(parameter), record[1]))
+            else:
+                section = getattr(parameter, "rich_help_panel", None) or "Options"
+                sections.setdefault(section, []).append(record)
+        for name, rows in sections.items():
+            with formatter.section(name):
+                formatter.write_dl(rows)
+
+
+class Group(TyperGroup):
+    """The program, or a command that has some of its own: they are listed in whole sentences."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put present names of options in place of former ones, and parse."""
+        # what stands behind the name of a command is for that to read
+        own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
+        return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the first paragraph of the help of each command, section by section."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            section = getattr(command, "rich_help_panel", None)
+            sentence = " ".join((command.help or "").split("\n\n")[0].split())
+            # what is not set is a placeholder of the library, and no text
+            title = section if isinstance(section, str) else "Commands"
+            sections.setdefault(title, []).append((name, sentence))
+        width = max(map(len, self.commands))
+        for title, rows in sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), sentence) for name, sentence in rows])
+
+
+def _present(command: str | None, words: list[str]) -> list[str]:
+    """The words of a command line with the present names of its options."""
+    former = FORMER_OPTIONS.get(command or "", {})
+    end = words.index("--") if "--" in words else len(words)
+    made = list(words)
+    for i, word in enumerate(words[:end]):
+        name, sign, value = word.partition("=")
+        made[i] = former.get(name, name) + sign + value
+    return made
+
+
+def arguments(parameters: list[Any]) -> list[Any]:
+    """Return the arguments of some parameters.
+
+    Parameters
+    ----------
+    parameters : list
+        Arguments and options.
+
+    Returns
+    -------
+    list
+        The former alone.
+    """
+    return [p for p in parameters if p.param_type_name == "argument"]
+
+
+def _shown(argument: Any) -> str:
+    name = argument.metavar or argument.name.upper()
+    return name.removeprefix("[").removesuffix("]")
+
+
+def _in_usage(argument: Any) -> str:
+    return _shown(argument) if argument.required else f"[{_shown(argument)}]"

@@ -1,0 +1,186 @@
+"""A notch, by every method."""
+
+import difflib
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from flexstage.errors import HingeError
+from flexstage.hinges import Profile, hinge_figures, profile_class
+from flexstage.interactive.show import data_frame, html_table
+from flexstage.material import Material
+from flexstage.material import material as find_material
+from flexstage.report.quantities import number
+from flexstage.units import Dimension, parse
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+__all__ = ["HingeResult", "hinge"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class HingeResult:
+    """What is known of a notch, by every method.
+
+    Parameters
+    ----------
+    profile : Profile
+        The notch.
+    material : Material
+        What it is cut from.
+    width : float
+        Width of the hinge [m].
+    figures : Mapping
+        What `flexstage.hinges.hinge_figures` gives: plain data in SI units.
+    """
+
+    profile: "Profile"
+    material: Material
+    width: float
+    figures: Mapping[str, Any]
+
+    def stiffness(self, quantity: str = "rotation", method: str = "wedge") -> float:
+        """Return a stiffness about the neck.
+
+        Parameters
+        ----------
+        quantity : str
+            ``rotation`` [N m/rad], ``axial`` or ``shear`` [N/m].
+        method : str
+            ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a closed form by
+            its name.
+
+        Returns
+        -------
+        float
+            The stiffness.
+
+        Raises
+        ------
+        HingeError
+            There is none by this method.
+        """
+        known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
+        methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
+        if method not in methods:
+            near = difflib.get_close_matches(method, methods, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(methods)}"
+            if not methods:
+                hint = "the quantities are axial, shear and rotation"
+            raise HingeError(f"there is no {quantity} stiffness by '{method}': {hint}")
+        return methods[method]
+
+    def plot(self) -> "Figure":
+        """Draw the contour of the notch, in millimetres.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from flexstage.report.figures.notch import draw_notch
+
+        return draw_notch(self.profile)
+
+    def todata_frame(self) -> "pandas.DataFrame":
+        """Return the stiffness by every method as a data frame; needs pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns quantity, method, stiffness, unit, difference_percent, validity.
+
+        Raises
+        ------
+        ImportError
+            pandas is not installed.
+        """
+        rows = self.figures["stiffness"]
+        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
+
+    def __repr__(self) -> str:
+        size = f"neck {1e3 * self.profile.neck_thickness:g} mm, width {1e3 * self.width:g} mm"
+        return (
+            f"{self.profile.kind} notch, {size}, {self.material.name}\n"
+            f"  rotation {number(self.stiffness())} N m/rad, axial "
+            f"{number(1e-6 * self.stiffness('axial'))} N/µm"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [r["quantity"], r["method"], number(r["stiffness"]), r["unit"], r["validity"]]
+            for r in self.figures["stiffness"]
+            if r["stiffness"] is not None
+        ]
+        head = ["stiffness", "method", "", "", "valid"]
+        return html_table(repr(self).splitlines()[0], head, rows)
+
+
+def hinge(
+    kind: str = "circular",
+    *,
+    width: float | str = "10 mm",
+    material: Material | str = "Al 7075-T6",
+    plane: str = "auto",
+    **sizes: float | str | bool,
+) -> HingeResult:
+    """Return stiffness, stress concentration and range of a notch.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the profile, such as ``circular``, ``leaf`` or ``corner-filleted``.
+    width : float or str
+        Width of the hinge, the thickness of the plate [m], or a text with a unit.
+    material : Material or str
+        What it is cut from, or its name in the catalogue.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width against neck.
+    **sizes : float or str or bool
+        The fields of the profile as in a stage file, ``neck_thickness`` and ``radius`` of a
+        circular one: SI numbers, or texts with a unit.
+
+    Returns
+    -------
+    HingeResult
+        The result.
+
+    Raises
+    ------
+    HingeError
+        There is no such kind, or a size is missing, unknown or impossible.
+    UnitError
+        A text is no quantity.
+
+    Examples
+    --------
+    >>> import flexstage as fs
+    >>> notch = fs.hinge("circular", neck_thickness="0.35 mm", radius="1 mm", width="10 mm")
+    >>> print(f"{notch.stiffness():.3f} N m/rad")
+    3.843 N m/rad
+    """
+    cls = profile_class(kind)
+    hints = typing.get_type_hints(cls, include_extras=True)
+    known = [field.name for field in fields(cls)]
+    missing = [field.name for field in fields(cls) if field.default is MISSING]
+    missing = [name for name in missing if name not in sizes]
+    unknown = [name for name in sizes if name not in known]
+    if missing or unknown:
+        fault = f"has no {unknown[0]}" if unknown else f"also needs {' and '.join(missing)}"
+        raise HingeError(f"a {kind} notch {fault}: it takes {', '.join(known)}")
+    profile = cls(**{name: _si(value, hints[name]) for name, value in sizes.items()})
+    what = find_material(material) if isinstance(material, str) else material
+    wide = parse(width, "length", bare_unit="m")
+    figures = hinge_figures(profile, what, wide, plane)
+    return HingeResult(profile=profile, material=what, width=wide, figures=figures)
+
+
+def _si(value: float | str | bool, hint: Any) -> Any:
+    """A size as an SI number, by the dimension that the field of the profile has."""
+    dimension = next((e for e in typing.get_args(hint) if isinstance(e, Dimension)), None)
+    if dimension is None or isinstance(value, bool):
+        return value
+    return parse(value, dimension.name, bare_unit=dimension.si)

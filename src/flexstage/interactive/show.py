@@ -1,0 +1,92 @@
+"""How results are written: as text, as an HTML table, as a data frame."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from flexstage.characteristic import Characteristics
+from flexstage.report.quantities import display
+
+if TYPE_CHECKING:
+    import pandas
+
+__all__ = ["data_frame", "headline", "html_table"]
+
+
+#: Quantities that the text of a result shows, of those that it has.
+_HEADLINE = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
+
+
+def headline(figures: Characteristics) -> list[str]:
+    """Return the figures that a result is known by.
+
+    Parameters
+    ----------
+    figures : Characteristics
+        Figures of one origin.
+
+    Returns
+    -------
+    list of str
+        A line for each quantity.
+    """
+    lines = []
+    for quantity in _HEADLINE:
+        rows = figures.select(quantity)
+        shown = display(quantity)
+        texts = [f"{row.axis} {shown.text(row.value)}" for row in rows]
+        if texts:
+            lines.append(f"  {shown.label.lower()}: {', '.join(texts)} {shown.unit}".rstrip())
+    return lines
+
+
+def data_frame(columns: Mapping[str, Sequence[object]]) -> "pandas.DataFrame":
+    """Return columns as a data frame.
+
+    Parameters
+    ----------
+    columns : Mapping
+        Values by name of the column.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The data frame.
+
+    Raises
+    ------
+    ImportError
+        pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise ImportError(
+            "a data frame needs pandas, which is not installed: run 'pip install pandas'"
+        ) from error
+    return pandas.DataFrame(columns)
+
+
+def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a small HTML table.
+
+    Parameters
+    ----------
+    caption : str
+        What it shows.
+    head : sequence of str
+        Titles of the columns.
+    rows : sequence of sequence of str
+        The cells.
+
+    Returns
+    -------
+    str
+        A ``<table>`` element.
+    """
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><caption>{escape(caption)}</caption>{line(head, 'th')}{body}</table>"

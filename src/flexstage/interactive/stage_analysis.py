@@ -1,0 +1,210 @@
+"""A stage analysed by one model."""
+
+import difflib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from flexstage.characteristic import Characteristics
+from flexstage.errors import ModelError
+from flexstage.interactive.show import data_frame, headline, html_table
+from flexstage.interactive.stages import stage_of
+from flexstage.report.models import ModelRun, Plane, Wanted, run_model
+from flexstage.report.quantities import display
+from flexstage.stage import Stage
+from flexstage.system import Analysis, MechanicalSystem
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+__all__ = ["StageAnalysis", "analyse"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class StageAnalysis:
+    """A stage analysed by one model, to look at.
+
+    Parameters
+    ----------
+    run : ModelRun
+        The run of the model: the analysis, and the mesh behind it where there is one.
+    """
+
+    run: ModelRun
+
+    @property
+    def analysis(self) -> Analysis:
+        """Statics, modes, responses and characteristics: what other functions take."""
+        return self.run.analysis
+
+    @property
+    def system(self) -> MechanicalSystem:
+        """The mechanical system that was analysed."""
+        return self.analysis.system
+
+    @property
+    def characteristics(self) -> Characteristics:
+        """The figures that an engineer quotes, in SI units."""
+        return self.analysis.characteristics
+
+    def value(self, quantity: str, axis: str) -> float:
+        """Return one figure.
+
+        Parameters
+        ----------
+        quantity : str
+            The quantity, such as ``max_stress``.
+        axis : str
+            Name of the axis.
+
+        Returns
+        -------
+        float
+            The value [SI].
+        """
+        return self.characteristics.value(quantity, axis)
+
+    def plot(
+        self,
+        kind: Literal["response", "shape", "stress", "modes"] = "response",
+        axis: str | None = None,
+    ) -> "Figure":
+        """Draw the result.
+
+        Parameters
+        ----------
+        kind : str
+            ``response``: Bode diagram of an axis; ``shape``: the stage at the full stroke of an
+            axis; ``stress``: stress of every hinge; ``modes``: mode shapes on the mesh of the plane
+            or solid model.
+        axis : str, optional
+            Name of the axis; the first one where it is left out.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure, which a notebook shows and ``savefig`` writes.
+
+        Raises
+        ------
+        ModelError
+            No such kind or axis, or the model has no mesh.
+
+        Examples
+        --------
+        >>> import flexstage as fs
+        >>> fs.analyse("vgtu-piezo", "lumped").plot("response", "y").axes[0].get_ylabel()
+        'y / force [µm/N]'
+        """
+        return _figure(self.run, kind, axis)
+
+    def todata_frame(self) -> "pandas.DataFrame":
+        """Return the characteristics as a data frame; needs pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns quantity, axis, origin, value, unit, uncertainty, note; SI units.
+
+        Raises
+        ------
+        ImportError
+            pandas is not installed.
+        """
+        return data_frame(self.characteristics.columns())
+
+    def __repr__(self) -> str:
+        title = f"{self.system.name}, {self.system.model} model"
+        return "\n".join([title, *headline(self.characteristics)])
+
+    def _repr_html_(self) -> str:
+        axes = list(dict.fromkeys(row.axis for row in self.characteristics))
+        values = {(row.quantity, row.axis): row.value for row in self.characteristics}
+        rows = [
+            [
+                display(q).label,
+                *(display(q).text(values.get((q, axis))) for axis in axes),
+                display(q).unit,
+            ]
+            for q in dict.fromkeys(row.quantity for row in self.characteristics)
+        ]
+        caption = f"{self.system.name}, {self.system.model} model"
+        return html_table(caption, ["", *axes, ""], rows)
+
+
+def analyse(
+    stage: Stage | str | os.PathLike[str],
+    model: str = "superelement",
+    *,
+    plane: Plane = "auto",
+    accuracy: float | None = None,
+    quantity: str = "natural_frequency_hz",
+    supports: Literal["rigid", "elastic"] = "rigid",
+    stroke: bool = False,
+) -> StageAnalysis:
+    """Analyse a stage by one model.
+
+    Parameters
+    ----------
+    stage : Stage or str or os.PathLike
+        The stage, or what `read` takes.
+    model : str
+        ``lumped``: rigid bodies; ``superelement``: bodies condensed to their hinges; ``plane``:
+        finite elements in the plane; ``solid``: in three dimensions.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+    accuracy : float, optional
+        Relative accuracy of `quantity` [1] that the mesh of the plane or solid model is refined to.
+    quantity : str
+        The quantity that shall be accurate.
+    supports : str
+        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
+    stroke : bool
+        Whether to follow the stage over its stroke with finite displacements (plane model).
+
+    Returns
+    -------
+    StageAnalysis
+        The result.
+
+    Raises
+    ------
+    ModelError
+        There is no such model, or it does not know an option.
+
+    Examples
+    --------
+    >>> import flexstage as fs
+    >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
+    321.2 Hz
+    """
+    wanted = Wanted(
+        plane=plane, accuracy=accuracy, quantity=quantity, supports=supports, stroke=stroke
+    )
+    return StageAnalysis(run=run_model(stage_of(stage), model, wanted))
+
+
+def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
+    from flexstage.report.figures import draw_bode, draw_fe_modes, draw_static_shape, draw_stress
+
+    analysis = run.analysis
+    draw: dict[str, Callable[[str], Figure]] = {
+        "response": lambda axis: draw_bode(analysis, axis),
+        "shape": lambda axis: draw_static_shape(analysis, axis),
+        "stress": lambda _: draw_stress(analysis),
+    }
+    mesh = run.mesh
+    if mesh is not None:
+        draw["modes"] = lambda _: draw_fe_modes(mesh, analysis)
+    if kind not in draw:
+        near = difflib.get_close_matches(kind, draw, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise ModelError(
+            f"the {analysis.system.model} model has no plot '{kind}': choose from "
+            f"{', '.join(draw)}{hint}"
+        )
+    if axis is None and not analysis.axes:
+        raise ModelError("the stage names no axis, so there is nothing to draw: add 'axes' to it")
+    return draw[kind](axis if axis is not None else analysis.axes[0].axis)

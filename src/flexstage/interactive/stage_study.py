@@ -1,0 +1,193 @@
+"""A stage studied by several models."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from flexstage.characteristic import Characteristics
+from flexstage.errors import ModelError
+from flexstage.interactive.show import data_frame, headline, html_table
+from flexstage.interactive.stage_analysis import StageAnalysis
+from flexstage.interactive.stages import stage_of
+from flexstage.report.models import Plane
+from flexstage.report.quantities import display
+from flexstage.stage import Stage
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from flexstage.report.study import Study
+
+__all__ = ["StageStudy", "study"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class StageStudy:
+    """Several models of a stage beside what was published of it, to look at.
+
+    Parameters
+    ----------
+    study : Study
+        The study: what other functions take.
+    """
+
+    study: "Study"
+
+    @property
+    def characteristics(self) -> Characteristics:
+        """What was published, then what each model gives; SI units."""
+        return self.study.characteristics
+
+    def analysis(self, model: str) -> StageAnalysis:
+        """Return the analysis by one of the models.
+
+        Parameters
+        ----------
+        model : str
+            The model.
+
+        Returns
+        -------
+        StageAnalysis
+            The analysis.
+
+        Raises
+        ------
+        ModelError
+            The study has none of this model.
+        """
+        if model not in self.study.runs:
+            why = self.study.left_out.get(model)
+            ran = f"the study ran {', '.join(self.study.runs)}"
+            raise ModelError(f"there is no analysis by '{model}': {why or ran}")
+        # the study adds what it found over the stroke to the analysis of the run
+        analysis = self.study.analyses[model]
+        return StageAnalysis(run=replace(self.study.runs[model], analysis=analysis))
+
+    def plot(
+        self,
+        kind: Literal["response", "shape", "stress", "modes"] = "response",
+        axis: str | None = None,
+    ) -> "Figure":
+        """Draw the result of the main model, as `StageAnalysis.plot` does.
+
+        Parameters
+        ----------
+        kind : str
+            ``response``, ``shape``, ``stress`` or ``modes``.
+        axis : str, optional
+            Name of the axis; the first one where it is left out.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        return self.analysis(self.study.main.system.model).plot(kind, axis)
+
+    def todata_frame(self) -> "pandas.DataFrame":
+        """Return all characteristics as a data frame, a row for each origin; needs pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns quantity, axis, origin, value, unit, uncertainty, note; SI units.
+
+        Raises
+        ------
+        ImportError
+            pandas is not installed.
+        """
+        return data_frame(self.characteristics.columns())
+
+    def write(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write the report and the figures behind it.
+
+        Parameters
+        ----------
+        folder : str or os.PathLike
+            Where ``report.html`` and ``results.json`` go.
+
+        Returns
+        -------
+        list of pathlib.Path
+            The files.
+        """
+        from flexstage.report import report_html, results_json, study_results, write_files
+
+        results = results_json(study_results(self.study))
+        page = report_html(self.study).encode()
+        return write_files(Path(folder), {"report.html": page, "results.json": results})
+
+    def __repr__(self) -> str:
+        title = f"{self.study.stage.name}, {', '.join(self.study.runs)}"
+        return "\n".join([title, *headline(self.study.main.characteristics)])
+
+    def _repr_html_(self) -> str:
+        comparison = self.study.comparison
+        rows = [
+            [
+                display(row.quantity).label,
+                row.axis,
+                *(display(row.quantity).text(row.value(origin)) for origin in comparison.columns),
+                display(row.quantity).unit,
+            ]
+            for row in comparison.rows
+        ]
+        return html_table(self.study.stage.name, ["", "axis", *comparison.columns, ""], rows)
+
+
+def study(
+    stage: Stage | str | os.PathLike[str],
+    models: Sequence[str] = ("lumped", "superelement"),
+    *,
+    plane: Plane = "auto",
+    hysteresis: bool = False,
+    virtual: bool = False,
+    seed: int = 1,
+) -> StageStudy:
+    """Run several models of a stage, beside what was published of it.
+
+    Parameters
+    ----------
+    stage : Stage or str or os.PathLike
+        The stage, or what `read` takes.
+    models : sequence of str
+        Some of ``lumped``, ``superelement``, ``plane`` and ``solid``; the last two take minutes.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
+    hysteresis : bool
+        Whether to identify and compensate piezo drives on the virtual stage.
+    virtual : bool
+        Whether to measure a virtual stage, and to centre an encoder scale with it.
+    seed : int
+        Seed of that stage and its measurement.
+
+    Returns
+    -------
+    StageStudy
+        The result.
+
+    Raises
+    ------
+    ModelError
+        No model is named, or one that does not exist.
+
+    Examples
+    --------
+    >>> import flexstage as fs
+    >>> found = fs.study("vgtu-piezo", ["lumped"])
+    >>> found.characteristics.value("natural_frequency_hz", "x", "published-analytic")
+    339.0
+    """
+    from flexstage.report import run_study
+
+    if isinstance(models, str):
+        models = [models]
+    found = run_study(
+        stage_of(stage), models, plane=plane, hysteresis=hysteresis, virtual=virtual, seed=seed
+    )
+    return StageStudy(study=found)

@@ -1,0 +1,64 @@
+"""Packages whose modules are imported on first use, so that a command loads only what it runs."""
+
+import ast
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+__all__ = ["import_on_use"]
+
+
+def import_on_use(package: str) -> None:
+    """Import what a package's ``if TYPE_CHECKING:`` block names when it is first used.
+
+    That block is the only list: type checkers read it as imports, and so does this function.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package; its ``__init__`` calls this with ``__name__``.
+
+    Raises
+    ------
+    ImportError
+        The source of the package is not installed, only its byte code.
+    """
+    module = sys.modules[package]
+    source = module.__spec__.loader.get_source(package)  # type: ignore[union-attr]
+    if source is None:
+        raise ImportError(f"{package} needs the source of its '__init__.py': install the wheel")
+    module.__dict__["_homes"] = {
+        name.asname or name.name: (line.module, name.name)
+        for block in ast.parse(source).body
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for name in line.names
+    }
+    module.__class__ = _Package
+
+
+class _Package(ModuleType):
+    """A package that imports its names on first use."""
+
+    _homes: dict[str, tuple[str, str]]
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._homes:
+            raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
+        home, original = self._homes[name]
+        if home == self.__name__:
+            value = import_module(f"{home}.{original}")  # one of its own subpackages
+        else:
+            value = getattr(import_module(home), original)
+        self.__dict__[name] = value
+        return value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # the import system sets each submodule; one that is called like a public name would hide it
+        if not (isinstance(value, ModuleType) and name in self._homes):
+            super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*self._homes, *self.__dict__.get("__all__", ())})

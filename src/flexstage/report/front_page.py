@@ -1,0 +1,391 @@
+"""The first page of a study: what was reproduced, how well, and what was not."""
+
+import re
+from collections.abc import Iterable, Iterator
+from html import escape
+from typing import TYPE_CHECKING
+
+from flexstage.report.comparison import ComparisonRow
+from flexstage.report.figures import draw_bode, draw_stage, inline_svg
+from flexstage.report.figures.compensation import draw_loop
+from flexstage.report.page import captioned, figure, table_html
+from flexstage.report.quantities import display, number
+from flexstage.report.tables import MANUFACTURE, percent
+
+if TYPE_CHECKING:
+    from flexstage.report.study import Study
+
+__all__ = ["best_model", "front_page", "listed", "model_name", "outer_size", "verdict"]
+
+#: The rows of the first table.
+_MAIN = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
+#: A model whose difference from the measurement is larger has not reproduced it [%].
+_FAR = 5.0
+#: The model that leaves the least out comes first.
+_BEST = ("solid", "plane", "superelement", "lumped")
+_NAMES = {
+    "lumped": "rigid-body model",
+    "superelement": "superelement model",
+    "plane": "plane finite elements",
+    "solid": "solid finite elements",
+}
+_FEM, _MEASURED = "published-fem", "published-measured"
+
+
+def best_model(study: "Study") -> str:
+    """Return the model of a study that leaves the least out.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    str
+        Its name.
+    """
+    return next((m for m in _BEST if m in study.analyses), next(iter(study.analyses)))
+
+
+def model_name(model: str) -> str:
+    """Return what a model is called in a sentence.
+
+    Parameters
+    ----------
+    model : str
+        One of `flexstage.report.MODELS`.
+
+    Returns
+    -------
+    str
+        Its name in words.
+    """
+    return _NAMES.get(model, model)
+
+
+def outer_size(study: "Study") -> str:
+    """Return outer size and mass of the stage, from its outlines.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    str
+        Length, width and thickness, and the mass of all bodies and of the moving ones.
+    """
+    from flexstage.report.figures.shapes import body_shapes, extent
+    from flexstage.stage.mass import mass_properties
+
+    stage = study.stage
+    x0, y0, x1, y1 = extent(body_shapes(stage))
+    sizes = " × ".join(f"{1e3 * v:.4g}" for v in (x1 - x0, y1 - y0, stage.thickness))
+    masses = {name: found.mass for name, found in mass_properties(stage).items()}
+    moving = sum(masses[b.name] for b in stage.bodies if not b.fixed)
+    return (
+        f"{sizes} mm, {number(sum(masses.values()), 3)} kg without drives, of which "
+        f"{number(moving, 3)} kg move"
+    )
+
+
+def verdict(study: "Study") -> tuple[str, ...]:
+    """Say in sentences what was reproduced, how well, and what was not.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    tuple of str
+        Plain sentences, computed from the rows of the study; of a stage with nothing published what
+        is known of it.
+    """
+    if not study.comparison.published:
+        return tuple(_known(study))
+    return tuple(s for s in (_to_fem(study), _to_measured(study), _not_reproduced(study)) if s)
+
+
+def front_page(study: "Study") -> str:
+    """Write the first page.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    str
+        HTML: sentences, a table, the drawing, a Bode diagram, and a loop where there is one.
+    """
+    sentences = "".join(f"<p>{_marked(s)}</p>" for s in verdict(study))
+    name = escape(study.stage.name)
+    left = figure(
+        inline_svg(draw_stage(study.stage, key=False), "front-drawing", f"drawing of {name}"),
+        f"The stage: {escape(outer_size(study))}. Arrows: drives (orange) and probes (green).",
+    )
+    right = "".join(_curves(study))
+    return (
+        f'<section id="summary"><div class="verdict">{sentences}</div>{_table(study)}'
+        f'<div class="front">{left}<div class="plots">{right}</div></div></section>'
+    )
+
+
+def _marked(sentence: str) -> str:
+    """Set off the words before the colon that a sentence begins with."""
+    bold = re.sub(r"^([^:]{3,40}):", r"<b>\1:</b>", escape(sentence))
+    return bold.replace(" %", "\u00a0%")
+
+
+def _curves(study: "Study") -> Iterator[str]:
+    made = next(iter(study.experiments.values()), None)
+    axes = [a.axis for a in study.main.axes]
+    model = escape(model_name(study.main.system.model))
+    for i, axis in enumerate(axes[: 1 if made is not None else 2]):
+        svg = inline_svg(
+            draw_bode(study.main, axis, conditions=("removed",), size=(5.0, 3.1)),
+            f"front-bode{i}", f"Bode diagram of {axis}",
+        )  # fmt: skip
+        yield figure(svg, f"Bode diagram of {escape(axis)}, drives removed; {model}.")
+    if made is not None:
+        svg = inline_svg(draw_loop(made), "front-loop", f"loop of {made.axis}")
+        words = f"Loop of {escape(made.axis)} without and with the inverse; simulated stage."
+        yield figure(svg, words)
+
+
+def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
+    found = [row for row in study.comparison.rows if row.quantity in quantities]
+    order = {name: i for i, name in enumerate(quantities)}
+    return sorted(found, key=lambda row: order[row.quantity])
+
+
+def _table(study: "Study") -> str:
+    model = best_model(study)
+    published = [c for c in (_FEM, _MEASURED) if c in study.comparison.published]
+    quantities = _MAIN if published else (*_MAIN, "safety_factor")
+    titles = {_FEM: "published FEM", _MEASURED: "published, measured"}
+    heads = ['<th class="text">Quantity</th>', "<th>Axis</th>"]
+    heads += [f"<th>{titles[c]}</th>" for c in published]
+    heads += [f"<th>here, {escape(model_name(model))}</th>"]
+    heads += [f"<th>difference to {titles[c]}</th>" for c in published]
+    lines = []
+    for row in _rows(study, quantities):
+        cell = row.cells.get(model)
+        if cell is None or not (set(published) & set(row.cells) or not published):
+            continue
+        shown = display(row.quantity)
+        unit = f" [{shown.unit}]" if shown.unit else ""
+        cells = [f'<td class="text">{escape(shown.label + unit)}</td><td>{escape(row.axis)}</td>']
+        for c in published:
+            slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
+            cells.append(
+                f"<td>{shown.cell(row.cells[c])}{slip}</td>" if c in row.cells else "<td>–</td>"
+            )
+        cells.append(f'<td class="ours">{shown.cell(cell)}</td>')
+        cells += [f"<td>{percent(row.difference_percent(model, c)) or '–'}</td>" for c in published]
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    lines += _loops(study, len(published))
+    slips = [s for axis in _axes(study) if (s := _slip(study, _FEM, axis))]
+    foot = f" † Printed so; {escape(slips[0])}." if slips else ""
+    caption = f"Main figures of the stage.{foot}"
+    return captioned(table_html(heads, lines), caption) if lines else ""
+
+
+def _loops(study: "Study", published: int) -> Iterator[str]:
+    """Rows on the loop that the inverse leaves, which the simulated stage gives."""
+    for axis, made in study.experiments.items():
+        printed = _printed_reduction(study, axis)
+        here = made.runs[0].reduction_percent
+        if printed is None or published < 2:
+            continue
+        yield (
+            f'<tr><td class="text">Loop narrowed by inverse [%]</td><td>{escape(axis)}</td>'
+            f'<td>–</td><td>{printed:.1f}</td><td class="ours">{here:.1f} (simulated)</td>'
+            f"<td>–</td><td>{here - printed:+.1f} points</td></tr>"
+        )
+
+
+def _printed_reduction(study: "Study", axis: str) -> float | None:
+    rows = study.characteristics
+    widths = [
+        rows.select(q, axis, _MEASURED) for q in ("hysteresis_loop_width", "compensated_loop_width")
+    ]
+    if not all(widths):
+        return None
+    return 100.0 * (1.0 - widths[1][0].value / widths[0][0].value)
+
+
+_RATIO = "transmission_ratio"
+
+
+def _axes(study: "Study") -> list[str]:
+    return [axis.name for axis in study.stage.axes]
+
+
+def _slip(study: "Study", origin: str, axis: str) -> str:
+    """Say where a published ratio is not that of its own output and input, beyond rounding."""
+    rows = study.characteristics
+    found = [
+        rows.select(quantity, axis, origin)
+        for quantity in (_RATIO, "output_displacement", "input_displacement")
+    ]
+    if not all(found):
+        return ""
+    ratio, out, into = (f[0].value for f in found)
+    printed = f"{ratio:.10g}"
+    rounding = 0.5 * 10.0 ** -len(printed.partition(".")[2])
+    own = out / into
+    if abs(ratio - own) <= 1.001 * rounding:
+        return ""
+    return f"its own displacements of {axis} give {number(own)}"
+
+
+def _largest(
+    study: "Study", column: str, reference: str, quantities: Iterable[str] = _MAIN
+) -> tuple[float, ComparisonRow] | None:
+    """The largest difference of a column to a reference, printed slips left out."""
+    found = []
+    for row in _rows(study, quantities):
+        if row.quantity == _RATIO and _slip(study, reference, row.axis):
+            continue
+        value = row.difference_percent(column, reference)
+        if value is not None:
+            found.append((value, row))
+    return max(found, key=lambda pair: abs(pair[0]), default=None)
+
+
+def _named(row: ComparisonRow) -> str:
+    return f"{display(row.quantity).label.lower()} {row.axis}"
+
+
+def _to_fem(study: "Study") -> str:
+    best = best_model(study)
+    near = _largest(study, best, _FEM)
+    if near is None:
+        return ""
+    kinds = dict.fromkeys(
+        display(row.quantity).label.lower()
+        for row in _rows(study)
+        if row.difference_percent(best, _FEM) is not None
+        and not (row.quantity == _RATIO and _slip(study, _FEM, row.axis))
+    )
+    said = (
+        f"Reproduced: {listed(kinds)} of the published finite elements, within "
+        f"{abs(near[0]):.1f} % ({model_name(best)})"
+    )
+    others = [m for m in ("lumped",) if m in study.analyses and m != best]
+    for model in others:
+        far = _largest(study, model, _FEM)
+        if far is not None:
+            said += f" and within {abs(far[0]):.1f} % ({model_name(model)}; {_named(far[1])})"
+    loops = [
+        (axis, made.runs[0].reduction_percent, printed)
+        for axis, made in study.experiments.items()
+        if (printed := _printed_reduction(study, axis)) is not None
+    ]
+    if loops:
+        here = listed(f"{value:.1f} % in {axis}" for axis, value, _ in loops)
+        printed = listed(f"{value:.1f} %" for *_, value in loops)
+        said += (
+            f"; the Bouc-Wen inverse narrows the simulated hysteresis loop by {here} "
+            f"(published, measured: {printed})"
+        )
+    return said + "."
+
+
+def _to_measured(study: "Study") -> str:
+    best = best_model(study)
+    parts = []
+    for quantity in ("output_displacement", "natural_frequency_hz"):
+        ours = _largest(study, best, _MEASURED, (quantity,))
+        theirs = _largest(study, _FEM, _MEASURED, (quantity,))
+        if ours is not None:
+            own = f" (published FEM: {abs(theirs[0]):.1f} %)" if theirs is not None else ""
+            word = display(quantity).label.lower()
+            parts.append(f"{word} within {abs(ours[0]):.1f} %{own}")
+    if not parts:
+        return ""
+    return f"Against the published measurement: {listed(parts)}; {model_name(best)}."
+
+
+def _not_reproduced(study: "Study") -> str:
+    best = best_model(study)
+    rows = study.characteristics
+    parts = []
+    errors = dict.fromkeys(r.quantity for r in rows if r.origin == _MEASURED)
+    errors = [q for q in errors if q in MANUFACTURE]
+    if errors:
+        words = listed(display(q).label.lower() for q in errors)
+        parts.append(f"the measured motion errors ({words}), which come from manufacture")
+    far = [
+        f"{_named(row)} ({percent(value)})"
+        for row in _rows(study)
+        if (value := row.difference_percent(best, _MEASURED)) is not None and abs(value) > _FAR
+    ]
+    if far:
+        parts.append(f"the measured {listed(far)}")
+    for origin in (_FEM, "published-analytic"):
+        slips = {axis: s for axis in _axes(study) if (s := _slip(study, origin, axis))}
+        if slips:
+            axis, said = next(iter(slips.items()))
+            printed = f"{rows.select(_RATIO, axis, origin)[0].value:.10g}"
+            parts.append(f"the printed FEM ratio {printed} ({said})")
+    if study.experiments and any(r.quantity == "hysteresis_loop_width" for r in rows):
+        parts.append(
+            "the stacks' own hysteresis, whose loop width is set to the published one and not "
+            "predicted"
+        )
+    parts = parts or ["nothing that was published"]
+    return f"Not reproduced: {'; '.join(parts)}."
+
+
+def _known(study: "Study") -> Iterator[str]:
+    """What is known of a stage of which nothing was published."""
+    model = best_model(study)
+    rows = {(r.quantity, r.axis): r for r in study.analyses[model].characteristics}
+
+    def said(quantity: str, unit: str = "") -> str:
+        shown = display(quantity)
+        values = [
+            f"{shown.cell(row)}{unit or f' {shown.unit}'} in {axis}"
+            for (q, axis), row in rows.items()
+            if q == quantity
+        ]
+        return listed(values)
+
+    yield f"Size and mass: {outer_size(study)}; {study.stage.material.name}."
+    motion = said("output_displacement")
+    if motion:
+        frequency = said("natural_frequency_hz")
+        yield (
+            f"Motion: {motion} at full stroke; natural frequency {frequency}; {model_name(model)}."
+        )
+    stress, safety = said("max_stress"), said("safety_factor", " ")
+    if stress:
+        against = f"; safety against yield {safety.replace('  ', ' ')}" if safety else ""
+        yield f"Stress: at most {stress}{against}."
+    yield "Nothing was published or measured of this stage, so that no difference is shown."
+
+
+def listed(words: Iterable[str]) -> str:
+    """Write words with commas, and "and" before the last.
+
+    Parameters
+    ----------
+    words : iterable of str
+        The words.
+
+    Returns
+    -------
+    str
+        One phrase.
+    """
+    items = list(words)
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} and {items[-1]}"

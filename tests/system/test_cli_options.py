@@ -1,0 +1,156 @@
+"""An option means one thing in every command, and its former names still work."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.cli.command import FORMER_OPTIONS
+from tests.system.test_cli_json import commands
+
+#: What differs in writing and not in meaning.
+ONE_MEANING = {
+    "--material": "a material of the catalogue; of a part also by its constants, by solid",
+    "--model": "a model of the mechanics; a twin has the two that run in real time",
+    "--output": "the output, or the outputs where a command takes several",
+    "--stage": "a stage, or in a list of runs the name of one",
+    "--start": "the state before a record; the words are those that apply",
+    "--to": "the format that is written",
+}
+#: A value that an option accepts, by what its help shows.
+VALUES = {
+    "FOLDER": "made", "NAME": "lumped", "ANGLE": "30 deg", "text|latex|svg": "latex",
+    "TIME": "2 s", "NUMBER": "7", "NUMBER|auto": "7", "FREQUENCIES": "0.5,5", "RATIO": "0.02",
+    "FILE": "other.csv", "UNIT": "um", "LOW:HIGH": "0:120", "FREQUENCY": "2 kHz",
+    "ROLE=UNIT": "along=um", "SEED": "3", "NAMES": "a,b", "KIND": "motion", "TEXT": "7",
+}  # fmt: skip
+
+
+def printed(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    said = capsys.readouterr()
+    assert not end.value.code, said.err
+    return json.loads(said.out)
+
+
+def test_an_option_has_one_meaning() -> None:
+    found: dict[str, set[tuple[str | None, bool]]] = {}
+    for command in commands().values():
+        for p in command.params:
+            for name in p.opts if p.param_type_name == "option" else ():
+                found.setdefault(name, set()).add((p.metavar, bool(p.is_flag)))
+    assert {name for name, kinds in found.items() if len(kinds) > 1} == set(ONE_MEANING)
+
+
+def test_no_former_name_is_one_of_today_in_the_same_command() -> None:
+    for name, command in commands().items():
+        now = {word for p in command.params for word in (*p.opts, *p.secondary_opts)}
+        former = FORMER_OPTIONS.get(name.rpartition(" ")[2], {})
+        assert not now & set(former), name
+        assert set(former.values()) <= now, name
+
+
+@pytest.mark.parametrize(
+    ("command", "former"),
+    [(command, old) for command, names in FORMER_OPTIONS.items() for old in names],
+)
+def test_a_former_name_is_understood_and_not_listed(command: str, former: str) -> None:
+    found = next(c for name, c in commands().items() if name.rpartition(" ")[2] == command)
+    present = FORMER_OPTIONS[command][former]
+    option = next(p for p in found.params if present in (*p.opts, *p.secondary_opts))
+    value = [] if option.is_flag else [VALUES[option.metavar]]
+
+    def parsed(*words: str) -> Any:
+        with found.make_context(command, list(words), resilient_parsing=True) as context:
+            return context.params[option.name]
+
+    assert parsed(former, *value) == parsed(present, *value)
+    if value:
+        assert parsed(f"{former}={value[0]}") == parsed(present, *value)
+        assert parsed(former, *value) != parsed()
+    context = found.make_context(command, [], resilient_parsing=True)
+    assert former not in context.get_help().replace(",", " ").split()
+
+
+def test_results_by_either_name_are_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    notch = ("hinges", "--profile", "v", "--depth", "2 mm", "--radius", "0.1 mm", "--json")
+    assert printed(capsys, *notch, "--angle", "40 deg") == printed(
+        capsys, *notch, "--half-angle", "40 deg"
+    )
+    drive = ("excite", "--voltage", "0:100", "--duration", "20 s", "--json")
+    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance", "--hold", "0 s")
+    new = printed(capsys, *drive, "--loop-rates", "0.5,5", "--no-multisine", "--hold-time", "0 s")
+    assert old == new
+    assert new != printed(capsys, *drive, "--loop-rates", "0.5,2", "--no-multisine")
+
+
+def test_behind_a_double_dash_no_name_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["records", "--", "--out"])
+    assert "'--out'" in capsys.readouterr().err
+
+
+def test_a_bare_number_has_the_unit_of_the_help(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    angle = np.arange(0.0, 360.0, 5.0)
+    error = 3.0 * np.cos(np.radians(angle) - 0.4) + 0.01 * np.sin(np.radians(7.0 * angle))
+    file = tmp_path / "r.csv"
+    np.savetxt(file, np.column_stack([angle, error]), delimiter=",")
+    scale = ("centre", file, "--angle", "0", "--error", "1", "--angle-unit", "deg", "--json",
+             "--error-unit", "arcsec", "--radius", "50 mm", "--kind", "disc")  # fmt: skip
+
+    def move(*words: str) -> tuple[float, float]:
+        found = printed(capsys, *scale, *words)["move"]
+        return found["x"], found["y"]
+
+    bare = move("--mount-angle", "30")
+    assert bare == pytest.approx(move("--mount-angle", "0.5235987755982988 rad"), rel=1e-12)
+    assert bare != pytest.approx(move(), rel=0.1)
+
+
+def test_measured_files_are_cut_by_the_same_options(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(5)
+    reading = 1e-3 * rng.normal(size=4000)
+    reading[:500] += 7.0  # before the stage was left alone
+    rows = "\n".join(f"{value:.9f}" for value in reading)
+    (tmp_path / "log.csv").write_text(f"a logger's first line\nand its second\n{rows}\n")
+    (tmp_path / "cut.csv").write_text("\n".join(rows.splitlines()[500:]) + "\n")
+    hold = ("--test", "hold", "--along", "0", "--column-unit", "along=um", "--sample-rate",
+            "1 kHz", "--json")  # fmt: skip
+    cut = printed(capsys, "characterise", tmp_path / "cut.csv", *hold)
+    log = (tmp_path / "log.csv", "--skip-lines", "2", *hold)
+    same = printed(capsys, "characterise", *log, "--rows", "500:")
+    figures = "characteristics" if "characteristics" in cut else "measured"
+    assert cut[figures] == same[figures]
+    assert printed(capsys, "characterise", *log)[figures] != cut[figures]
+
+
+def test_several_models_are_printed_each_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = printed(
+        capsys, "analyse", "parallelogram", "--model", "lumped,superelement", "--json",
+        "--folder", tmp_path / "a", "--figure", tmp_path / "bode.png",
+    )  # fmt: skip
+    assert list(found["models"]) == ["lumped", "superelement"]
+    alone = printed(capsys, "analyse", "parallelogram", "--model", "lumped", "--json")
+    assert found["models"]["lumped"]["characteristics"] == alone["characteristics"]
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()) == [
+        "a/lumped/analysis.json", "a/lumped/bode-x.svg", "a/superelement/analysis.json",
+        "a/superelement/bode-x.svg", "bode-lumped-x.png", "bode-superelement-x.png",
+    ]  # fmt: skip
+    assert len(found["files"]) == 6
+
+
+def test_all_leaves_out_what_is_impossible(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("analyse", "parallelogram", "--model", "all", "--stroke", "--json")
+    found = printed(capsys, *words)
+    assert list(found["models"]) == ["plane"]
+    assert set(found["left_out"]) == {"lumped", "superelement", "solid"}
