@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,8 @@ from flexstage.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from flexstage.plans.results import VerifiedStep
 
 IMAGES = Path(__file__).parent / "images"
 _MM = 1e3
@@ -257,19 +260,32 @@ def piezo_stage() -> "Figure":
     return draw_stage(design("vgtu-piezo"))
 
 
-def _following(step: str) -> "Figure":
-    """How the twin followed a reference in a step of the plan of the study."""
+@cache
+def _followed() -> "dict[str, VerifiedStep]":
+    """How the twin followed references in the plan of the study, by step."""
     from flexstage.instruments.connect import connect
     from flexstage.plans import plan_stage, read_plan, run_plan
     from flexstage.plans.results import VerifiedStep
-    from flexstage.report.figures import draw_following
 
     plan = read_plan("vgtu-piezo")
     stage = plan_stage(plan)
     with in_new_folder(), connect("twin://?seed=0", stage) as twin:
-        found = next(s for s in run_plan(plan, twin, "run", stage=stage).steps if s.name == step)
-    assert isinstance(found, VerifiedStep)
-    return draw_following(found)
+        steps = run_plan(plan, twin, "run", stage=stage).steps
+    return {step.name: step for step in steps if isinstance(step, VerifiedStep)}
+
+
+def inverse_on_twin() -> "Figure":
+    """The twin with the inverse of its hysteresis."""
+    from flexstage.report.figures import draw_following
+
+    return draw_following(_followed()["inverse-preisach-x"])
+
+
+def control_on_twin() -> "Figure":
+    """The twin under control."""
+    from flexstage.report.figures import draw_following
+
+    return draw_following(_followed()["control-x"])
 
 
 @contextmanager
@@ -296,8 +312,8 @@ PICTURES: dict[str, Callable[[], "Figure"]] = {
     "card-cut.png": card_cut,
     "guide.png": guide,
     "vgtu-piezo.png": piezo_stage,
-    "inverse-on-twin.png": lambda: _following("inverse-preisach-x"),
-    "control-on-twin.png": lambda: _following("control-x"),
+    "inverse-on-twin.png": inverse_on_twin,
+    "control-on-twin.png": control_on_twin,
 }
 #: Pictures that a page makes: the page, and the file that its Python and its commands write.
 PAGES = {
