@@ -264,10 +264,10 @@ def piezo_stage() -> "Figure":
 def _followed() -> "dict[str, VerifiedStep]":
     """How the twin followed references in the plan of the study, by step."""
     from flexstage.instruments.connect import connect
-    from flexstage.plans import plan_stage, read_plan, run_plan
+    from flexstage.plans import find_plan, plan_stage, read_plan, run_plan
     from flexstage.plans.results import VerifiedStep
 
-    plan = read_plan("vgtu-piezo")
+    plan = read_plan(find_plan("vgtu-piezo"))
     stage = plan_stage(plan)
     with in_new_folder(), connect("twin://?seed=0", stage) as twin:
         steps = run_plan(plan, twin, "run", stage=stage).steps
