@@ -325,7 +325,7 @@ PAGES = {
 COMMANDS = {
     "diagram-vgtu-piezo-x.svg": ["equations vgtu-piezo --axis x --format svg --out"],
     "part-faces.png": [
-        "export parallelogram --to step --out .",
+        "export parallelogram --to step --folder .",
         "part parallelogram.step --order 0 --figure",
     ],
 }
