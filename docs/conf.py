@@ -44,28 +44,61 @@ html_theme_options = {
     # The colours are variables of `_static/custom.css`, which has them for light and dark.
     **dict.fromkeys(("base_bg", "body_bg"), "var(--page)"),
     **dict.fromkeys(
-        ("base_text", "body_text", "sidebar_header", "sidebar_text", "sidebar_link", "gray_1",
-         "sidebar_list", "narrow_sidebar_fg", "narrow_sidebar_link"),
+        (
+            "base_text",
+            "body_text",
+            "sidebar_header",
+            "sidebar_text",
+            "sidebar_link",
+            "gray_1",
+            "sidebar_list",
+            "narrow_sidebar_fg",
+            "narrow_sidebar_link",
+        ),
         "var(--ink)",
     ),
     "link": "var(--link)",
     "link_hover": "var(--hover)",
     **dict.fromkeys(("footer_text", "table_border"), "var(--muted)"),
     **dict.fromkeys(
-        ("gray_2", "narrow_sidebar_bg", "pre_bg", "xref_bg", "code_highlight_bg", "footnote_bg",
-         "topic_bg", "anchor_hover_bg", "highlight_bg", "warn_bg", "note_bg", "admonition_bg",
-         "sidebar_search_button", "admonition_xref_bg"),
+        (
+            "gray_2",
+            "narrow_sidebar_bg",
+            "pre_bg",
+            "xref_bg",
+            "code_highlight_bg",
+            "footnote_bg",
+            "topic_bg",
+            "anchor_hover_bg",
+            "highlight_bg",
+            "warn_bg",
+            "note_bg",
+            "admonition_bg",
+            "sidebar_search_button",
+            "admonition_xref_bg",
+        ),
         "var(--soft)",
     ),
     **dict.fromkeys(
-        ("hr_border", "gray_3", "sidebar_hr", "relbar_border", "xref_border", "admonition_border",
-         "footnote_border", "anchor", "sidebar_link_underscore", "warn_border", "note_border"),
+        (
+            "hr_border",
+            "gray_3",
+            "sidebar_hr",
+            "relbar_border",
+            "xref_border",
+            "admonition_border",
+            "footnote_border",
+            "anchor",
+            "sidebar_link_underscore",
+            "warn_border",
+            "note_border",
+        ),
         "var(--line)",
     ),
 }
 
-# The subpackages from low to high, and those parts of one that its own `__all__` does not name. What
-# does not exist yet has no page.
+# The subpackages from low to high, and parts of one that its own `__all__` does not name. What does
+# not exist yet has no page.
 SUBPACKAGES = [
     "errors", "units", "estimate", "material", "characteristic", "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",

@@ -3,8 +3,14 @@
 ``python -m docs.pictures [NAME ...]`` writes them into ``docs/images``; without names all of them.
 """
 
+import os
+import shutil
+import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +30,8 @@ from flexstage.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from flexstage.plans.results import VerifiedStep
 
 IMAGES = Path(__file__).parent / "images"
 _MM = 1e3
@@ -235,19 +243,14 @@ def card_cut() -> "Figure":
 
 def guide() -> "Figure":
     """The guide of the first tutorial, as `flexstage show` draws it."""
-    import re
-    import tempfile
-
     from flexstage.report.figures import draw_stage
     from flexstage.stage import read_stage
+    from tests.meta.test_docs_snippets import run
 
     page = Path(__file__).parent / "tutorials" / "first-stage.md"
-    text = re.search(r"```yaml\n(# file: guide.yaml\n.*?)```", page.read_text("utf-8"), re.DOTALL)
-    assert text is not None
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "guide.yaml"
-        file.write_text(text[1], "utf-8")
-        return draw_stage(read_stage(file))
+    with in_new_folder():
+        run(page.read_text("utf-8"), page.name)
+        return draw_stage(read_stage("guide.yaml"))
 
 
 def piezo_stage() -> "Figure":
@@ -257,25 +260,123 @@ def piezo_stage() -> "Figure":
     return draw_stage(design("vgtu-piezo"))
 
 
-#: Every picture that is made here, by the name of its file in `docs/images`.
+@cache
+def _followed() -> "dict[str, VerifiedStep]":
+    """How the twin followed references in the plan of the study, by step."""
+    from flexstage.instruments.connect import connect
+    from flexstage.plans import find_plan, plan_stage, read_plan, run_plan
+    from flexstage.plans.results import VerifiedStep
+
+    plan = read_plan(find_plan("vgtu-piezo"))
+    stage = plan_stage(plan)
+    with in_new_folder(), connect("twin://?seed=0", stage) as twin:
+        steps = run_plan(plan, twin, "run", stage=stage).steps
+    return {step.name: step for step in steps if isinstance(step, VerifiedStep)}
+
+
+def inverse_on_twin() -> "Figure":
+    """The twin with the inverse of its hysteresis."""
+    from flexstage.report.figures import draw_following
+
+    return draw_following(_followed()["inverse-preisach-x"])
+
+
+def control_on_twin() -> "Figure":
+    """The twin under control."""
+    from flexstage.report.figures import draw_following
+
+    return draw_following(_followed()["control-x"])
+
+
+@contextmanager
+def in_new_folder() -> Iterator[Path]:
+    """Work in a folder that is removed afterwards."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            yield Path(folder)
+        finally:
+            os.chdir(before)
+
+
+#: Every picture that is drawn here, by the name of its file in `docs/images`.
 PICTURES: dict[str, Callable[[], "Figure"]] = {
-    "card-stage": card_stage,
-    "card-mode": card_mode,
-    "card-hysteresis": card_hysteresis,
-    "card-response": card_response,
-    "card-centring": card_centring,
-    "card-twin": card_twin,
-    "card-control": card_control,
-    "card-cut": card_cut,
-    "guide": guide,
-    "vgtu-piezo": piezo_stage,
+    "card-stage.png": card_stage,
+    "card-mode.png": card_mode,
+    "card-hysteresis.png": card_hysteresis,
+    "card-response.png": card_response,
+    "card-centring.png": card_centring,
+    "card-twin.png": card_twin,
+    "card-control.png": card_control,
+    "card-cut.png": card_cut,
+    "guide.png": guide,
+    "vgtu-piezo.png": piezo_stage,
+    "inverse-on-twin.png": inverse_on_twin,
+    "control-on-twin.png": control_on_twin,
 }
+#: Pictures that a page makes: the page, and the file that its Python and its commands write.
+PAGES = {
+    "centring.png": ("how-to/centre.md", "turn.png"),
+    "frequency-response.png": ("how-to/frequency-response.md", "response.png"),
+    "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
+}
+#: Pictures that commands make, the last of which writes the file.
+COMMANDS = {
+    "diagram-vgtu-piezo-x.svg": ["equations vgtu-piezo --axis x --format svg --out"],
+    "part-faces.png": [
+        "export parallelogram --to step --folder .",
+        "part parallelogram.step --order 0 --figure",
+    ],
+}
+#: Pictures of other programs, made by hand: VTK, and the contours of the DXF with a filled part.
+BY_HAND = ("mode-vgtu-piezo.png", "wire-path.png")
+
+
+def flexstage(*words: str) -> None:
+    """Run a command."""
+    subprocess.run([sys.executable, "-m", "flexstage", *words], check=True, capture_output=True)
+
+
+def from_page(name: str, folder: Path) -> Path:
+    """Run the Python of a page, and the command that writes its picture; return the picture."""
+    import shlex
+
+    from tests.meta.test_docs_snippets import blocks, run
+    from tests.printed_commands import commands
+
+    page, file = PAGES[name]
+    text = (Path(__file__).parent / page).read_text("utf-8")
+    run(text, page)
+    for block in blocks(text):
+        for command in commands(block.code) if block.language == "console" else []:
+            if file in command.line:
+                flexstage(*shlex.split(command.line)[1:])
+    return folder / file
+
+
+def write(name: str) -> None:
+    """Write one picture."""
+    if name in PICTURES:
+        content = encode(PICTURES[name](), "png")
+        (IMAGES / name).write_bytes(content)
+        return
+    with in_new_folder() as folder:
+        if name in PAGES:
+            made = from_page(name, folder)
+        else:
+            *before, last = COMMANDS[name]
+            made = folder / name
+            for command in before:
+                flexstage(*command.split())
+            flexstage(*last.split(), str(made))
+        shutil.copy(made, IMAGES / name)
 
 
 def main(names: list[str]) -> None:
     """Write the pictures."""
-    for name in names or list(PICTURES):
-        (IMAGES / f"{name}.png").write_bytes(encode(PICTURES[name](), "png"))
+    for name in names or [*PICTURES, *PAGES, *COMMANDS]:
+        write(name)
 
 
 if __name__ == "__main__":

@@ -53,8 +53,8 @@ def differences(
 ) -> list[str]:
     """Return the printed lines that did not come, in their order; one of '…' stands for any.
 
-    A long line may be folded in print. Without digits any number will do; with noise one that differs
-    by that share of itself.
+    A long line may be folded in print. Without digits any number will do; with
+    noise, one that differs by that share.
     """
     came = " ".join(got.split())
     missed, at = [], 0

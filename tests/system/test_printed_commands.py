@@ -25,7 +25,8 @@ _LONG = ("--stroke", "--model solid", "flexstage study", "--quantity max_stress"
 _THEIRS = ("actuator.step", 'joint.step --material "E=193 GPa')
 #: Commands of the project itself, which other tests and targets are, and those that set up Python.
 _OURS = (
-    "make ", "pytest ", "python -m benchmarks", "pip install", "export ", "python3 -m venv", "source ",
+    "make ", "pytest ", "python -m benchmarks", "pip install", "python3 -m venv", "source ",
+    "export ",
 )  # fmt: skip
 #: What is not on this machine, and the sentence that says so.
 _ELSEWHERE = {
@@ -197,7 +198,7 @@ GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
 }
 #: Pages whose given files are the page's own: figures are compared as well.
 _OWN = ("identification.md",)
-#: Time passes there as commands come: figures differ by noise from run to run, by no more than this.
+#: Time passes there as commands come: figures differ by noise from run to run, by this at most.
 _NOISY = "gcs://"
 _NOISE = 0.5
 
