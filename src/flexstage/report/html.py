@@ -38,6 +38,7 @@ from flexstage.report.mesh_sections import (
     neck_stress_section,
 )
 from flexstage.report.page import figure, folded, page_html, row_of
+from flexstage.report.record_sections import provenance_section, validity_section
 from flexstage.report.structure import diagram_section, equations_section
 from flexstage.report.study import Study
 from flexstage.report.tables import (
@@ -302,31 +303,6 @@ def _hinges(study: Study) -> str:
     return hinge_table(study.stage, method=settings.get("method", "wedge"), plane=plane)
 
 
-def _validity(study: Study) -> str:
-    notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
-    notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
-    return f'<div class="columns">{_list(notes)}</div>' if notes else ""
-
-
-def _provenance(study: Study) -> str:
-    entries: list[tuple[str, str]] = []
-    for name, analysis in study.analyses.items():
-        settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())
-        entries.append((f"{name}, {analysis.system.order} coordinates", settings))
-    for title, of in (
-        ("flexstage", lambda origin: origin.version),
-        ("description, SHA-256", lambda origin: origin.input_hash),
-        ("computed", lambda origin: origin.created),
-        ("with", lambda origin: f"Python {origin.python}, {origin.machine}"),
-    ):
-        values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
-        entries.append((title, "; ".join(values)))
-    material = study.stage.material
-    entries.append(("material", f"{material.name}: {material.source}"))
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
-    return f"<dl>{rows}</dl>"
-
-
 #: The chapters in order, by id.
 CHAPTERS: dict[str, Chapter] = {
     "theory": Chapter(
@@ -394,7 +370,10 @@ CHAPTERS: dict[str, Chapter] = {
     "record": Chapter(
         title="Record",
         finding=record_finding,
-        sections={"validity": ("Validity", _validity), "provenance": ("Provenance", _provenance)},
+        sections={
+            "validity": ("Validity", validity_section),
+            "provenance": ("Provenance", provenance_section),
+        },
     ),
 }
 
@@ -402,9 +381,3 @@ CHAPTERS: dict[str, Chapter] = {
 SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     key: section for chapter in CHAPTERS.values() for key, section in chapter.sections.items()
 }
-
-
-def _list(notes: tuple[str, ...]) -> str:
-    if len(notes) == 1:
-        return f"<p>{escape(notes[0])}</p>"
-    return f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in notes)}</ul>"

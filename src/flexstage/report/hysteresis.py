@@ -41,13 +41,17 @@ def run_experiments(
     -------
     tuple of dict
         Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
-        such a stack.
+        a piezo stack.
     """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
     driven = [a.name for a in stage.axes if _has_stack(stage, a.drive)]
     made: dict[str, AxisExperiment] = {}
-    left_out: dict[str, str] = {}
+    left_out = {
+        a.name: f"piezo stack '{a.drive}' has no voltage_range in the stage file"
+        for a in stage.axes
+        if isinstance(stage.drive(a.drive), PiezoStack) and a.name not in driven
+    }
     for i, axis in enumerate(driven):
         with share(i / len(driven), (i + 1) / len(driven)):
             try:
