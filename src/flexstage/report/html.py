@@ -17,17 +17,7 @@ from flexstage.report.figures import (
     mode_cards,
 )
 from flexstage.report.figures.bench import draw_bench
-from flexstage.report.findings import (
-    centring_finding,
-    dynamics_finding,
-    hysteresis_finding,
-    measured_finding,
-    models_finding,
-    record_finding,
-    statics_finding,
-    stress_finding,
-    theory_finding,
-)
+from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.measurement import Measurement, set_beside
@@ -64,15 +54,12 @@ class Chapter:
     ----------
     title : str
         Its title.
-    finding : Callable
-        What gives its one-line finding from a study.
     sections : Mapping
         Title and writer of each section, by its id; a chapter of one section without a title is
         that section.
     """
 
     title: str
-    finding: Callable[[Study], str]
     sections: Mapping[str, tuple[str, Callable[[Study], str]]]
 
 
@@ -97,7 +84,7 @@ def report_html(study: Study) -> str:
         content = _content(study, chapter, number)
         if content:
             title = f"{number} {chapter.title}"
-            parts.append(folded(key, title, chapter.finding(study), content))
+            parts.append(folded(key, title, FINDINGS[key](study), content))
             links.append((key, title))
     free = sum(not body.fixed for body in stage.bodies)
     lead = (
@@ -307,7 +294,6 @@ def _hinges(study: Study) -> str:
 CHAPTERS: dict[str, Chapter] = {
     "theory": Chapter(
         title="Theory",
-        finding=theory_finding,
         sections={
             "equations": ("Equations of motion", equations_section),
             "diagram": ("Structural diagrams", diagram_section),
@@ -315,7 +301,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "models": Chapter(
         title="Models",
-        finding=models_finding,
         sections={
             "drawing": ("Drawing", _drawing),
             "differences": ("Differences to published figures", _against),
@@ -325,7 +310,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "statics": Chapter(
         title="Statics",
-        finding=statics_finding,
         sections={
             "characteristics": ("Displacement, stiffness, coupling", _statics_table),
             "static": ("Static shapes", _static),
@@ -334,7 +318,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "dynamics": Chapter(
         title="Dynamics",
-        finding=dynamics_finding,
         sections={
             "frequencies": ("Natural frequencies", _dynamics_table),
             "bode": ("Bode diagrams", _bode),
@@ -344,7 +327,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "strength": Chapter(
         title="Stress",
-        finding=stress_finding,
         sections={
             "safety": ("Largest stress and safety", _stress_table),
             "stress": ("Stress in the hinges", _stress),
@@ -353,23 +335,17 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "measurements": Chapter(
         title="Measured",
-        finding=measured_finding,
         sections={
             "published": ("Published figures", _published),
-            "measured": ("Measured here", _measured),
+            "measured": ("Campaign of tests", _measured),
             "bench": ("The bench", _bench),
             "virtual": ("Simulated measurement", _virtual),
         },
     ),
-    "compensation": Chapter(
-        title="Hysteresis", finding=hysteresis_finding, sections={"hysteresis": ("", _hysteresis)}
-    ),
-    "scale": Chapter(
-        title="Centring", finding=centring_finding, sections={"centring": ("", _centring)}
-    ),
+    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", _hysteresis)}),
+    "scale": Chapter(title="Centring", sections={"centring": ("", _centring)}),
     "record": Chapter(
         title="Record",
-        finding=record_finding,
         sections={
             "validity": ("Validity", validity_section),
             "provenance": ("Provenance", provenance_section),
