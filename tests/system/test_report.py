@@ -1,5 +1,6 @@
 """The report of a study: whole, self-contained, and with the numbers of the results."""
 
+import html
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -14,6 +15,7 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.hinges import Leaf
 from flexstage.material import material
+from flexstage.plans.results import IdentifiedStep
 from flexstage.report import (
     SECTIONS,
     Study,
@@ -27,8 +29,10 @@ from flexstage.report import (
 from flexstage.report.figures import (
     FORMATS,
     draw_bode,
+    draw_drive_fit,
     draw_stage,
     draw_static_shape,
+    draw_stress,
     draw_stroke,
     encode,
     inline_svg,
@@ -37,7 +41,7 @@ from flexstage.report.figures.mode_shapes import mode_motion
 from flexstage.report.front_page import verdict
 from flexstage.report.html import CHAPTERS
 from flexstage.stage.mass import mass_properties
-from flexstage.system import modes
+from flexstage.system import modes, pulsating_limit
 
 QUANTITIES = {
     "input_displacement",
@@ -196,17 +200,23 @@ def test_figures_and_tables_are_numbered_and_minus_signs_alike(page: str) -> Non
 def test_the_first_page_says_what_was_reproduced_and_what_was_not(study: Study) -> None:
     reproduced, measured, missing = verdict(study)
     rows = {(r.quantity, r.axis): r for r in study.comparison.rows}
+
+    def value(quantity: str, axis: str, column: str) -> float:
+        found = rows[quantity, axis].value(column)
+        assert found is not None
+        return found
+
     # the largest difference of the only model that was run, found by hand
     main = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
     worst = max(
-        abs(100.0 * (r.value("lumped") - r.value("published-fem")) / r.value("published-fem"))
-        for (quantity, _), r in rows.items()
-        if quantity in main
+        abs(100.0 * (value(q, axis, "lumped") / value(q, axis, "published-fem") - 1.0))
+        for q in main
+        for axis in "xy"
     )
     assert f"within {worst:.1f} % (rigid-body model)" in reproduced
     off = max(
-        100.0 * (row.value("lumped") / row.value("published-measured") - 1.0)
-        for row in (rows["output_displacement", axis] for axis in "xy")
+        100.0 * (value(q, axis, "lumped") / value(q, axis, "published-measured") - 1.0)
+        for q, axis in (("output_displacement", "x"), ("output_displacement", "y"))
     )
     assert f"output displacement within {off:.1f} % (published FEM: 3.0 %)" in measured
     assert "motion errors (straightness in plane and straightness out of plane)" in missing
@@ -223,8 +233,46 @@ def test_a_printed_ratio_that_its_own_displacements_contradict_is_named() -> Non
     row = next(
         r for r in study.comparison.rows if (r.quantity, r.axis) == ("output_displacement", "x")
     )
-    own = -row.difference_percent("published-measured", "published-analytic")
-    assert f"printed 5.17 % below the analytic one; these figures give {own:.2f} %" in page
+    own = row.difference_percent("published-measured", "published-analytic")
+    assert own is not None
+    assert f"printed 5.17 % below the analytic one; these figures give {-own:.2f} %" in page
+
+
+def test_the_line_of_fatigue_and_its_safety_factor_agree(study: Study) -> None:
+    allowed = pulsating_limit(study.stage.material)
+    assert allowed is not None
+    for axis in "xy":
+        stress = study.main.characteristics.value("max_stress", axis)
+        safety = study.main.characteristics.value("fatigue_safety", axis)
+        assert safety * stress == pytest.approx(allowed, rel=1e-12)
+    svg = encode(draw_stress(study.main), "svg").decode()
+    assert f"fatigue, 0 to peak, allows {allowed / 1e6:.0f} MPa" in svg
+
+
+def test_a_stack_without_a_voltage_range_says_why_it_is_not_tried() -> None:
+    stage = design("vgtu-piezo")
+    drives = tuple(replace(d, voltage_range=None) for d in stage.drives)
+    study = run_study(replace(stage, drives=drives), hysteresis=True)
+    assert set(study.experiments_left_out) == {"x", "y"}
+    page = report_html(study)
+    assert "Axis x was left out: piezo stack 'x' has no voltage_range" in html.unescape(page)
+
+
+def test_the_largest_error_of_a_drive_model_is_that_of_what_is_not_grey() -> None:
+    time = np.linspace(0.0, 10.0, 1001)
+    error = np.where(time < 0.8, 1170e-9, 718e-9) * np.sin(5.0 * time)
+    step = IdentifiedStep(
+        name="model x", axis="x", model=None, kind="bouc-wen", file=Path("m"),  # type: ignore[arg-type]
+        errors_percent={}, time=time, voltage=time, measured=error, modelled=np.zeros_like(time),
+        deviation=718e-9,
+    )  # fmt: skip
+    axes = draw_drive_fit(step).axes[1]
+    grey = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+    assert grey.x1 == pytest.approx(1.0, abs=0.02)
+    shown = axes.lines[1]
+    late = np.asarray(shown.get_xdata()) > grey.x1
+    assert np.abs(np.asarray(shown.get_ydata())[late]).max() <= 718.0 + 1e-6
+    assert "718 nm at most after the grey part" in axes.get_title(loc="left")
 
 
 def test_a_stage_of_which_nothing_is_published_says_what_is_known() -> None:

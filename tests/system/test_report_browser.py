@@ -1,7 +1,9 @@
 """The report in a browser: it opens without a complaint or a load, and its modes move."""
 
+import base64
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -157,6 +159,24 @@ def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -
     browser.run('press("drives locked")')
     groups = 'document.querySelectorAll(".modes:not([hidden])")'
     assert browser.run(f"Array.from({groups}, g => g.dataset.condition)") == ["locked"]
+
+    # chapters are folded, and unfold for paper and for whoever asks for one
+    closed = (
+        'Array.from(document.querySelectorAll(".chapter > details")).filter(d => !d.open).length'
+    )
+    folded = browser.run(closed)
+    assert folded >= 6
+    browser.run('window.dispatchEvent(new Event("beforeprint"))')
+    assert browser.run(closed) == 0
+    browser.run('window.dispatchEvent(new Event("afterprint"))')
+    assert browser.run(closed) == folded
+    browser.run('location.hash = "#dynamics"')
+    browser.run(WAIT.format(200))
+    assert browser.run('document.querySelector("#dynamics > details").open')
+    pages = base64.b64decode(browser.call("Page.printToPDF")["data"])
+    assert 2 <= len(re.findall(rb"/Type /Page\b", pages)) <= 10
+    browser.run('press("Unfold all")')
+    assert browser.run(closed) == 0
 
     # nothing is wider than the window, nothing but the page was asked for, nobody complained
     root = "document.documentElement"

@@ -1,6 +1,6 @@
 """What each chapter of a study found, in one line computed from its rows."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -12,20 +12,10 @@ from flexstage.report.tables import percent
 if TYPE_CHECKING:
     from flexstage.report.study import Study
 
-__all__ = [
-    "centring_finding",
-    "dynamics_finding",
-    "hysteresis_finding",
-    "measured_finding",
-    "models_finding",
-    "record_finding",
-    "statics_finding",
-    "stress_finding",
-    "theory_finding",
-]
+__all__ = ["FINDINGS"]
 
 
-def theory_finding(study: "Study") -> str:
+def _theory(study: "Study") -> str:
     """Say what the lumped model consists of."""
     lumped = study.analyses.get("lumped")
     order = f" with {lumped.system.order} coordinates" if lumped is not None else ""
@@ -35,7 +25,7 @@ def theory_finding(study: "Study") -> str:
     )
 
 
-def models_finding(study: "Study") -> str:
+def _models(study: "Study") -> str:
     """Say by how much the models differ among themselves."""
     best = best_model(study)
     names = listed(model_name(m) for m in study.analyses)
@@ -55,13 +45,13 @@ def models_finding(study: "Study") -> str:
     )
 
 
-def statics_finding(study: "Study") -> str:
+def _statics(study: "Study") -> str:
     """Say how far each axis goes, and by what ratio."""
     moved, ratio = _of(study, "output_displacement"), _of(study, "transmission_ratio")
     return f"Full stroke {moved}; ratio {ratio}; {_best(study)}." if moved else _best(study)
 
 
-def dynamics_finding(study: "Study") -> str:
+def _dynamics(study: "Study") -> str:
     """Say the natural frequency of each axis."""
     found = _of(study, "natural_frequency_hz")
     if found:
@@ -70,7 +60,7 @@ def dynamics_finding(study: "Study") -> str:
     return f"Lowest natural frequency {number(float(first[0]))} Hz." if first.size else "No modes."
 
 
-def stress_finding(study: "Study") -> str:
+def _stress(study: "Study") -> str:
     """Say how large the stress is, and how far from yield and fatigue."""
     stress, factor = _of(study, "max_stress"), _of(study, "safety_factor")
     if not stress:
@@ -81,7 +71,7 @@ def stress_finding(study: "Study") -> str:
     return f"Largest stress {stress}{safety}; {_best(study)}."
 
 
-def measured_finding(study: "Study") -> str:
+def _measured(study: "Study") -> str:
     """Say what was measured, and by whom."""
     rows = study.comparison.rows
     best = best_model(study)
@@ -103,7 +93,7 @@ def measured_finding(study: "Study") -> str:
     return " ".join(parts) or "Nothing was measured."
 
 
-def hysteresis_finding(study: "Study") -> str:
+def _hysteresis(study: "Study") -> str:
     """Say by how much inverses narrow the loop."""
     if not study.experiments:
         return "No axis could be tried."
@@ -114,7 +104,7 @@ def hysteresis_finding(study: "Study") -> str:
     return f"Loop narrowed by the inverse of a model, simulated stage: {'; '.join(words)}."
 
 
-def centring_finding(study: "Study") -> str:
+def _centring(study: "Study") -> str:
     """Say how well the scale was centred."""
     found = study.centring
     if found is None or isinstance(found, str):
@@ -126,7 +116,7 @@ def centring_finding(study: "Study") -> str:
     )
 
 
-def record_finding(study: "Study") -> str:
+def _record(study: "Study") -> str:
     """Say what the chapter holds."""
     return f"Limits of the models, versions and settings of {len(study.analyses)} models."
 
@@ -145,3 +135,17 @@ def _of(study: "Study", quantity: str) -> str:
 
 def _model_against(value: float | None) -> str:
     return "no model" if value is None else f"model {percent(value)}"
+
+
+#: What gives the finding of a chapter from a study, by the id of the chapter.
+FINDINGS: dict[str, Callable[["Study"], str]] = {
+    "theory": _theory,
+    "models": _models,
+    "statics": _statics,
+    "dynamics": _dynamics,
+    "strength": _stress,
+    "measurements": _measured,
+    "compensation": _hysteresis,
+    "scale": _centring,
+    "record": _record,
+}

@@ -329,12 +329,12 @@ def _not_reproduced(study: "Study") -> str:
     ]
     if far:
         parts.append(f"the measured {listed(far)}")
-    for origin in (_FEM, "published-analytic"):
+    for origin, word in ((_FEM, "FEM"), ("published-analytic", "analytic")):
         slips = {axis: s for axis in _axes(study) if (s := _slip(study, origin, axis))}
         if slips:
             axis, said = next(iter(slips.items()))
             printed = f"{rows.select(_RATIO, axis, origin)[0].value:.10g}"
-            parts.append(f"the printed FEM ratio {printed} ({said})")
+            parts.append(f"the printed {word} ratio {printed} ({said})")
     if study.experiments and any(r.quantity == "hysteresis_loop_width" for r in rows):
         parts.append(
             "the stacks' own hysteresis, whose loop width is set to the published one and not "

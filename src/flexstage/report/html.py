@@ -17,17 +17,7 @@ from flexstage.report.figures import (
     mode_cards,
 )
 from flexstage.report.figures.bench import draw_bench
-from flexstage.report.findings import (
-    centring_finding,
-    dynamics_finding,
-    hysteresis_finding,
-    measured_finding,
-    models_finding,
-    record_finding,
-    statics_finding,
-    stress_finding,
-    theory_finding,
-)
+from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
 from flexstage.report.measurement import Measurement, set_beside
@@ -38,6 +28,7 @@ from flexstage.report.mesh_sections import (
     neck_stress_section,
 )
 from flexstage.report.page import figure, folded, page_html, row_of
+from flexstage.report.record_sections import provenance_section, validity_section
 from flexstage.report.structure import diagram_section, equations_section
 from flexstage.report.study import Study
 from flexstage.report.tables import (
@@ -63,15 +54,12 @@ class Chapter:
     ----------
     title : str
         Its title.
-    finding : Callable
-        What gives its one-line finding from a study.
     sections : Mapping
         Title and writer of each section, by its id; a chapter of one section without a title is
         that section.
     """
 
     title: str
-    finding: Callable[[Study], str]
     sections: Mapping[str, tuple[str, Callable[[Study], str]]]
 
 
@@ -96,7 +84,7 @@ def report_html(study: Study) -> str:
         content = _content(study, chapter, number)
         if content:
             title = f"{number} {chapter.title}"
-            parts.append(folded(key, title, chapter.finding(study), content))
+            parts.append(folded(key, title, FINDINGS[key](study), content))
             links.append((key, title))
     free = sum(not body.fixed for body in stage.bodies)
     lead = (
@@ -302,36 +290,10 @@ def _hinges(study: Study) -> str:
     return hinge_table(study.stage, method=settings.get("method", "wedge"), plane=plane)
 
 
-def _validity(study: Study) -> str:
-    notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
-    notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
-    return f'<div class="columns">{_list(notes)}</div>' if notes else ""
-
-
-def _provenance(study: Study) -> str:
-    entries: list[tuple[str, str]] = []
-    for name, analysis in study.analyses.items():
-        settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())
-        entries.append((f"{name}, {analysis.system.order} coordinates", settings))
-    for title, of in (
-        ("flexstage", lambda origin: origin.version),
-        ("description, SHA-256", lambda origin: origin.input_hash),
-        ("computed", lambda origin: origin.created),
-        ("with", lambda origin: f"Python {origin.python}, {origin.machine}"),
-    ):
-        values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
-        entries.append((title, "; ".join(values)))
-    material = study.stage.material
-    entries.append(("material", f"{material.name}: {material.source}"))
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
-    return f"<dl>{rows}</dl>"
-
-
 #: The chapters in order, by id.
 CHAPTERS: dict[str, Chapter] = {
     "theory": Chapter(
         title="Theory",
-        finding=theory_finding,
         sections={
             "equations": ("Equations of motion", equations_section),
             "diagram": ("Structural diagrams", diagram_section),
@@ -339,7 +301,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "models": Chapter(
         title="Models",
-        finding=models_finding,
         sections={
             "drawing": ("Drawing", _drawing),
             "differences": ("Differences to published figures", _against),
@@ -349,7 +310,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "statics": Chapter(
         title="Statics",
-        finding=statics_finding,
         sections={
             "characteristics": ("Displacement, stiffness, coupling", _statics_table),
             "static": ("Static shapes", _static),
@@ -358,7 +318,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "dynamics": Chapter(
         title="Dynamics",
-        finding=dynamics_finding,
         sections={
             "frequencies": ("Natural frequencies", _dynamics_table),
             "bode": ("Bode diagrams", _bode),
@@ -368,7 +327,6 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "strength": Chapter(
         title="Stress",
-        finding=stress_finding,
         sections={
             "safety": ("Largest stress and safety", _stress_table),
             "stress": ("Stress in the hinges", _stress),
@@ -377,24 +335,21 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "measurements": Chapter(
         title="Measured",
-        finding=measured_finding,
         sections={
             "published": ("Published figures", _published),
-            "measured": ("Measured here", _measured),
+            "measured": ("Campaign of tests", _measured),
             "bench": ("The bench", _bench),
             "virtual": ("Simulated measurement", _virtual),
         },
     ),
-    "compensation": Chapter(
-        title="Hysteresis", finding=hysteresis_finding, sections={"hysteresis": ("", _hysteresis)}
-    ),
-    "scale": Chapter(
-        title="Centring", finding=centring_finding, sections={"centring": ("", _centring)}
-    ),
+    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", _hysteresis)}),
+    "scale": Chapter(title="Centring", sections={"centring": ("", _centring)}),
     "record": Chapter(
         title="Record",
-        finding=record_finding,
-        sections={"validity": ("Validity", _validity), "provenance": ("Provenance", _provenance)},
+        sections={
+            "validity": ("Validity", validity_section),
+            "provenance": ("Provenance", provenance_section),
+        },
     ),
 }
 
@@ -402,9 +357,3 @@ CHAPTERS: dict[str, Chapter] = {
 SECTIONS: dict[str, tuple[str, Callable[[Study], str]]] = {
     key: section for chapter in CHAPTERS.values() for key, section in chapter.sections.items()
 }
-
-
-def _list(notes: tuple[str, ...]) -> str:
-    if len(notes) == 1:
-        return f"<p>{escape(notes[0])}</p>"
-    return f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in notes)}</ul>"

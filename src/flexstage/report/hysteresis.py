@@ -41,7 +41,7 @@ def run_experiments(
     -------
     tuple of dict
         Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
-        a stack.
+        a piezo stack.
     """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 

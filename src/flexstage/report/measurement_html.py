@@ -18,7 +18,7 @@ from flexstage.report.figures import (
 )
 from flexstage.report.figures.resonance import strongest_output
 from flexstage.report.measurement import MeasuredRow, Measurement
-from flexstage.report.page import page_html
+from flexstage.report.page import figure, page_html, row_of
 from flexstage.report.positioning_tables import positioning_tables
 from flexstage.report.quantities import beside, display, number
 from flexstage.report.tables import column_title
@@ -211,21 +211,25 @@ def _motion(result: TestResult, key: str) -> str:
     if curves is None:
         return ""
     axis = result.test.axis
-    plots = [  # the legend of the first serves all
-        inline_svg(
-            draw_motion_error(
-                result.details["stroke"].curve,
-                title=f"{axis}: position less its line",
-                position_label="command",
-                label="distance from the line",
+    # the legend of the first serves all
+    plots = [
+        figure(
+            inline_svg(
+                draw_motion_error(
+                    result.details["stroke"].curve,
+                    title=f"{axis}: position less its line",
+                    position_label="command",
+                    label="distance from the line",
+                ),
+                f"{key}-along",
+                f"{axis}: position less its least-squares line",
             ),
-            f"{key}-along",
-            f"{axis}: position less its least-squares line",
+            f"{escape(axis)}: position less its least-squares line{_band(result)}.",
         )
     ]
     for name, curve in curves.items():
         turning = curve.unit == "rad"
-        figure = draw_motion_error(
+        drawn = draw_motion_error(
             curve,
             title=f"{axis}: {_MOTIONS[name]}",
             position_label=f"position {axis}",
@@ -233,8 +237,13 @@ def _motion(result: TestResult, key: str) -> str:
             line="none" if turning else "least_squares",
             legend=False,
         )
-        plots.append(inline_svg(figure, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}"))
-    return f'<div class="plots two">{"".join(plots)}</div>'
+        svg = inline_svg(drawn, f"{key}-{name}", f"{axis}: {_MOTIONS[name]}")
+        plots.append(figure(svg, f"{escape(axis)}: {_MOTIONS[name]}{_band(result)}."))
+    return row_of(plots, columns=2)
+
+
+def _band(result: TestResult) -> str:
+    return f", test {escape(result.test.name)}, with 95 % band (statistical)"
 
 
 def _positioning(result: TestResult, key: str) -> str:
@@ -246,7 +255,8 @@ def _positioning(result: TestResult, key: str) -> str:
     svg = inline_svg(draw_positioning(found, title=f"{result.test.axis}: ISO 230-2"), key, name)
     return (
         f"<p>Test {name}: {found.runs} runs upward and downward; values in {tables.unit}.</p>"
-        f'<div class="plots">{svg}</div>{_cells_of(tables.axis_heads, tables.axis, 2)}'
+        f"{row_of([figure(svg, f'Positioning by ISO 230-2, test {name}.')])}"
+        f"{_cells_of(tables.axis_heads, tables.axis, 2)}"
         f"{_cells_of(tables.target_heads, tables.targets, 0)}"
     )
 
@@ -271,40 +281,42 @@ def _workspace(result: TestResult, key: str) -> str:
     if found is None:
         return ""
     svg = inline_svg(draw_workspace(found), key, "workspace")
-    return f'<div class="plots two">{svg}</div>'
+    words = f"Workspace, test {escape(result.test.name)}; ± of its title is statistical."
+    return row_of([figure(svg, words)], columns=2)
 
 
 def _response(result: TestResult, key: str) -> str:
     fit = result.details.get("fit")
     if fit is None:
         return ""
-    plots = [
-        inline_svg(
-            draw_modal_fit(fit, output=strongest_output(fit)),
-            f"{key}-fit",
-            f"{result.test.name}: response and fit",
-        )
-    ]
+    name = escape(result.test.name)
+    svg = inline_svg(
+        draw_modal_fit(fit, output=strongest_output(fit)),
+        f"{key}-fit",
+        f"{result.test.name}: response and fit",
+    )
+    plots = [figure(svg, f"Frequency response and modal fit, test {name}.")]
     if fit.stabilisation is not None:
-        figure = draw_stabilisation(fit)
-        plots.append(
-            inline_svg(figure, f"{key}-stabilisation", f"{result.test.name}: stabilisation")
+        svg = inline_svg(
+            draw_stabilisation(fit), f"{key}-stabilisation", f"{result.test.name}: stabilisation"
         )
-    return f'<p>Test {escape(result.test.name)}.</p><div class="plots">{"".join(plots)}</div>'
+        plots.append(figure(svg, f"Stabilisation diagram, test {name}."))
+    return row_of(plots)
 
 
 def _standing(result: TestResult, key: str) -> str:
     details = result.details
     if "hold" in details:
-        figure = draw_hold(details["values"], details["hold"], details["allan"])
+        drawn = draw_hold(details["values"], details["hold"], details["allan"])
     elif "staircase" in details:
         time = details["time"]
         rate = (time.size - 1) / float(time[-1] - time[0])
-        figure = draw_staircase(details["along"], rate, details["staircase"])
+        drawn = draw_staircase(details["along"], rate, details["staircase"])
     else:
         return ""
-    svg = inline_svg(figure, key, f"test {result.test.name}")
-    return f'<p>Test {escape(result.test.name)}.</p><div class="plots">{svg}</div>'
+    svg = inline_svg(drawn, key, f"test {result.test.name}")
+    kind = "Reading while held" if "hold" in details else "Staircase of small steps"
+    return row_of([figure(svg, f"{kind}, test {escape(result.test.name)}.")])
 
 
 def _records(result: Measurement, words: list[str]) -> str:

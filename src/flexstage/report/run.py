@@ -18,7 +18,7 @@ from flexstage.plans.results import (
 from flexstage.report.figures import draw_drive_fit, draw_following, inline_svg
 from flexstage.report.measurement import Measurement, set_beside
 from flexstage.report.measurement_html import measurement_section
-from flexstage.report.page import page_html
+from flexstage.report.page import figure, page_html
 from flexstage.report.quantities import beside, display, number
 
 if TYPE_CHECKING:
@@ -157,15 +157,15 @@ def _further(result: PlanResult) -> str:
     """Figures of tests that repeat a quantity of an axis, and of modes with the drives in place."""
     rows = []
     own = [f for f in result.figures if result.drives_in_place(f)]
-    for figure in (*own, *result.further_figures):
-        shown = display(figure.quantity)
-        label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")
+    for found in (*own, *result.further_figures):
+        shown = display(found.quantity)
+        label = shown.label + (", drives in place" if result.drives_in_place(found) else "")
         value, spread = beside(
-            figure.estimate.value * shown.factor, figure.estimate.expanded * shown.factor
+            found.estimate.value * shown.factor, found.estimate.expanded * shown.factor
         )
         rows.append(
-            f'<tr><td class="text">{escape(label)}</td><td class="text">{escape(figure.axis)}</td>'
-            f'<td class="text">{escape(figure.test)}</td><td>{value}</td><td>{spread}</td>'
+            f'<tr><td class="text">{escape(label)}</td><td class="text">{escape(found.axis)}</td>'
+            f'<td class="text">{escape(found.test)}</td><td>{value}</td><td>{spread}</td>'
             f'<td class="text">{escape(shown.unit)}</td></tr>'
         )
     if not rows:
@@ -194,9 +194,9 @@ def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
             f'<td class="text">{escape(step.kind)}</td><td class="text">{escape(errors)}</td>'
             f"<td>{number(_UM * step.deviation)}</td><td>{beside}</td></tr>"
         )
-        plots.append(
-            inline_svg(draw_drive_fit(step), f"model-{i}", f"{step.name}: record and model")
-        )
+        svg = inline_svg(draw_drive_fit(step), f"model-{i}", f"{step.name}: record and model")
+        name = escape(step.name)
+        plots.append(figure(svg, f"Step {name}: record and identified model."))
         warned |= dict.fromkeys(f"{step.name}: {text}" for text in step.warnings)
     notes = "".join(f"<li>{escape(text)}</li>" for text in warned)
     return (
@@ -221,7 +221,8 @@ def _following(result: PlanResult, steps: list[VerifiedStep]) -> str:
             lines += _published_rows(result.stage, step.axis)
             shown.add(step.axis)
         title = f"{step.name}: a reference followed in {len(step.runs)} ways"
-        plots.append(inline_svg(draw_following(step), f"following-{i}", title))
+        svg = inline_svg(draw_following(step), f"following-{i}", title)
+        plots.append(figure(svg, f"Step {escape(title)}."))
         told |= dict.fromkeys(
             f"{step.name}, {run.way}: {text}" for run in step.runs for text in run.notes
         )

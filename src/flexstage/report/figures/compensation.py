@@ -82,8 +82,7 @@ def _loop(axes: "Axes", name: str, made: AxisExperiment) -> None:
     axes.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK)
     entitle(
         axes,
-        f"{name}: {_UM * made.width:.2f} µm wide at full range, model within "
-        f"{_UM * made.deviation:.2f} µm",
+        f"{name}: {_UM * made.width:.2f} µm wide, model within {_UM * made.deviation:.2f} µm",
     )
 
 
@@ -111,7 +110,7 @@ def _over_reference(axes: "Axes", made: AxisExperiment) -> None:
     axes.set_ylabel("output [µm]", color=INK)
     axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
     share = np.ptp(made.reference) / made.stroke
-    entitle(axes, f"open loop and with the inverse, {100.0 * share:.0f} % of the stroke")
+    entitle(axes, f"without and with inverse, {100.0 * share:.0f} % of the stroke")
 
 
 def _difference(axes: "Axes", made: AxisExperiment) -> None:
