@@ -140,7 +140,7 @@ def test_limits_of_voltage_and_slew_hold() -> None:
     wide = sine("x", 5e-6, 47e-6, 4.0, sample_rate_hz=RATE)
     made = compensate(own, wide, limits=narrow)
     assert made.limited > 0
-    assert "out of reach" in made.notes[-1]
+    assert "out of range" in made.notes[-1]
     for wave in (made.lead_in, made.voltage):
         assert wave.values["x"].min() >= 10.0
         assert wave.values["x"].max() <= 95.0

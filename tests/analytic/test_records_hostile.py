@@ -246,7 +246,7 @@ def test_a_broken_file_is_refused_in_one_sentence(
         (("a workbook",), "a workbook: save the columns as CSV"),
         (("a short row", "half the last row"), "line 3 has"),
         (("another sign",), "decimal comma"),
-        (("two parts of LabVIEW",), "more than one part"),
+        (("two parts of LabVIEW",), "several parts of LabVIEW"),
         (("mat cut",), "cut short"),
         (("mat that says too much",), "longer than its variable"),
         (("mat of unequal columns", "h5 unequal columns", "tdms of unequal columns"), "dataset"),

@@ -279,7 +279,7 @@ def test_spheres_cover(noise: float | None, radius: float | None) -> None:
         (
             lambda: from_sensors(SPHERES, [[0.0, 0, 1]] * 4, [1.0] * 4, variance=1.0),
             ModelError,
-            "tell 3 of the 6",
+            "determine 3 of the 6",
         ),
         (
             lambda: from_sensors(SPHERES[:1], [[0, 1, 0]], [1.0], parameters=["across"]),

@@ -246,7 +246,7 @@ def test_what_a_stage_lacks_is_said(to: str, drop, said: str, tmp_path: Path, ca
 
 def test_stacks_without_a_range_can_be_taken_as_linear(tmp_path: Path) -> None:
     stage = _stage(tmp_path, drop=("drives/stack/voltage_range",))
-    with pytest.raises(ModelError, match=r"or take stacks without hysteresis \('none'\)"):
+    with pytest.raises(ModelError, match=r"or export without hysteresis \(--hysteresis none\)"):
         dynamic_model(stage, lumped_system(stage))
     assert dynamic_model(stage, lumped_system(stage), hysteresis="none").drives[0].gain > 0.0
 

@@ -255,7 +255,7 @@ def test_a_stack_without_a_voltage_range_says_why_it_is_not_tried() -> None:
     study = run_study(replace(stage, drives=drives), hysteresis=True)
     assert set(study.experiments_left_out) == {"x", "y"}
     page = report_html(study)
-    assert "Axis x was left out: piezo stack 'x' has no voltage_range" in html.unescape(page)
+    assert "Axis x was left out: drive 'x' has no voltage range" in html.unescape(page)
 
 
 def test_the_largest_error_of_a_drive_model_is_that_of_what_is_not_grey() -> None:

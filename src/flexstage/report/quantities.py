@@ -105,7 +105,7 @@ class Display:
         Examples
         --------
         >>> display("resolution").fitting(4.033e-10).unit
-        'pm'
+        'nm'
         """
         shown = self
         while shown.unit[:1] in _SMALLER and shown.unit[1:] and 0.0 < largest * shown.factor < 0.1:

@@ -72,7 +72,7 @@ def resolution(
     >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(20_000)
     >>> found = resolution(noise, 1000.0, samples=100)
     >>> print(f"{1e9 * found.value:.2f} nm ({found.note})")
-    1.38 nm (two averages of 100 samples, bandwidth 5 Hz, told apart at 95 %)
+    1.38 nm (two averages of 100 samples, bandwidth 5 Hz, distinguishable at 95 %)
     """
     from scipy.special import ndtri
 
