@@ -2,6 +2,7 @@
 
 import math
 import re
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -119,7 +120,10 @@ def gmsh() -> Iterator[ModuleType]:
         import gmsh as found
     except (ImportError, OSError) as error:  # its shared libraries need others of the system
         pytest.skip(f"Gmsh does not load here: {error}")
+    broken_pipe = signal.getsignal(signal.SIGPIPE)
     found.initialize([], interruptible=False)
+    # a library of it gives the signal back its default, and the tests after it would end by it
+    signal.signal(signal.SIGPIPE, broken_pipe)
     found.option.setNumber("General.Terminal", 0)
     yield found
     found.finalize()

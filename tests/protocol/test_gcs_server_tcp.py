@@ -2,8 +2,11 @@
 
 import logging
 import random
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 
@@ -114,6 +117,40 @@ def test_binary_junk_and_half_lines(connect):
     link = connect()
     assert answer(link, b"CSV?\n") == b"2.0\n"
     assert answer(link, b"MOV?\n") == b"1=0.000000000e+00 \n2=0.000000000e+00\n"
+
+
+GONE = """
+import signal, socket, time
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+from flexstage.errors import NotConnectedError
+from flexstage.instruments.gcs.tcp import TcpLink
+from flexstage.instruments.twin.server import GcsServer
+from tests.gcs_device import controller
+
+server = GcsServer(controller(), patience=0.3)
+server.start()
+for _ in range(20):
+    with socket.create_connection(server.address) as gone:
+        gone.sendall(b"HLP?\\n" * 500)
+other = TcpLink(*server.address)
+other.send(b"CSV?\\n")
+assert other.receive(5.0) == b"2.0\\n"
+server.close()
+try:
+    for _ in range(50):
+        other.send(b"CSV?\\n")
+        time.sleep(0.01)
+except NotConnectedError:
+    print("lost")
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGPIPE"), reason="there is no such signal here")
+def test_who_leaves_ends_nobody_where_a_library_lets_a_broken_pipe_end_the_process():
+    done = subprocess.run(
+        [sys.executable, "-c", GONE], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "lost\n"), done.stderr
 
 
 def test_a_client_that_vanishes_frees_control_and_leaves_the_stage_where_it_is_going(

@@ -14,6 +14,9 @@ __all__ = ["DEFAULT_PORT", "TcpLink"]
 DEFAULT_PORT = 50000
 #: Most bytes that are read at once.
 _PIECE = 65536
+#: A link that is gone raises, and does not end the process by SIGPIPE, also where a library (Gmsh
+#: does) has given that signal back its default.
+_QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 
 
 class TcpLink:
@@ -67,7 +70,7 @@ class TcpLink:
         """
         link = self._open()
         try:
-            link.sendall(data)
+            link.sendall(data, _QUIETLY)
         except OSError as error:
             raise self._lost(error) from error
 

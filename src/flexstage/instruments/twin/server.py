@@ -22,6 +22,9 @@ _READ: Final = 1 << 16
 _WAITING: Final = 128
 #: Answers that are made before a client has read the last ones, and orders that are taken [bytes].
 _ANSWERS, _ORDERS = 1 << 18, 1 << 20
+#: A client that is gone raises, and does not end the process by SIGPIPE, also where a library has
+#: given that signal back its default.
+_QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 #: What goes wrong in a simulation that is not foreseen: the client is sent away, the others stay.
 _UNFORESEEN = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 
@@ -262,7 +265,7 @@ class GcsServer:
 
     def _send(self, connection: _Connection) -> None:
         if connection.answers:
-            sent = connection.socket.send(connection.answers[:_READ])
+            sent = connection.socket.send(connection.answers[:_READ], _QUIETLY)
             del connection.answers[:sent]
             if sent:
                 connection.moved_on = self._clock()
