@@ -48,9 +48,11 @@ def test_study_prints_a_table_and_writes_a_report(
         "lumped to",
     ):
         assert text in out
+    simulated = [] if "--no-virtual" in less else ["out/vgtu-piezo/virtual-measurement.html"]
     assert left_behind(elsewhere) == [
         "out/vgtu-piezo/report.html",
         "out/vgtu-piezo/results.json",
+        *simulated,
     ]
 
 

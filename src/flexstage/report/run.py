@@ -188,7 +188,7 @@ def _models(result: PlanResult, steps: list[IdentifiedStep]) -> str:
         errors = "; ".join(f"{name} {value:.3g}" for name, value in step.errors_percent.items())
         # the study's own model is a Bouc-Wen model: no other is set beside what it printed
         known = published.select("hysteresis_deviation", step.axis, "published-measured")
-        beside = f"{_UM * known[0].value:.10g}" if known and step.kind == "bouc-wen" else ""
+        beside = _as_printed(known[0].value) if known and step.kind == "bouc-wen" else ""
         rows.append(
             f"<tr><th>{escape(step.name)}</th><td>{escape(step.axis)}</td>"
             f'<td class="text">{escape(step.kind)}</td><td class="text">{escape(errors)}</td>'
@@ -254,6 +254,11 @@ def _run_row(step: VerifiedStep, run: FollowedRun) -> str:
     return f"<tr><th>{escape(title)}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
+def _as_printed(length: float) -> str:
+    """A published length in micrometres, with the digits that were printed."""
+    return f"{_UM * length:.10g}"
+
+
 def _published_rows(stage: "Stage", axis: str) -> list[str]:
     rows = Characteristics(stage.published)
     values = {}
@@ -263,7 +268,7 @@ def _published_rows(stage: "Stage", axis: str) -> list[str]:
     width, left, stroke = values.values()
     if width is None:
         return []
-    first = "" if stroke is None else number(_UM * stroke)
+    first = "" if stroke is None else _as_printed(stroke)
     lines = [_published_row(f"published, axis {axis}: open loop", first, width, "")]
     if left is not None:
         title = f"published, axis {axis}: inverse of Bouc-Wen"
@@ -273,7 +278,7 @@ def _published_rows(stage: "Stage", axis: str) -> list[str]:
 
 
 def _published_row(title: str, stroke: str, width: float, reduction: str) -> str:
-    cells = (stroke, "", number(_UM * width), reduction, "", "", "")
+    cells = (stroke, "", _as_printed(width), reduction, "", "", "")
     return f"<tr><th>{escape(title)}</th>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
