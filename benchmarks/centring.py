@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
+from flexstage.arrays import Array
 from flexstage.centring import HeadReadings, as_readings, eccentricity, fit_harmonics, fit_many
 
 __all__ = ["centring", "fit", "heads", "turns"]
 
-Array = NDArray[np.float64]
 Route = tuple[str, Callable[[], object], str]
 
 HEADS, TURNS, ORDERS = 24, 100, 12

@@ -16,22 +16,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.hysteresis import Route
 from benchmarks.timing import Timed, in_turns
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.fmu import fmu_files
-from flexstage.export.realtime import realtime_files
+from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.realtime.cost import operations
+from flexstage.export.realtime.files import realtime_files
 from flexstage.hysteresis import LogCreep, Sensor
 from flexstage.lumped import lumped_system
 
 __all__ = ["exported"]
 
-Array = NDArray[np.float64]
 
 SAMPLES = 20_000
 #: Samples of the route that calls Python in every step.

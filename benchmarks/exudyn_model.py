@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.lumped import Mechanism
 
 __all__ = ["ExudynModel"]
-
-Array = NDArray[np.float64]
 
 
 class ExudynModel:

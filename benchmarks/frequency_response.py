@@ -15,17 +15,17 @@ from itertools import groupby
 import numpy as np
 import scipy.fft
 import scipy.signal
-from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
-from flexstage.experiment.modal import ModalFit, fit_modes
-from flexstage.experiment.spectra import ResponseEstimate, estimate_response
+from flexstage.arrays import Array
+from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.result import ModalFit
+from flexstage.experiment.spectra.estimate import ResponseEstimate, estimate_response
 from flexstage.records import Channel, Record
 
 __all__ = ["growth", "lengths", "long_record", "response"]
 
-Array = NDArray[np.float64]
 
 SAMPLES = 10_000_000
 RATE_HZ = 20_000.0

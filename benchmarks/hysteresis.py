@@ -16,12 +16,13 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import hysteresis_peers as peers
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.hysteresis.chain import StageModes, simulate_with_stage
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.joint import simulate_with_stage
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.dahl import Dahl
@@ -33,7 +34,6 @@ from flexstage.hysteresis.models.preisach import Preisach
 
 __all__ = ["Route", "batch", "growth", "hysteresis", "models", "rows", "stage", "stepping"]
 
-Array = NDArray[np.float64]
 
 SAMPLES = 1_000_000
 #: Samples of the record that errors are measured on, and slow routes are timed on.

@@ -18,14 +18,18 @@ from scipy.optimize import differential_evolution, least_squares, lsq_linear, nn
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Lag, LogCreep
-from flexstage.hysteresis.identification import find_chain, identify, measurement
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_filter import rows_of
+from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily, shape_at
 from flexstage.hysteresis.identification.families.family import Data, behind_chain
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
+from flexstage.hysteresis.identification.identify import identify
+from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import cross_validate, misfit
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.preisach import Preisach
@@ -34,7 +38,6 @@ from flexstage.records import Channel, Record
 
 __all__ = ["auto", "bouc_wen", "growth", "identification", "preisach", "record"]
 
-Array = NDArray[np.float64]
 
 SAMPLES = 24_000
 STARTS = 20

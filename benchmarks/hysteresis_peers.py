@@ -5,10 +5,10 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.chain import StageModes
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = [
@@ -18,8 +18,6 @@ __all__ = [
     "solve_ivp_lines",
     "sweep",
 ]
-
-Array = NDArray[np.float64]
 
 
 def sweep(count: int) -> Array:

@@ -12,15 +12,16 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import StateSpace, lsim
 
 from benchmarks.cases import Row
 from benchmarks.hysteresis import Route, rows
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
-from flexstage.hysteresis.chain import LogCreep, Sensor
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_stack import virtual_stack
@@ -29,7 +30,6 @@ from flexstage.system import MechanicalSystem, modes
 
 __all__ = ["plant"]
 
-Array = NDArray[np.float64]
 
 DT = 1e-4
 SAMPLES = 10_000

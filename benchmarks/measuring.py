@@ -15,21 +15,25 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.timing import in_turns
+from flexstage.arrays import Array, Complex
 from flexstage.designs import design
-from flexstage.experiment.campaign import Characterisation, Test, evaluate
-from flexstage.experiment.modal import fit_modes, stable_poles
-from flexstage.experiment.spectra import MeasuredResponse
-from flexstage.experiment.uncertainty import Influence, monte_carlo, propagate
-from flexstage.experiment.virtual import VirtualCampaign, as_built, virtual_campaign
+from flexstage.experiment.campaign.evaluate import evaluate
+from flexstage.experiment.campaign.plan import Test
+from flexstage.experiment.campaign.results import Characterisation
+from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.stabilisation import stable_poles
+from flexstage.experiment.spectra.response import MeasuredResponse
+from flexstage.experiment.uncertainty.influence import Influence
+from flexstage.experiment.uncertainty.monte_carlo import monte_carlo
+from flexstage.experiment.uncertainty.propagate import propagate
+from flexstage.experiment.virtual.as_built import as_built
+from flexstage.experiment.virtual.campaign import VirtualCampaign, virtual_campaign
 
 __all__ = ["budget", "campaigns", "characterise", "modal"]
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Route = tuple[str, Callable[[], object], str]
 
 STAGES = ("vgtu-piezo", "vgtu-mechanical")

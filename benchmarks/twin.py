@@ -12,11 +12,11 @@ from itertools import groupby
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.hysteresis import Route, rows
 from benchmarks.hysteresis_plant import CREEP, STACKS, _Equations
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis.stage_plant import stage_plant
@@ -27,7 +27,6 @@ from flexstage.system import modes
 
 __all__ = ["twin"]
 
-Array = NDArray[np.float64]
 
 SECONDS = 1.0
 FEW = 100

@@ -243,7 +243,7 @@ def card_cut() -> "Figure":
 
 def guide() -> "Figure":
     """The guide of the first tutorial, as `flexstage show` draws it."""
-    from flexstage.report.figures import draw_stage
+    from flexstage.report.figures.drawing import draw_stage
     from flexstage.stage import read_stage
     from tests.meta.test_docs_snippets import run
 
@@ -255,7 +255,7 @@ def guide() -> "Figure":
 
 def piezo_stage() -> "Figure":
     """The piezo stage of the study, as `flexstage show` draws it."""
-    from flexstage.report.figures import draw_stage
+    from flexstage.report.figures.drawing import draw_stage
 
     return draw_stage(design("vgtu-piezo"))
 
@@ -276,14 +276,14 @@ def _followed() -> "dict[str, VerifiedStep]":
 
 def inverse_on_twin() -> "Figure":
     """The twin with the inverse of its hysteresis."""
-    from flexstage.report.figures import draw_following
+    from flexstage.report.figures.following import draw_following
 
     return draw_following(_followed()["inverse-preisach-x"])
 
 
 def control_on_twin() -> "Figure":
     """The twin under control."""
-    from flexstage.report.figures import draw_following
+    from flexstage.report.figures.following import draw_following
 
     return draw_following(_followed()["control-x"])
 

@@ -70,17 +70,19 @@ def read(path: Path, source: Path) -> Module:
 
 
 def docstring_lines(tree: ast.Module) -> set[int]:
-    """The lines of its docstrings."""
+    """The lines of its docstrings, and of the texts below the fields of its classes."""
     lines: set[int] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if node.body else None
+        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        texts = node.body if isinstance(node, ast.ClassDef) else node.body[:1]
+        for text in texts:
             if (
-                isinstance(first, ast.Expr)
-                and isinstance(first.value, ast.Constant)
-                and isinstance(first.value.value, str)
+                isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+                and isinstance(text.value.value, str)
             ):
-                lines.update(range(first.lineno, (first.end_lineno or first.lineno) + 1))
+                lines.update(range(text.lineno, (text.end_lineno or text.lineno) + 1))
     return lines
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.export.model import DynamicModel, ModelMemory
-from flexstage.export.source import c_variables, render_source
+from flexstage.export.source.render import render_source
+from flexstage.export.source.variables import c_variables
 from tests.c_compiler import EXACT, load_library
-
-Array = NDArray[np.float64]
 
 _WRAPPED = """
 #include "stage.h"

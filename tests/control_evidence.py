@@ -10,33 +10,30 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.control import (
-    ControlRun,
     Learning,
     LearningSettings,
-    RunTracking,
     Trajectory,
     Tuning,
     Way,
-    conditioning_waveform,
     control_run,
-    evaluate_run,
     learn,
     sine,
     triangle,
     trimmed_model,
     tune,
 )
+from flexstage.control.feedforward import conditioning_waveform
+from flexstage.control.tracking_run import RunTracking, evaluate_run
+from flexstage.control.two_degrees import ControlRun
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, excitation, identify
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.stage import Block, VirtualStage
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 10e3
 #: Age of a reading when the control compares it.

@@ -17,7 +17,7 @@ from fmpy.logging import addLoggerProxy
 
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.fmu import fmu_files
+from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.hysteresis import CreepSpectrum, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 

@@ -20,12 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis import LogCreep, Sensor, excitation, virtual_stack
 from flexstage.records import read_record
-
-Array = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parents[1]
 PICMA = HERE.parent / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"

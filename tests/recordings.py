@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.instruments.protocol import Identity
-from flexstage.instruments.recording import RunMetadata, RunWriter
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.writer import RunWriter
 
 CHANNELS = (("x", "m"), ("drive", "V"), ("roll of x (guide)", "rad"), ("ratio [raw]", ""))
 RATE = 7812.5

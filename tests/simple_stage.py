@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
 from flexstage.instruments.twin.stage import Block, Blow
-
-Array = NDArray[np.float64]
 
 GAIN = np.array([4.7e-7, 3.9e-7])  # m/V
 POLE = np.array([0.62, 0.71])  # of the first-order lag, a sample

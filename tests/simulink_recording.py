@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from flexstage.export.diagram import Block, Diagram, Line
+from flexstage.export.diagram.graph import Block, Diagram, Line
 from tests.octave_program import run_octave
 
 STAND_INS = Path(__file__).parent / "octave"

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.designs import design
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
@@ -18,8 +17,6 @@ from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.sensors import SensorBench
 from flexstage.lumped import lumped_system
 from flexstage.system import MechanicalSystem, ModalDamping
-
-Array = NDArray[np.float64]
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}

@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from flexstage import stage as stage
     from flexstage import system as system
     from flexstage import units as units
-    from flexstage.interactive import analyse, design, draw, hinge, read, study
-    from flexstage.records import read_record
+    from flexstage.designs import design
+    from flexstage.interactive.hinge_result import hinge
+    from flexstage.interactive.stage_analysis import analyse
+    from flexstage.interactive.stage_study import study
+    from flexstage.interactive.stages import draw, read
+    from flexstage.records.read import read_record
 
 __all__ = [
     "__version__",

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 
 from flexstage.errors import ModelError
 
-__all__ = ["ORIGINS", "QUANTITIES", "Characteristic", "Characteristics"]
-
 #: Quantities and the unit that their values are in: SI, but for the frequency, which says so.
 QUANTITIES: dict[str, str] = {
     "input_displacement": "m",
@@ -68,26 +66,6 @@ ORIGINS: tuple[str, ...] = (
 class Characteristic:
     """A value of one quantity on one axis, from one origin.
 
-    Parameters
-    ----------
-    quantity : str
-        One of `QUANTITIES`.
-    axis : str
-        Name of the axis of the stage, ``x`` or ``y`` on the built-in ones.
-    origin : str
-        One of `ORIGINS`.
-    value : float
-        The value in `unit`.
-    unit : str
-        Unit of `value` and of `uncertainty`.
-    uncertainty : float, optional
-        Standard uncertainty, where one is known, in `unit`.
-    note : str
-        Condition or remark that belongs to the value.
-    degrees_of_freedom : float, optional
-        Degrees of freedom of the uncertainty; None where it is known without doubt, or there is
-        none.
-
     Raises
     ------
     ModelError
@@ -96,13 +74,23 @@ class Characteristic:
     """
 
     quantity: str
+    """One of `QUANTITIES`."""
     axis: str
+    """Name of the axis of the stage, ``x`` or ``y`` on the built-in ones."""
     origin: str
+    """One of `ORIGINS`."""
     value: float
+    """The value in `unit`."""
     unit: str
+    """Unit of `value` and of `uncertainty`."""
     uncertainty: float | None = None
+    """Standard uncertainty, where one is known, in `unit`."""
     note: str = ""
+    """Condition or remark that belongs to the value."""
     degrees_of_freedom: float | None = None
+    """Degrees of freedom of the uncertainty; None where it is known without doubt, or there is
+    none.
+    """
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:

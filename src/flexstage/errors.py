@@ -5,20 +5,6 @@ user who does not know this module. The message is one sentence: what is wrong, 
 is allowed, how to mend it.
 """
 
-__all__ = [
-    "ControllerError",
-    "ConvergenceError",
-    "FlexstageError",
-    "HingeError",
-    "LimitError",
-    "ModelError",
-    "NotConnectedError",
-    "PlanError",
-    "RecordError",
-    "StageError",
-    "UnitError",
-]
-
 
 class FlexstageError(Exception):
     """Base of every error that flexstage raises on purpose."""

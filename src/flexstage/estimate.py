@@ -6,31 +6,23 @@ from typing import Literal
 
 from flexstage.errors import ModelError
 
-__all__ = ["Component", "Estimate"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One contribution to the uncertainty of a value.
-
-    Parameters
-    ----------
-    name : str
-        What it comes from.
-    uncertainty : float
-        Standard uncertainty that it gives the value, in the unit of the value.
-    degrees_of_freedom : float
-        How well it is known: the degrees of freedom of a statistical estimate, infinite for what is
-        given.
-    kind : {"A", "B"}
-        Whether it was found from repeated observations (A) or otherwise (B), as the GUM tells them
-        apart (JCGM 100:2008, 4.2 and 4.3).
-    """
+    """One contribution to the uncertainty of a value."""
 
     name: str
+    """What it comes from."""
     uncertainty: float
+    """Standard uncertainty that it gives the value, in the unit of the value."""
     degrees_of_freedom: float = math.inf
+    """How well it is known: the degrees of freedom of a statistical estimate, infinite for what is
+    given.
+    """
     kind: Literal["A", "B"] = "A"
+    """Whether it was found from repeated observations (A) or otherwise (B), as the GUM tells them
+    apart (JCGM 100:2008, 4.2 and 4.3).
+    """
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.uncertainty < math.inf:
@@ -49,20 +41,6 @@ class Component:
 class Estimate:
     """A value that was measured, with its standard uncertainty.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    unit : str
-        Unit of the value and of its uncertainty.
-    components : tuple of Component
-        Independent contributions to its uncertainty.
-    bounds : tuple of float, optional
-        Ends of its 95 % interval where that is not symmetric about the value, as for a standard
-        deviation.
-    note : str
-        Condition or remark that belongs to the value.
-
     Examples
     --------
     >>> noise = Component(name="noise", uncertainty=3e-9, degrees_of_freedom=9)
@@ -73,10 +51,17 @@ class Estimate:
     """
 
     value: float
+    """The value."""
     unit: str
+    """Unit of the value and of its uncertainty."""
     components: tuple[Component, ...] = ()
+    """Independent contributions to its uncertainty."""
     bounds: tuple[float, float] | None = None
+    """Ends of its 95 % interval where that is not symmetric about the value, as for a standard
+    deviation.
+    """
     note: str = ""
+    """Condition or remark that belongs to the value."""
 
     @property
     def uncertainty(self) -> float:

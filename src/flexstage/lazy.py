@@ -6,8 +6,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-__all__ = ["import_on_use"]
-
 
 def import_on_use(package: str) -> None:
     """Import what a package's ``if TYPE_CHECKING:`` block names when it is first used.

@@ -7,9 +7,6 @@ from typing import Annotated
 from flexstage.errors import StageError
 from flexstage.units import DIMENSIONS
 
-__all__ = ["CATALOGUE", "Material", "material"]
-
-
 # From foams to diamond, with room to spare: beyond it a unit was mistaken.
 _PLAUSIBLE = {
     "youngs_modulus": (1e3, 1e14),
@@ -23,29 +20,6 @@ _PLAUSIBLE = {
 class Material:
     """An isotropic, linearly elastic material.
 
-    Parameters
-    ----------
-    name : str
-        Its designation.
-    youngs_modulus : float
-        Young's modulus E [Pa].
-    poissons_ratio : float
-        Poisson's ratio nu [1].
-    density : float
-        Density rho [kg/m^3].
-    yield_strength : float, optional
-        0.2 % yield strength [Pa]; None for a brittle material, which has none.
-    fatigue_limit : float, optional
-        Amplitude of fully reversed stress that is survived for `fatigue_cycles` [Pa].
-    fatigue_cycles : float, optional
-        Number of cycles to which `fatigue_limit` belongs [1].
-    thermal_expansion : float, optional
-        Coefficient of linear expansion near 20 degC [1/K].
-    thermal_conductivity : float, optional
-        Thermal conductivity near 20 degC [W/(m K)].
-    source : str
-        Where the figures come from.
-
     Raises
     ------
     StageError
@@ -53,15 +27,25 @@ class Material:
     """
 
     name: str
+    """Its designation."""
     youngs_modulus: Annotated[float, DIMENSIONS["pressure"]]
+    """Young's modulus E [Pa]."""
     poissons_ratio: float
+    """Poisson's ratio nu [1]."""
     density: Annotated[float, DIMENSIONS["density"]]
+    """Density rho [kg/m^3]."""
     yield_strength: Annotated[float, DIMENSIONS["pressure"]] | None = None
+    """0.2 % yield strength [Pa]; None for a brittle material, which has none."""
     fatigue_limit: Annotated[float, DIMENSIONS["pressure"]] | None = None
+    """Amplitude of fully reversed stress that is survived for `fatigue_cycles` [Pa]."""
     fatigue_cycles: float | None = None
+    """Number of cycles to which `fatigue_limit` belongs [1]."""
     thermal_expansion: Annotated[float, DIMENSIONS["expansion"]] | None = None
+    """Coefficient of linear expansion near 20 degC [1/K]."""
     thermal_conductivity: Annotated[float, DIMENSIONS["conductivity"]] | None = None
+    """Thermal conductivity near 20 degC [W/(m K)]."""
     source: str = ""
+    """Where the figures come from."""
 
     def __post_init__(self) -> None:
         for field, (low, high) in _PLAUSIBLE.items():

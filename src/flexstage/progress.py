@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
-__all__ = ["Lines", "in_lines", "reporting", "share", "tell"]
-
 _LONG = 2.0  # a phase that lasts so long is named [s]
 _EVERY = 10.0  # time between lines within a phase [s]
 _LOOK = 0.5  # time between looks at the clock [s]

@@ -9,35 +9,23 @@ from dataclasses import dataclass, field
 
 import flexstage
 
-__all__ = ["Provenance", "content_hash", "provenance"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What a result was made from and with.
-
-    Parameters
-    ----------
-    version : str
-        Version of flexstage.
-    input_hash : str
-        SHA-256 of the description that the result was computed from.
-    created : str
-        Date and time, UTC, ISO 8601.
-    settings : Mapping
-        Choices that change the result.
-    python : str
-        Version of Python.
-    machine : str
-        Operating system and processor.
-    """
+    """What a result was made from and with."""
 
     version: str
+    """Version of flexstage."""
     input_hash: str
+    """SHA-256 of the description that the result was computed from."""
     created: str
+    """Date and time, UTC, ISO 8601."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Choices that change the result."""
     python: str
+    """Version of Python."""
     machine: str
+    """Operating system and processor."""
 
 
 def content_hash(description: object) -> str:

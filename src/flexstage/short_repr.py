@@ -4,8 +4,6 @@ import dataclasses
 from collections.abc import Collection
 from typing import Any
 
-__all__ = ["short_repr"]
-
 _LONGEST = 60  # characters of a text
 
 

@@ -14,39 +14,21 @@ import re
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 from flexstage.errors import UnitError
-
-__all__ = [
-    "DIMENSIONS",
-    "Dimension",
-    "dimensions",
-    "parse",
-    "readable",
-    "readable_unit",
-    "si_unit",
-    "to_text",
-]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dimension:
-    """A physical dimension that a field of a description can have.
-
-    Parameters
-    ----------
-    name : str
-        What it is called in messages.
-    si : str
-        The SI unit in which numbers of it are held.
-    units : tuple of str
-        Units that people write, the first of which files are written in.
-    """
+    """A physical dimension that a field of a description can have."""
 
     name: str
+    """What it is called in messages."""
     si: str
+    """The SI unit in which numbers of it are held."""
     units: tuple[str, ...]
+    """Units that people write, the first of which files are written in."""
 
     @property
     def noun(self) -> str:
@@ -77,6 +59,14 @@ DIMENSIONS: dict[str, Dimension] = {
         Dimension(name="time", si="s", units=("s", "ms", "us", "min", "hour")),
     )
 }
+
+#: SI floats whose text at the edge carries a unit.
+Angle = Annotated[float, DIMENSIONS["angle"]]
+Frequency = Annotated[float, DIMENSIONS["frequency"]]
+Length = Annotated[float, DIMENSIONS["length"]]
+Stiffness = Annotated[float, DIMENSIONS["stiffness"]]
+Time = Annotated[float, DIMENSIONS["time"]]
+Voltage = Annotated[float, DIMENSIONS["voltage"]]
 
 # dimensions of columns in measured files; no field of a description has them
 _MEASURED: dict[str, Dimension] = {

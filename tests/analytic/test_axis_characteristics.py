@@ -9,19 +9,15 @@ from flexstage.material import material
 from flexstage.provenance import content_hash
 from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
 from flexstage.system import (
-    AxisPort,
-    BodyPort,
-    DrivePort,
-    LoadPort,
     MechanicalSystem,
     ModalDamping,
-    ProbePort,
     StressMap,
     analyse,
     guyan_reduction,
     static_displacements,
-    transformed,
 )
+from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
+from flexstage.system.reduction import transformed
 
 # one body on springs that couple x, y and its rotation; y is softer, so its mode comes first
 K = np.array([[9.0e5, 4.0e4, 700.0], [4.0e4, 2.0e5, -900.0], [700.0, -900.0, 60.0]])

@@ -10,7 +10,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.source import render_source
+from flexstage.export.source.render import render_source
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from tests.c_compiler import EXACT, STRICT, compile_program, load_library

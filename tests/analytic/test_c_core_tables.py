@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import DynamicModel, ModelDrive, dynamic_model
-from flexstage.export.source import c_variables, render_source
+from flexstage.export import DynamicModel, dynamic_model
+from flexstage.export.model import ModelDrive
+from flexstage.export.source.render import render_source
+from flexstage.export.source.variables import c_variables
 from flexstage.hysteresis import BoucWen, Creep, CreepSpectrum, LogCreep, Sensor
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.model import Array

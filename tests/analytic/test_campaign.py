@@ -10,17 +10,8 @@ from scipy.special import ndtri
 
 from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.campaign import (
-    EVALUATIONS,
-    KINDS,
-    Campaign,
-    Columns,
-    Instrument,
-    Reading,
-    Test,
-    characterise,
-    evaluate,
-)
+from flexstage.experiment.campaign.evaluate import EVALUATIONS, characterise, evaluate
+from flexstage.experiment.campaign.plan import KINDS, Campaign, Columns, Instrument, Reading, Test
 from flexstage.records import Channel, Record
 from tests.measuring_files import function_58
 

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from flexstage.centring import (
-    ARCSEC,
-    direction_vector,
-    exact_error,
-    exact_run_out,
-    first_order_error,
-    in_turning_frame,
-)
+from flexstage.centring import ARCSEC, exact_error, first_order_error
+from flexstage.centring.geometry import direction_vector, exact_run_out, in_turning_frame
 from flexstage.errors import ModelError
 
 R = 47e-3

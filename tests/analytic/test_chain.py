@@ -6,18 +6,20 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.special import exp1, gamma
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Amplifier, CreepSpectrum, Lag, LogCreep, Sensor, StageModes
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.first_order import lag_moments, ramp_share
+from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.modal import unit_step
+from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.chain.stage_inverse import stage_zeros
-
-Array = NDArray[np.float64]
 
 
 def polyline(count: int = 40, seed: int = 5) -> Array:

@@ -7,8 +7,8 @@ import pytest
 
 from flexstage.hysteresis import DriveModel, LogCreep, PrandtlIshlinskii
 from flexstage.hysteresis.drive_model import Start, ValidityRange
-from flexstage.hysteresis.identification import find_chain, measurement
-from flexstage.hysteresis.identification.chain_search import find_starts
+from flexstage.hysteresis.identification.chain_search import find_chain, find_starts
+from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.records import Channel, Record
 
 DT = 0.01

@@ -15,9 +15,9 @@ import pytest
 from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export.tables import shown, table_files
+from flexstage.export.tables.files import table_files
 from flexstage.export.tables.latex import escaped
-from flexstage.export.tables.shown import with_uncertainty
+from flexstage.export.tables.shown import shown, with_uncertainty
 from flexstage.lumped import lumped_system
 from flexstage.report import compare, display
 from flexstage.system import analyse

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from flexstage.characteristic import Characteristic
-from flexstage.report import compare, difference_percent, display, number
-from flexstage.report.figures import exaggeration
+from flexstage.report import compare, display, number
+from flexstage.report.comparison import difference_percent
+from flexstage.report.figures.static_shape import exaggeration
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:

@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from flexstage.control import (
-    LoopPlant,
-    Requirements,
-    local_gains,
-    loop_margins,
-    loop_plant,
-    tune,
-    tune_plant,
-)
+from flexstage.control import Requirements, loop_margins, tune
+from flexstage.control.design import tune_plant
+from flexstage.control.loop_plant import LoopPlant, local_gains, loop_plant
 from flexstage.errors import ModelError
 from flexstage.hysteresis import (
     DriveModel,

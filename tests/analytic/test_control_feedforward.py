@@ -7,19 +7,15 @@ from flexstage.control import (
     Way,
     carry_out,
     compensate,
-    conditioning_waveform,
     control_run,
-    delayed,
     evaluate_record,
-    evaluate_run,
-    shifted_model,
     sine,
-    steady_input,
-    steady_output,
     triangle,
     with_feedforward,
 )
-from flexstage.control.periodic import steady_displacement
+from flexstage.control.feedforward import conditioning_waveform, shifted_model
+from flexstage.control.periodic import delayed, steady_displacement, steady_input, steady_output
+from flexstage.control.tracking_run import evaluate_run
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import (
     DriveModel,

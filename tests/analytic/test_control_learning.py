@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from flexstage.control import LearningSettings, learn, sine, steady_output
+from flexstage.control import LearningSettings, learn, sine
 from flexstage.control.learning_axis import mean_error
+from flexstage.control.periodic import steady_output
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.instruments.limits import AxisLimits

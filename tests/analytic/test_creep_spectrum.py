@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.hysteresis import PrandtlIshlinskii
-from flexstage.hysteresis.chain import Creep, CreepSpectrum, Lag, LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import Complex
-from flexstage.hysteresis.identification import ChainValues, Measurement, measurement
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.identification.chain_filter import ChainValues
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
+from flexstage.hysteresis.identification.measurement import Measurement, measurement
 from flexstage.hysteresis.model import Array
 from flexstage.records import Channel, Record
 

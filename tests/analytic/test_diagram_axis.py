@@ -8,12 +8,14 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
-from flexstage.export.diagram import diagram_state_space, stage_diagram
 from flexstage.export.diagram.axis_chain import axis_chain
 from flexstage.export.diagram.builder import DiagramBuilder, identifier
+from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.diagram.twins import find_twins
 from flexstage.lumped import lumped_system, mechanism
-from flexstage.system import AxisPort, DrivePort, MechanicalSystem, ProbePort, modes
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
 
 _AXIS = AxisPort(name="x", drive="stack", probe="gauge")
 

@@ -9,16 +9,12 @@ from scipy.signal import lsim
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import ModelDrive, dynamic_model
-from flexstage.export.diagram import (
-    Block,
-    Diagram,
-    Line,
-    StateSpace,
-    diagram_state_space,
-    stage_diagram,
-)
+from flexstage.export import dynamic_model
+from flexstage.export.diagram.graph import Block, Diagram, Line
 from flexstage.export.diagram.springs import drive_springs, fitted_damping
+from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.diagram.state_space import StateSpace, diagram_state_space
+from flexstage.export.model import ModelDrive
 from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
 from flexstage.stage import Force

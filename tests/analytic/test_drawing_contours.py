@@ -9,8 +9,9 @@ import pytest
 
 from flexstage.designs import DESIGNS, design
 from flexstage.errors import StageError
-from flexstage.export.drawing import plate_contours, smooth_notches
+from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.curve import Curve, crossings, distance, point_distance
+from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.hinges import RightCircular
 from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties

@@ -12,8 +12,9 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from flexstage.designs import DESIGNS, design
-from flexstage.export.drawing import drawing_svg, plate_contours
+from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.sheet.canvas import text_width
+from flexstage.export.drawing.sheet.compose import drawing_svg
 from flexstage.export.drawing.sheet.details import notch_kinds, ratio, step_scale
 from flexstage.export.drawing.sheet.tables import wrapped
 from flexstage.hinges import RightCircular

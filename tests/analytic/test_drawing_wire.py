@@ -10,15 +10,11 @@ import shapely
 
 from flexstage.designs import DESIGNS, design
 from flexstage.errors import StageError
-from flexstage.export.drawing import (
-    PlateContours,
-    WirePath,
-    cuts,
-    offset_contours,
-    plate_contours,
-    smooth_notches,
-)
+from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.curve import Curve, distance, point_distance
+from flexstage.export.drawing.cuts import cuts
+from flexstage.export.drawing.offset import WirePath, offset_contours
+from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.hinges import RightCircular
 from flexstage.hinges.leaf import Leaf
 from flexstage.material import material

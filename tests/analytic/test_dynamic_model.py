@@ -7,7 +7,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.export import DynamicModel, dynamic_model, usual_hysteresis
+from flexstage.export import DynamicModel, dynamic_model
+from flexstage.export.drive_models import usual_hysteresis
 from flexstage.hysteresis import (
     BoucWen,
     DriveModel,

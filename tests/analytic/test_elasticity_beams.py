@@ -9,10 +9,11 @@ from netgen.occ import Box, OCCGeometry, Rectangle, gp_Pnt
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.elasticity import Continuum
 from flexstage.elasticity.buckling import buckling
-from flexstage.elasticity.large_displacement import follow_drive, follow_load, stress_stiffening
-from flexstage.elasticity.loaded import loaded, material_stress
+from flexstage.elasticity.large_displacement import follow_drive, follow_load
+from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
 

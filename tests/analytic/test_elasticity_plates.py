@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from netgen.occ import OCCGeometry, Vec
 
-from flexstage.elasticity import METRE, Continuum, face, von_mises
+from flexstage.elasticity import Continuum, face, von_mises
+from flexstage.elasticity.unit import METRE
 from flexstage.material import Material
 
 E, NU = 68.3e9, 0.33

@@ -8,17 +8,14 @@ import pytest
 import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.spectra import (
-    HitOptions,
-    PeriodOptions,
-    estimate_response,
-    response_from_record,
-    spectral_density,
-)
 from flexstage.experiment.spectra import sums as sums_module
+from flexstage.experiment.spectra.density import spectral_density
+from flexstage.experiment.spectra.estimate import estimate_response
+from flexstage.experiment.spectra.from_record import response_from_record
+from flexstage.experiment.spectra.options import HitOptions, PeriodOptions
 from flexstage.experiment.spectra.periods import find_period
 from flexstage.experiment.spectra.recognition import recognised
 from flexstage.experiment.spectra.windows import (
@@ -31,7 +28,6 @@ from flexstage.records import Channel, Record
 from flexstage.report.figures.measured_response import draw_response
 from flexstage.report.figures.style import encode
 
-Array = NDArray[np.float64]
 RATE = 2000.0
 
 

@@ -9,20 +9,18 @@ from flexstage.centring import (
     HeadReadings,
     IndicatorReadings,
     axis_motion,
-    direction_estimate,
     eccentricity,
-    eccentricity_from_harmonics,
     exact_error,
-    exact_run_out,
-    find_turns,
     first_order_error,
     fit_harmonics,
     fit_many,
-    length_estimate,
     mean_turn,
     run_out,
-    unwrap_error,
 )
+from flexstage.centring.eccentricity import eccentricity_from_harmonics
+from flexstage.centring.geometry import exact_run_out
+from flexstage.centring.polar import direction_estimate, length_estimate
+from flexstage.centring.turns import find_turns, unwrap_error
 from flexstage.errors import ModelError, RecordError
 from tests.tiers import limits, sizes
 

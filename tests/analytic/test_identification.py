@@ -8,17 +8,13 @@ import pytest
 from scipy.signal import lfilter
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
-from flexstage.hysteresis.identification import (
-    FAMILIES,
-    ChainValues,
-    cycles,
-    find_chain,
-    identify,
-    measurement,
-)
-from flexstage.hysteresis.identification.chain_filter import rows_of
-from flexstage.hysteresis.identification.chain_search import _Search
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
+from flexstage.hysteresis.identification.chain_search import _Search, find_chain
+from flexstage.hysteresis.identification.cycles import cycles
+from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Fit,
@@ -31,7 +27,8 @@ from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
-from flexstage.hysteresis.identification.identify import _choose, _Tried
+from flexstage.hysteresis.identification.identify import _choose, _Tried, identify
+from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, misfit
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.uncertainty import estimates

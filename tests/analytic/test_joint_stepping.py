@@ -11,21 +11,21 @@ from collections.abc import Callable
 import mpmath as mp
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from flexstage.hysteresis.chain import StageModes, simulate_with_stage
+from flexstage.arrays import Array
 from flexstage.hysteresis.chain.first_order import lags_through_segments
+from flexstage.hysteresis.chain.joint import simulate_with_stage
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
 from flexstage.hysteresis.chain.panels import (
     lags_through_panels,
     modes_through_panels,
     panels,
 )
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.model import HysteresisModel, Segments
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 
-Array = NDArray[np.float64]
 D, A, BETA, GAMMA = 0.593, 0.544, 0.05, 0.03
 F, ZETA = 339.0, 0.012
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from flexstage.hysteresis.identification import identify, measurement
+from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.jump_response import jump_response, jumps
+from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.records import Channel, Record
 
 RATE, DENSE = 10000.0, 8

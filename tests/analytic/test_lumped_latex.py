@@ -12,12 +12,11 @@ from flexstage.lumped import (
     equation_sheet,
     latex_document,
     mathml,
-    plain_text,
     reduce_by_symmetry,
-    sheet_data,
     symbolic_model,
     transfer_function,
 )
+from flexstage.lumped.latex import plain_text, sheet_data
 from flexstage.lumped.sheet_items import Formula, Section
 from flexstage.lumped.symbols import upright
 from tests.mechanisms import parallelogram

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.lumped import (
@@ -19,8 +19,6 @@ from flexstage.lumped import (
 from flexstage.system import static_displacements
 from tests.mechanisms import LEG, chain, parallelogram
 from tests.tiers import sizes
-
-Array = NDArray[np.float64]
 
 # Central differences with step h of quantities of size 1: h^2 + rounding/h, at best some 1e-11.
 STEP = 1e-6

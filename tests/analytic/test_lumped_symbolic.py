@@ -13,7 +13,6 @@ from flexstage.lumped import (
     Sight,
     SpringHinge,
     condense,
-    find_mirror,
     lumped_system,
     nonlinear,
     reduce_by_symmetry,
@@ -21,6 +20,7 @@ from flexstage.lumped import (
     transfer_function,
 )
 from flexstage.lumped.hinge_block import generic_body, generic_hinge
+from flexstage.lumped.mirror import find_mirror
 from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.system import frequency_response, modes
 from flexstage.system.damping import RayleighDamping

@@ -8,19 +8,16 @@ import pytest
 
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.modal import (
-    fit_modes,
-    modal_assurance,
-    ring_down,
-    stable_poles,
-)
 from flexstage.experiment.modal.basis import ModalBasis
+from flexstage.experiment.modal.fit import fit_modes
 from flexstage.experiment.modal.projection import Block, eliminate, remaining
-from flexstage.experiment.modal.shapes import shape_from_residues
+from flexstage.experiment.modal.ring_down import ring_down
+from flexstage.experiment.modal.shapes import modal_assurance, shape_from_residues
+from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
-from flexstage.report.figures import encode
 from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes
 
 LINES = np.arange(20.0, 400.0, 0.5)
@@ -712,7 +709,7 @@ def test_noise_through_a_window_with_few_lines_to_a_peak(samples: int, segment: 
     """A Hann window mixes lines: at three in the half-power width peaks look like two modes."""
     from scipy.signal import lfilter
 
-    from flexstage.experiment.spectra import estimate_response
+    from flexstage.experiment.spectra.estimate import estimate_response
     from flexstage.records import Channel, Record
 
     rate, truth = 8192.0, ((337.0, 0.0087, 1.0), (527.0, 0.0075, 0.6))

@@ -8,7 +8,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiment.modal import ModalFit, fit_modes
+from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.result import ModalFit
 from flexstage.experiment.modal.scatter import line_scatter, local_poles
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.lumped import lumped_system

@@ -9,14 +9,10 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, HingeError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.updating import (
-    UPDATABLE,
-    UpdateParameter,
-    predict,
-    stage_with,
-    update_stage,
-    with_neck_thickness,
-)
+from flexstage.experiment.updating.necks import with_neck_thickness
+from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
+from flexstage.experiment.updating.predict import UPDATABLE, predict
+from flexstage.experiment.updating.update import update_stage
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,

@@ -4,32 +4,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion import (
-    CurveBasis,
-    MotionCurve,
-    cross_coupling,
-    fit_motion_curve,
-    linearity,
-    motion_cycles,
-    spread_estimate,
-    squareness,
-    staircase_dwells,
-    stroke,
+from flexstage.experiment.motion.coupling import cross_coupling, squareness
+from flexstage.experiment.motion.curve_basis import CurveBasis
+from flexstage.experiment.motion.curve_fit import fit_motion_curve
+from flexstage.experiment.motion.curve_zone import zone_contacts
+from flexstage.experiment.motion.cycles import motion_cycles
+from flexstage.experiment.motion.dwells import staircase_dwells
+from flexstage.experiment.motion.linearity import linearity
+from flexstage.experiment.motion.motion_curve import MotionCurve
+from flexstage.experiment.motion.spread import spread_estimate
+from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.motion.workspace import (
     workspace,
     workspace_from_grid,
     workspace_from_path,
 )
-from flexstage.experiment.motion.curve_zone import zone_contacts
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes
-
-Array = NDArray[np.float64]
 
 
 def triangle(cycles: float, per: int) -> tuple[Array, Array]:

@@ -3,8 +3,9 @@
 import pytest
 
 from flexstage.errors import PlanError
-from flexstage.plans import dry_run, find_plan, plan_from_text, plan_stage, read_plan, ready_plans
+from flexstage.plans import dry_run, find_plan, plan_stage, read_plan, ready_plans
 from flexstage.plans.excite import Cycles, Multisine
+from flexstage.plans.file import plan_from_text
 from flexstage.plans.verbs import Identify, Measure, Verify
 
 HEAD = """\

@@ -4,7 +4,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import PlanError
-from flexstage.plans import dry_run, plan_from_text
+from flexstage.plans import dry_run
+from flexstage.plans.file import plan_from_text
 
 HEAD = """\
 plan: 1

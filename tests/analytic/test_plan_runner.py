@@ -9,7 +9,9 @@ import pytest
 from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.lock import stage_lock
-from flexstage.plans import MeasuredStep, Plan, plan_from_text, run_plan
+from flexstage.plans import Plan, run_plan
+from flexstage.plans.file import plan_from_text
+from flexstage.plans.results import MeasuredStep
 from flexstage.plans.state import read_state
 from flexstage.records import read_record
 from tests.simple_instrument import SimpleInstrument
@@ -322,7 +324,7 @@ def test_screws_are_moved_by_waveforms_or_from_place_to_place(tmp_path, generato
 
 
 def test_records_and_models_are_entered_into_the_catalogue(tmp_path):
-    from flexstage.instruments.catalogue import Catalogue
+    from flexstage.instruments.catalogue.catalogue import Catalogue
 
     text = TEXT + (
         "  - {name: pi, identify: {of: [motion], output: x, models: [prandtl-ishlinskii]}}\n"

@@ -5,14 +5,9 @@ import pytest
 from flexstage.designs import design
 from flexstage.instruments.connect import connect
 from flexstage.lumped import lumped_system
-from flexstage.plans import (
-    CentredStep,
-    VerifiedStep,
-    find_plan,
-    plan_from_text,
-    read_plan,
-    run_plan,
-)
+from flexstage.plans import VerifiedStep, find_plan, read_plan, run_plan
+from flexstage.plans.file import plan_from_text
+from flexstage.plans.results import CentredStep
 from flexstage.system import modes
 
 SENSORS = """\

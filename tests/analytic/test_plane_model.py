@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity import METRE
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import StageError
-from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model, stage_faces
-from flexstage.fem.geometry import patches
+from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
+from flexstage.fem.geometry import patches, stage_faces
 from flexstage.fem.ports import body_motion, drive_vector, probe_vector
 from flexstage.lumped import lumped_system
 from flexstage.stage import Circle, ExtraMass, Probe, Stage

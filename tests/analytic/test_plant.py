@@ -4,28 +4,28 @@ import dataclasses
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Amplifier, LogCreep, Sensor
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
 from flexstage.system import (
-    DrivePort,
     MechanicalSystem,
     ModalDamping,
-    ProbePort,
     modes,
     static_displacements,
     time_response,
 )
+from flexstage.system.mechanical import DrivePort, ProbePort
 
-Array = NDArray[np.float64]
 #: um of free displacement, so that 5e-12 is rounding of the stroke
 STACK = BoucWen(gain=0.38, hysteresis_gain=0.11, beta=0.05, gamma=0.03)
 OTHER = BoucWen(gain=0.33, hysteresis_gain=0.07, beta=0.04, gamma=0.03)

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis import DriveModel, ValidityRange
-from flexstage.hysteresis.identification import ChainValues, cycles, identify, measurement
-from flexstage.hysteresis.identification.chain_filter import rows_of
-from flexstage.hysteresis.identification.cycles import by_rate
+from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
+from flexstage.hysteresis.identification.cycles import by_rate, cycles
 from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.measurement import first_moving, without_history
+from flexstage.hysteresis.identification.identify import identify
+from flexstage.hysteresis.identification.measurement import (
+    first_moving,
+    measurement,
+    without_history,
+)
 from flexstage.hysteresis.identification.misfit import misfit
 from flexstage.hysteresis.models.dahl import Dahl
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
@@ -137,7 +141,7 @@ def test_loops_that_grow_are_said_to_be_counted_early():
 
 
 def test_times_that_are_drawn_are_those_of_the_file_where_samples_were_averaged():
-    from flexstage.report.figures import draw_identification
+    from flexstage.report.figures.identification import draw_identification
 
     t = np.arange(96_000) / 4000.0
     moving = LOW + 0.5 * (HIGH - LOW) * (1.0 - np.cos(2.0 * np.pi * 0.9 * t))

@@ -15,23 +15,21 @@ from scipy.io import savemat
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.records import (
-    LARGEST_UNEVEN_STEP,
     Channel,
     Record,
-    column_number,
-    constant_columns,
     evened,
     noise_estimate,
     quantisation_step,
     read_record,
-    record_bytes,
-    require_uniform,
     resampled,
     saturation,
     selected,
-    time_jitter,
     write_record,
 )
+from flexstage.records.quality import constant_columns
+from flexstage.records.record import column_number
+from flexstage.records.sampling import LARGEST_UNEVEN_STEP, require_uniform, time_jitter
+from flexstage.records.write import record_bytes
 from flexstage.units import si_unit
 
 U = np.array([0.3, 1.7, 2.9, 0.4, -1.1])

@@ -8,19 +8,11 @@ import pytest
 import pyuff
 
 from flexstage.errors import RecordError
-from flexstage.records import (
-    FORMATS,
-    Channel,
-    Record,
-    read_record,
-    record_bytes,
-    require_live,
-    require_unclipped,
-    require_unit,
-    write_record,
-)
+from flexstage.records import FORMATS, Channel, Record, read_record, write_record
 from flexstage.records.cmm_numbers import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit
+from flexstage.records.require import require_live, require_unclipped, require_unit
+from flexstage.records.write import record_bytes
 from tests.measuring_files import function_58, gcs_array, report, units_164
 
 H = np.array([0.3 - 1.7j, 2.9 + 0.4j, -1.1 + 0.2j, 5.3 - 2.25j, 7.5 + 0.0625j])

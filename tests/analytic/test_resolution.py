@@ -4,29 +4,22 @@ import itertools
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import ndtri
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.noise import (
-    allan_deviation,
-    expected_peak_to_peak,
-    hold_noise,
-    levels_of_command,
-    levels_of_reading,
-    mains_lines,
-    resolution,
-    screw_resolution,
-    staircase,
-)
+from flexstage.experiment.noise.allan import allan_deviation
 from flexstage.experiment.noise.allan_freedom import allan_freedom
-from flexstage.experiment.spectra import spectral_density
+from flexstage.experiment.noise.hold import expected_peak_to_peak, hold_noise
+from flexstage.experiment.noise.levels import levels_of_command, levels_of_reading
+from flexstage.experiment.noise.mains import mains_lines
+from flexstage.experiment.noise.resolution import resolution, screw_resolution
+from flexstage.experiment.noise.staircase import staircase
+from flexstage.experiment.spectra.density import spectral_density
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.style import encode
-
-Array = NDArray[np.float64]
 
 
 def noise(seed: int, n: int, link: float = 0.0) -> Array:

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from flexstage.hysteresis import PrandtlIshlinskii
-from flexstage.hysteresis.chain import Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification import identify, measurement
+from flexstage.hysteresis.identification.identify import identify
+from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.resonance_search import find_resonance
 from flexstage.records import Channel, Record
 

@@ -12,8 +12,10 @@ from scipy.io import loadmat
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
-from flexstage.export.diagram import Block, Diagram, Line, stage_diagram
-from flexstage.export.simulink import hysteresis_function, simulink_files
+from flexstage.export.diagram.graph import Block, Diagram, Line
+from flexstage.export.diagram.stage_diagram import stage_diagram
+from flexstage.export.simulink.files import simulink_files
+from flexstage.export.simulink.hysteresis_text import hysteresis_function
 from flexstage.export.simulink.matlab_text import (
     comment,
     identifier,

@@ -5,11 +5,9 @@ import pytest
 
 from flexstage.errors import ModelError
 from flexstage.system import (
-    DrivePort,
     LossFactor,
     MechanicalSystem,
     ModalDamping,
-    ProbePort,
     RayleighDamping,
     drive_stiffness,
     frequency_response,
@@ -20,6 +18,7 @@ from flexstage.system import (
     static_forces,
     time_response,
 )
+from flexstage.system.mechanical import DrivePort, ProbePort
 
 MASS, STIFFNESS, SPRING, ZETA = 0.37, 5.3e4, 2.1e4, 0.023
 OMEGA = np.sqrt(STIFFNESS / MASS)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.lumped import lumped_system
 from flexstage.system import (
@@ -19,8 +19,6 @@ from flexstage.system import (
     state_space,
     time_response,
 )
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.experiment.motion.narrowest_strip import narrowest_strip
 from flexstage.experiment.motion.straightness import (
@@ -16,8 +16,6 @@ from flexstage.experiment.motion.straightness import (
 from flexstage.experiment.motion.straightness_cylinder import minimum_zone_cylinder
 from flexstage.experiment.motion.straightness_noise import less_noise
 from tests.tiers import limits, sizes
-
-Array = NDArray[np.float64]
 
 
 def points(number: int, size: int | None = None) -> tuple[Array, Array]:

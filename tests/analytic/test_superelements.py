@@ -9,7 +9,7 @@ import scipy.linalg
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
 from flexstage.designs import design
-from flexstage.elasticity import METRE
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import quality
 from flexstage.fem.condensation import Condensed, condense, recover, surface_stress

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Amplifier, LogCreep
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.hysteresis.virtual_stack import virtual_stack
@@ -20,7 +21,6 @@ from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks,
 from flexstage.system import modes, static_forces
 from tests.twin_parts import SLOPES, damped_system, small_stage
 
-Array = NDArray[np.float64]
 OPEN = (False, False)
 
 

@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.instruments.twin.beside import kinds_of
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.sensors import AxisSensor, Disturbances, SensorBench
 from tests.twin_parts import small_stage
-
-Array = NDArray[np.float64]
 
 BENCH = SensorBench(
     along=AxisSensor(noise_rms=4.3e-9, mains_amplitude=9.1e-9, step=1e-10, gain_scatter=3e-3),

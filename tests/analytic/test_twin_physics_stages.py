@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
 from flexstage.designs import design
 from flexstage.errors import ModelError
@@ -20,9 +20,8 @@ from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewStage
 from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.stage import Screw
-from flexstage.system import axis_mode, modes
-
-Array = NDArray[np.float64]
+from flexstage.system import modes
+from flexstage.system.characteristics import axis_mode
 
 PIEZO, SCREWS = design("vgtu-piezo"), design("vgtu-mechanical")
 MODELS = ("lumped", "superelement")

@@ -12,24 +12,19 @@ from hypothesis import strategies as st
 
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.uncertainty import (
-    DISTRIBUTIONS,
-    ROLES,
-    Expression,
-    Influence,
-    SensorSetup,
-    correlation_matrix,
-    influence_from,
-    measured,
-    monte_carlo,
-    numerical_tolerance,
-    propagate,
-    validate,
-)
 from flexstage.experiment.uncertainty.budget_file import budget_from_text
-from flexstage.experiment.uncertainty.correlation import groups, normal_correlations
+from flexstage.experiment.uncertainty.correlation import (
+    correlation_matrix,
+    groups,
+    normal_correlations,
+)
 from flexstage.experiment.uncertainty.draws import sampler
+from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.functions import FUNCTIONS, hypot
+from flexstage.experiment.uncertainty.influence import DISTRIBUTIONS, Influence, influence_from
+from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, numerical_tolerance, validate
+from flexstage.experiment.uncertainty.propagate import propagate
+from flexstage.experiment.uncertainty.sensor import ROLES, SensorSetup, measured
 
 SHAPES = {
     "uniform": 1 / math.sqrt(3),

@@ -7,23 +7,24 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import (
-    GuideErrors,
+from flexstage.experiment.virtual.as_built import as_built
+from flexstage.experiment.virtual.bench import (
     HammerBench,
-    Laboratory,
+    motion_record,
+    sphere_record,
+    staircase_record,
+    workspace_record,
+)
+from flexstage.experiment.virtual.campaign import virtual_campaign
+from flexstage.experiment.virtual.guide import GuideErrors, random_guide
+from flexstage.experiment.virtual.laboratory import Laboratory
+from flexstage.experiment.virtual.scatter import (
     Scatter,
-    as_built,
     displaced_system,
     displacements,
     manufactured,
-    motion_record,
-    random_guide,
-    sphere_record,
-    staircase_record,
-    true_figures,
-    virtual_campaign,
-    workspace_record,
 )
+from flexstage.experiment.virtual.truth import true_figures
 from flexstage.lumped import lumped_system
 from flexstage.system import frequency_response, modes
 
@@ -40,8 +41,8 @@ def screw():
 
 def quiet(**changes: float) -> Laboratory:
     """A laboratory whose sensors are right."""
-    from flexstage.experiment.uncertainty import SensorSetup
-    from flexstage.experiment.virtual import Sensor
+    from flexstage.experiment.uncertainty.sensor import SensorSetup
+    from flexstage.experiment.virtual.laboratory import Sensor
 
     perfect = Sensor(setup=SensorSetup(), noise=0.0)
     turn = Sensor(setup=SensorSetup(), noise=0.0, unit="rad")

@@ -29,8 +29,8 @@ import scipy.io
 #: Largest relative change of a number that is none.
 CLOSE = 1e-9
 #: Arrays and columns with more numbers than this are kept as sums over blocks.
-MOST = 40
-BLOCKS = 8
+MOST = 400
+BLOCKS = 64
 #: Largest change of a figure that a run on the twin measures, in its standard uncertainties; one
 #: that has few degrees of freedom may change by the width of its interval.
 REPEATS = 5.0

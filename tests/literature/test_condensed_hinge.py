@@ -17,10 +17,12 @@ import pytest
 from netgen.occ import Glue, OCCGeometry
 
 from flexstage.designs import design
-from flexstage.elasticity import METRE, Continuum, face, parallel
+from flexstage.elasticity import Continuum, face, parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
-from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance, plane_moduli
+from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance
 from flexstage.hinges import finite_element as fe
+from flexstage.hinges.compliance import plane_moduli
 from flexstage.hinges.finite_element import (
     condensed_compliance,
     condensed_stress_rows,

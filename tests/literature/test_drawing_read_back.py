@@ -13,14 +13,11 @@ import pytest
 import shapely
 
 from flexstage.designs import DESIGNS, design
-from flexstage.export.drawing import (
-    DXF_LAYERS,
-    dxf_files,
-    offset_contours,
-    plate_contours,
-    smooth_notches,
-)
+from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.curve import Curve
+from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
+from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Loop, mass_properties
 from tests.drawing_stages import NOTCHES, guide
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.hysteresis.identification import ChainValues, identify
+from flexstage.hysteresis.identification.chain_filter import ChainValues
+from flexstage.hysteresis.identification.identify import identify
 from flexstage.records import Channel, Record
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "picma-p885"

@@ -10,14 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from flexstage.hysteresis.identification import Identification, identify
+from flexstage.arrays import Array
+from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import loop_width
 from flexstage.records import Record, read_record
-
-Array = NDArray[np.float64]
 
 FILE = Path(__file__).resolve().parents[3] / "shared" / "data" / "picma-p885" / "Test_Vi_Do_Di.dat"
 pytestmark = pytest.mark.skipif(

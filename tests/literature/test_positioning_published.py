@@ -27,10 +27,12 @@ import pytest
 from matplotlib.text import Annotation
 
 from flexstage.errors import RecordError
-from flexstage.experiment.campaign import Campaign, Columns, Test, evaluate
-from flexstage.experiment.motion import Positioning, visits
+from flexstage.experiment.campaign.evaluate import evaluate
+from flexstage.experiment.campaign.plan import Campaign, Columns, Test
+from flexstage.experiment.motion.approaches import visits
+from flexstage.experiment.motion.positioning import Positioning
 from flexstage.records import Channel, Record
-from flexstage.report.figures import draw_positioning
+from flexstage.report.figures.positioning import draw_positioning
 
 UM, MM = 1e-6, 1e-3
 

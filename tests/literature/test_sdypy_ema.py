@@ -6,7 +6,9 @@ import warnings
 import numpy as np
 import pytest
 
-from flexstage.experiment.modal import fit_modes, modal_assurance, stable_poles
+from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.shapes import modal_assurance
+from flexstage.experiment.modal.stabilisation import stable_poles
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 with warnings.catch_warnings():

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.material import Material
 from tests.peers.grids import Grid
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 #: What `ccx` may take at most [s].

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
+
 Index = NDArray[np.intp]
 
 

@@ -16,13 +16,14 @@ from netgen import occ
 from netgen.meshing import IdentificationType
 from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, Continuum, face, von_mises, von_mises_of
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum, face, von_mises
+from flexstage.elasticity.stress import von_mises_of
+from flexstage.elasticity.unit import METRE
 from flexstage.material import Material
 from tests.peers import calculix
 from tests.peers.grids import Grid, join, patch, sweep
 from tests.peers.shape_functions import edge_shares, face_shares
-
-Array = NDArray[np.float64]
 
 MATERIAL = Material(
     name="the reference piece", youngs_modulus=71.7e9, poissons_ratio=0.33, density=2810.0

@@ -14,11 +14,11 @@ import pytest
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from flexstage.elasticity import von_mises_of
+from flexstage.arrays import Array
+from flexstage.elasticity.stress import von_mises_of
 from flexstage.material import Material
 from tests.peers.grids import Grid
 
-Array = NDArray[np.float64]
 # SciPy's types are guessed, and some guesses are wrong
 spl: Any = scipy.sparse.linalg
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE
+from flexstage.arrays import Array
+from flexstage.elasticity.unit import METRE
 from flexstage.stage import Axis, Stage
 from tests.peers.calculix import Answer, Job, solve
 from tests.peers.grids import Grid, Sweep, sweep, triangles
 from tests.peers.shape_functions import face_shares, wedge_points
-
-Array = NDArray[np.float64]
 
 
 def plane_grid(stage: Stage, *, neck_size: float, size: float, grading: float = 0.5) -> Grid:

@@ -8,17 +8,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.experiment.campaign import (
+from flexstage.experiment.campaign.file import campaign_text, read_campaign
+from flexstage.experiment.campaign.plan import (
+    EXCITATIONS,
     KINDS,
     Campaign,
     Columns,
     Instrument,
     Reading,
     Test,
-    campaign_text,
-    read_campaign,
 )
-from flexstage.experiment.campaign.plan import EXCITATIONS
 from tests.strategies import names, texts
 
 #: Awkward numbers on purpose: many digits, tiny, and what reads as an integer.

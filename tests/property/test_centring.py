@@ -9,11 +9,10 @@ from flexstage.centring import (
     HeadReadings,
     eccentricity,
     exact_error,
-    find_turns,
     first_order_error,
     fit_harmonics,
-    unwrap_error,
 )
+from flexstage.centring.turns import find_turns, unwrap_error
 
 angles = st.floats(-7.0, 7.0)
 radii = st.floats(5e-3, 0.4)

@@ -3,20 +3,15 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import (
-    Amplifier,
-    CreepSpectrum,
-    Lag,
-    LogCreep,
-    StageModes,
-    simulate_with_stage,
-)
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
+from flexstage.hysteresis.chain.joint import simulate_with_stage
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.models.bouc_wen import BoucWen
-
-Array = NDArray[np.float64]
 
 times = st.floats(1e-6, 10.0)
 sequences = st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30).map(np.array)

@@ -4,17 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.control import (
-    LoopPlant,
-    compensate,
-    delayed,
-    loop_margins,
-    raster,
-    sine,
-    steady_input,
-    triangle,
-    tune_plant,
-)
+from flexstage.control import compensate, loop_margins, raster, sine, triangle
+from flexstage.control.design import tune_plant
+from flexstage.control.loop_plant import LoopPlant
+from flexstage.control.periodic import delayed, steady_input
 from flexstage.control.trajectories.turns import there_and_back
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.instruments.servo import ServoSettings

@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.designs import vgtu_mechanical, vgtu_piezo
-from flexstage.designs.nested_xy import AxisParameters, NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.errors import StageError
 from flexstage.stage import Body, Hinge, Loop, Stage

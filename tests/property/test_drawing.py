@@ -7,8 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import StageError
-from flexstage.export.drawing import offset_contours, plate_contours, smooth_notches
+from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.curve import Curve, distance, point_distance
+from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Circle
 from flexstage.stage.contour import body_contour
 from tests.drawing_stages import guide

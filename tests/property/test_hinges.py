@@ -21,10 +21,10 @@ from flexstage.hinges import (
     VFillet,
     compliance,
     profile,
-    profile_class,
     stress_rows,
 )
 from flexstage.hinges.compliance import QUADRATURES
+from flexstage.hinges.registry import profile_class
 
 E, NU, B = 68.9e9, 0.33, 7.3e-3
 LENGTHS = (

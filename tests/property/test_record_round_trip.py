@@ -15,11 +15,11 @@ from flexstage.records import (
     Record,
     noise_estimate,
     read_record,
-    record_bytes,
     resampled,
     saturation,
     selected,
 )
+from flexstage.records.write import record_bytes
 
 UNITS = st.sampled_from(["", "V", "m", "N", "s", "K", "degC", "1", "count", "m/s", "rad", "N/m"])
 ALPHABET = string.ascii_letters + string.digits + " _-+./()[],;:'\"#%µΔ°\t="

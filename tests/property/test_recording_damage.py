@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import RecordError
-from flexstage.instruments.recording import examine, recover
+from flexstage.instruments.recording.recovery import examine, recover
 from tests.recordings import RATE, assert_true, written
 
 CHUNKS = [3, 1, 8, 2, 5, 6, 1, 1]
@@ -203,7 +203,7 @@ def test_both_heads_damaged_says_so(stream):
 
 def test_marks_inside_samples_do_not_confuse_the_search(tmp_path):
     """Samples that look like the beginning of frames, between damaged ones."""
-    from flexstage.instruments.recording import RunWriter
+    from flexstage.instruments.recording.writer import RunWriter
     from tests.recordings import metadata
 
     (trap,) = struct.unpack("<d", b"\xf5FX\x8e\x01\x00\x00\x00")

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.experiment.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
 from flexstage.experiment.motion.sensor_motion import from_sensors
 from flexstage.experiment.motion.sphere import sphere_fit
-
-Array = NDArray[np.float64]
 
 SPHERES = np.array(
     [[0.0, 0.0, 0.0], [82e-3, 6e-3, 1e-3], [11e-3, 61e-3, 7e-3], [70e-3, 55e-3, -4e-3]]

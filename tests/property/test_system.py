@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
 from flexstage.system import (
-    DrivePort,
     MechanicalSystem,
     ModalDamping,
-    ProbePort,
     drive_stiffness,
     frequency_response,
     guyan_reduction,
@@ -21,6 +19,7 @@ from flexstage.system import (
     static_forces,
     time_response,
 )
+from flexstage.system.mechanical import DrivePort, ProbePort
 
 
 def random_system(seed: int, n: int = 7) -> MechanicalSystem:

@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError, RecordError
 from flexstage.instruments.acquire import record_blow, record_now, run_moves, run_waveform
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.waveform import Waveform
 from flexstage.progress import reporting
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
-
-Array = NDArray[np.float64]
 
 X = Signal(kind="position", source="x", name="x")
 U = Signal(kind="voltage", source="x", name="u", unit="V")

@@ -9,20 +9,19 @@ import pytest
 import sqlalchemy as sa
 
 from flexstage.errors import NotConnectedError, RecordError
-from flexstage.instruments.catalogue import (
+from flexstage.instruments.catalogue import migrations
+from flexstage.instruments.catalogue.address import catalogue_engine, default_catalogue
+from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
-    Catalogue,
     ModelEntry,
     RunEntry,
     StageEntry,
-    default_catalogue,
-    enter_folder,
-    folder_entries,
-    migrations,
 )
-from flexstage.instruments.catalogue.address import catalogue_engine
+from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
 from flexstage.instruments.catalogue.tables import Base
-from flexstage.instruments.recording import RunFolder, archived
+from flexstage.instruments.recording.archive import archived
+from flexstage.instruments.recording.folder import RunFolder
 from tests.postgresql import database, postgresql_server  # noqa: F401
 from tests.recordings import metadata, truth, writer, written
 

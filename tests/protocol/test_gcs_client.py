@@ -13,17 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.gcs import (
-    GatewayLink,
-    GcsClient,
-    InProcess,
-    NoAnswerError,
-    SerialLink,
-    TcpLink,
-    error_sentence,
-)
-from flexstage.instruments.gcs.codes import SENTENCES
+from flexstage.instruments.gcs.client import GcsClient
+from flexstage.instruments.gcs.codes import SENTENCES, error_sentence
+from flexstage.instruments.gcs.gateway import GatewayLink
 from flexstage.instruments.gcs.replies import assignments, number, take_lines, whole_number
+from flexstage.instruments.gcs.serial_port import SerialLink
+from flexstage.instruments.gcs.tcp import TcpLink
+from flexstage.instruments.gcs.transport import InProcess, NoAnswerError
 from flexstage.instruments.twin import errors_gcs
 from tests.gcs_script import InMemory, ScriptedController, served
 

@@ -5,7 +5,9 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.gcs import InProcess, PiController, Wire
+from flexstage.instruments.gcs.controller import PiController
+from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.transport import InProcess
 from flexstage.instruments.gcs.units import VOLTS, WireUnit, axis_unit
 from flexstage.instruments.gcs.waves import point_lines
 from flexstage.instruments.protocol import (

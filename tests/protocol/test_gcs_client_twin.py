@@ -11,7 +11,10 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
-from flexstage.instruments.gcs import InProcess, PiController, TcpLink, Wire
+from flexstage.instruments.gcs.controller import PiController
+from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.tcp import TcpLink
+from flexstage.instruments.gcs.transport import InProcess
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.build import virtual_stage

@@ -9,14 +9,11 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
-from flexstage.instruments.gcs import (
-    GcsClient,
-    InProcess,
-    NoAnswerError,
-    PiController,
-    TcpLink,
-    Wire,
-)
+from flexstage.instruments.gcs.client import GcsClient
+from flexstage.instruments.gcs.controller import PiController
+from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.tcp import TcpLink
+from flexstage.instruments.gcs.transport import InProcess, NoAnswerError
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.waveform import Waveform
 from tests.gcs_script import CutError, InMemory, ScriptedController, served

@@ -14,17 +14,11 @@ from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.ni import (
-    DriveOutput,
-    NiAcquisition,
-    NiSetup,
-    SensorInput,
-    address,
-    daqmx,
-    daqmx_codes,
-    open_address,
-)
+from flexstage.instruments.ni import address, daqmx, daqmx_codes
+from flexstage.instruments.ni.acquisition import NiAcquisition
+from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.waveform import Waveform
 from tests.daqmx_stand_in import Card, value

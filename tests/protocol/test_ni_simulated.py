@@ -7,26 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.ni import (
-    DriveOutput,
-    NiAcquisition,
-    NiSetup,
-    SensorInput,
-    open_address,
-)
+from flexstage.instruments.ni.acquisition import NiAcquisition
+from flexstage.instruments.ni.address import open_address
+from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.ni.simulated import SimulatedBackend, _Output
 from flexstage.instruments.protocol import Axis, Capability, Instrument, Recorder, Signal
 from flexstage.instruments.protocol import WaveGenerator as Generator
 from flexstage.instruments.waveform import Waveform
-
-Array = NDArray[np.float64]
 
 #: Volts at each input for a volt at each output; both drives reach the third sensor.
 WIRING = {

@@ -8,7 +8,10 @@ import pytest
 from flexstage.errors import NotConnectedError, RecordError
 from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.protocol import Signal
-from flexstage.instruments.recording import RunFolder, RunMetadata, RunWriter, recover
+from flexstage.instruments.recording.folder import RunFolder
+from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.instruments.recording.recovery import recover
+from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import read_record
 from tests.recordings import written

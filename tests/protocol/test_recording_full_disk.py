@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import RecordError
-from flexstage.instruments.recording import RunWriter, examine, recover
+from flexstage.instruments.recording.recovery import examine, recover
+from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record
 from tests.recordings import CHANNELS, FullDisk, assert_true, metadata, small_disk, truth, writer
 

@@ -7,7 +7,8 @@ import pytest
 import typer
 
 import flexstage.cli
-from flexstage.centring import ARCSEC, exact_error, exact_run_out
+from flexstage.centring import ARCSEC, exact_error
+from flexstage.centring.geometry import exact_run_out
 from flexstage.cli.centre import centre
 
 E = np.array([41e-6, -29e-6])

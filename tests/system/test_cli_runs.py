@@ -6,8 +6,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from flexstage.cli import main
-from flexstage.instruments.catalogue import CalibrationEntry, Catalogue, ModelEntry, StageEntry
-from flexstage.instruments.recording import RunFolder, utc_now
+from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.entries import CalibrationEntry, ModelEntry, StageEntry
+from flexstage.instruments.recording.folder import RunFolder
+from flexstage.instruments.recording.metadata import utc_now
 from flexstage.records import read_record
 from tests.recordings import RATE, assert_true, metadata, truth, writer, written
 

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.experiment.campaign import evaluate
-from flexstage.experiment.virtual import (
-    HammerBench,
-    Laboratory,
-    as_built,
-    true_figures,
-    virtual_campaign,
-)
+from flexstage.experiment.campaign.evaluate import evaluate
+from flexstage.experiment.virtual.as_built import as_built
+from flexstage.experiment.virtual.bench import HammerBench
+from flexstage.experiment.virtual.campaign import virtual_campaign
+from flexstage.experiment.virtual.laboratory import Laboratory
+from flexstage.experiment.virtual.truth import true_figures
 from tests.tiers import limits, sizes
 
 

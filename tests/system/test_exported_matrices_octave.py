@@ -9,7 +9,7 @@ from scipy.io import loadmat, savemat
 
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
-from flexstage.export.matlab import matlab_files
+from flexstage.export.matlab.files import matlab_files
 from flexstage.hysteresis import Amplifier, BoucWen, LogCreep, Sensor
 from flexstage.lumped import lumped_system
 from flexstage.system import time_response

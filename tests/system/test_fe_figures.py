@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.elasticity import METRE
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, Refinement, StageModel, plane_model, solid_model
 from flexstage.fem.accuracy import Step
 from flexstage.fem.names import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.report import ModelRun, Study, number, report_html
-from flexstage.report.figures import draw_convergence, draw_fe_modes, draw_neck_stress, encode
-from flexstage.report.figures.convergence import changes
-from flexstage.report.figures.fe_modes import out_of_plane
-from flexstage.report.figures.neck_stress import worst_necks
+from flexstage.report.figures.convergence import changes, draw_convergence
+from flexstage.report.figures.fe_modes import draw_fe_modes, out_of_plane
+from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
+from flexstage.report.figures.style import encode
 from flexstage.report.html import SECTIONS
 from flexstage.system import Analysis, analyse
 

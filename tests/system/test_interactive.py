@@ -11,7 +11,9 @@ import pytest
 
 import flexstage as fs
 from flexstage.errors import HingeError, ModelError, StageError
-from flexstage.interactive import HingeResult, StageAnalysis, StageStudy
+from flexstage.interactive.hinge_result import HingeResult
+from flexstage.interactive.stage_analysis import StageAnalysis
+from flexstage.interactive.stage_study import StageStudy
 from flexstage.report import figures
 from flexstage.stage import write_stage
 

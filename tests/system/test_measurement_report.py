@@ -10,19 +10,21 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.designs import design
-from flexstage.experiment.campaign import evaluate
-from flexstage.experiment.virtual import Laboratory, as_built, virtual_campaign
+from flexstage.experiment.campaign.evaluate import evaluate
+from flexstage.experiment.virtual.as_built import as_built
+from flexstage.experiment.virtual.campaign import virtual_campaign
+from flexstage.experiment.virtual.laboratory import Laboratory
 from flexstage.report import (
     display,
     measurement,
-    measurement_results,
-    measurement_text,
     report_html,
     results_json,
     run_study,
     study_results,
 )
 from flexstage.report.html import SECTIONS
+from flexstage.report.measurement import measurement_results
+from flexstage.report.measurement_html import measurement_text
 from tests.system.test_report import Page
 
 #: A shorter campaign than the usual one: what is read of it matters here, not how sharply.
@@ -384,7 +386,7 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
     from dataclasses import replace as changed
 
     from flexstage.characteristic import Characteristic, Characteristics
-    from flexstage.report import set_beside
+    from flexstage.report.measurement import set_beside
 
     row = next(r for r in result.rows if r.figure.quantity == "parasitic_rotation")
     value = row.figure.estimate.value

@@ -9,8 +9,7 @@ from matplotlib.text import Annotation
 from netgen import occ
 
 from flexstage.fem.part import Part
-from flexstage.report.figures import draw_part
-from flexstage.report.figures.part import _spread
+from flexstage.report.figures.part import _spread, draw_part
 
 
 def test_every_face_is_named_once_and_no_name_covers_another() -> None:

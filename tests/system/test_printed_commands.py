@@ -131,7 +131,8 @@ def stage(name: str) -> Callable[[Path], None]:
 
 def torn(file: Path) -> None:
     """The stream of a record whose writer was ended in the middle."""
-    from flexstage.instruments.recording import RunMetadata, RunWriter
+    from flexstage.instruments.recording.metadata import RunMetadata
+    from flexstage.instruments.recording.writer import RunWriter
 
     file.parent.mkdir(parents=True)
     about = RunMetadata(

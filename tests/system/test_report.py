@@ -16,32 +16,21 @@ from flexstage.errors import ModelError
 from flexstage.hinges import Leaf
 from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
-from flexstage.report import (
-    SECTIONS,
-    Study,
-    display,
-    report_html,
-    results_json,
-    run_study,
-    study_results,
-    write_files,
-)
-from flexstage.report.figures import (
-    FORMATS,
-    draw_bode,
-    draw_drive_fit,
-    draw_stage,
-    draw_static_shape,
-    draw_stress,
-    draw_stroke,
-    encode,
-    inline_svg,
-)
+from flexstage.report import Study, display, report_html, results_json, run_study, study_results
+from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.following import draw_drive_fit
 from flexstage.report.figures.mode_shapes import mode_motion
+from flexstage.report.figures.static_shape import draw_static_shape
+from flexstage.report.figures.stress_bars import draw_stress
+from flexstage.report.figures.stroke import draw_stroke
+from flexstage.report.figures.style import FORMATS, encode, inline_svg
+from flexstage.report.files import write_files
 from flexstage.report.front_page import verdict
-from flexstage.report.html import CHAPTERS
+from flexstage.report.html import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
-from flexstage.system import modes, pulsating_limit
+from flexstage.system import modes
+from flexstage.system.characteristics import pulsating_limit
 
 QUANTITIES = {
     "input_displacement",

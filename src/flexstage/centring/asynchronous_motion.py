@@ -6,40 +6,31 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.harmonics import fit_many
 from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["AxisMotion", "axis_motion"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisMotion:
-    """How the axis of a table moves, but for what repeats itself in every turn.
-
-    Parameters
-    ----------
-    x, y : numpy.ndarray
-        Where the axis is in the room, asynchronous part, noise included [m], shape (n,).
-    rms_x, rms_y : Estimate
-        Root of the mean square of either, without the noise of the heads where that is known [m].
-    noise : float or None
-        Noise of one head [rad]; None where there are no heads to spare for it.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """How the axis of a table moves, but for what repeats itself in every turn."""
 
     x: Array
+    """Where the axis is in the room, asynchronous part, noise included [m], shape (n,)."""
     y: Array
+    """Where the axis is in the room, asynchronous part, noise included [m], shape (n,)."""
     rms_x: Estimate
+    """Root of the mean square of either, without the noise of the heads where that is known [m]."""
     rms_y: Estimate
+    """Root of the mean square of either, without the noise of the heads where that is known [m]."""
     noise: float | None
+    """Noise of one head [rad]; None where there are no heads to spare for it."""
     notes: tuple[str, ...]
+    """What a reader should know."""
 
 
 def axis_motion(

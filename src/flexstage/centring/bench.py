@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity
 from flexstage.centring.head_averaging import against_reference
@@ -18,28 +19,17 @@ from flexstage.centring.virtual_table import VirtualTable
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 
-__all__ = ["CentreReading", "Table", "VirtualBench", "centre_reading", "table_reading"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentreReading:
-    """A measured eccentricity.
-
-    Parameters
-    ----------
-    vector : numpy.ndarray
-        Centre of the scale, x and y in the frame that turns with the table [m], shape (2,).
-    covariance : numpy.ndarray
-        Its covariance [m^2], shape (2, 2).
-    degrees_of_freedom : float
-        Those of the covariance.
-    """
+    """A measured eccentricity."""
 
     vector: Array
+    """Centre of the scale, x and y in the frame that turns with the table [m], shape (2,)."""
     covariance: Array
+    """Its covariance [m^2], shape (2, 2)."""
     degrees_of_freedom: float = math.inf
+    """Those of the covariance."""
 
     @property
     def length(self) -> Estimate:
@@ -52,16 +42,6 @@ class CentreReading:
         """Say whether the 95 % region of the centre holds a point.
 
         It is the ellipse of Hotelling (1931, Annals of Mathematical Statistics 2), of known shape.
-
-        Parameters
-        ----------
-        vector : array_like
-            The point, x and y [m], shape (2,).
-
-        Returns
-        -------
-        bool
-            Whether it does.
         """
         from scipy.special import chdtri, fdtri
 
@@ -88,16 +68,6 @@ class Table(Protocol):
 def centre_reading(found: Eccentricity) -> CentreReading:
     """Return an eccentricity that was found from heads or indicators as the procedure takes it.
 
-    Parameters
-    ----------
-    found : Eccentricity
-        The eccentricity.
-
-    Returns
-    -------
-    CentreReading
-        Where the centre of the scale is.
-
     Examples
     --------
     >>> t = 2.0 * np.pi * np.arange(90) / 90
@@ -118,18 +88,6 @@ def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
 
     .. math:: e_x = R\, b_1, \quad e_y = -R\, a_1
 
-    Parameters
-    ----------
-    table : CalibrationTable
-        Errors of a scale, with order 1.
-    radius : float
-        Radius at which it is read [m].
-
-    Returns
-    -------
-    CentreReading
-        The eccentricity.
-
     Validity
     --------
     Errors of order 1 that the lines of the scale have themselves are in it: no number of heads, and
@@ -137,11 +95,6 @@ def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
     makes the readings wrong, and that a move removes. Where the place of the rim matters and not
     the reading, use indicators on it. For uneven sampling, the mean uncertainty of both directions
     is taken for each.
-
-    Raises
-    ------
-    RecordError
-        The table has no order 1, or the radius is not positive.
 
     Examples
     --------

@@ -4,15 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.records import Channel, Record
-
-__all__ = ["CalibrationTable"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,30 +21,6 @@ class CalibrationTable:
     over the orders n that were found. The angle s of the scale is what an error-free scale would
     read: with the table turned by theta and a head at alpha, s = theta + alpha, as in
     `flexstage.centring.geometry`.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Angles of the scale [rad], evenly spaced over a turn from 0, shape (k,).
-    error : numpy.ndarray
-        Reading less angle there [rad], shape (k,), of mean zero.
-    uncertainty : numpy.ndarray
-        Standard uncertainty of `error` [rad], shape (k,).
-    degrees_of_freedom : float
-        How well that is known: infinite where the noise was given.
-    orders : tuple of int
-        The orders that the table holds.
-    blind : tuple of int
-        The orders that were asked for and that the method cannot see: they are missing from
-        `error`, and from its uncertainty unless an allowance was given for them.
-    cosine, sine : numpy.ndarray
-        Amplitudes a and b [rad], shape (orders,).
-    order_uncertainty : numpy.ndarray
-        Standard uncertainty of each of them [rad], root mean square of the two, shape (orders,).
-    noise : float
-        Standard deviation of one reading [rad].
-    method : str
-        How it was found.
 
     Raises
     ------
@@ -66,16 +39,29 @@ class CalibrationTable:
     """
 
     angle: Array
+    """Angles of the scale [rad], evenly spaced over a turn from 0, shape (k,)."""
     error: Array
+    """Reading less angle there [rad], shape (k,), of mean zero."""
     uncertainty: Array
+    """Standard uncertainty of `error` [rad], shape (k,)."""
     degrees_of_freedom: float = math.inf
+    """How well that is known: infinite where the noise was given."""
     orders: tuple[int, ...]
+    """The orders that the table holds."""
     blind: tuple[int, ...] = ()
+    """The orders that were asked for and that the method cannot see: they are missing from `error`,
+    and from its uncertainty unless an allowance was given for them.
+    """
     cosine: Array
+    """Amplitudes a and b [rad], shape (orders,)."""
     sine: Array
+    """Amplitudes a and b [rad], shape (orders,)."""
     order_uncertainty: Array
+    """Standard uncertainty of each of them [rad], root mean square of the two, shape (orders,)."""
     noise: float
+    """Standard deviation of one reading [rad]."""
     method: str
+    """How it was found."""
 
     def __post_init__(self) -> None:
         if not self.angle.ndim == 1 or not (

@@ -6,14 +6,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.turn_spectrum import TurnSpectrum, point_variance, turn_spectrum
 from flexstage.errors import ModelError, RecordError
-
-__all__ = ["cross_calibration"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def cross_calibration(

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined, combined
 from flexstage.centring.geometry import SCALE_KINDS, ScaleKind, beyond_first_order
 from flexstage.centring.harmonic_fit import HarmonicFit
@@ -14,15 +15,6 @@ from flexstage.centring.harmonics import fit_harmonics, fit_many
 from flexstage.centring.scale_centre import Eccentricity, centre_from
 from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
-
-__all__ = [
-    "HeadReadings",
-    "as_readings",
-    "eccentricity",
-    "eccentricity_from_harmonics",
-]
-
-Array = NDArray[np.float64]
 
 #: Times that the exact geometry is put in place of the first order.
 _ROUNDS = 60
@@ -32,27 +24,18 @@ _LONG = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeadReadings:
-    """What a head read over a turn or several, against a reference.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        True angle of the table [rad], shape (n,), wrapped or not.
-    error : numpy.ndarray
-        Angle read less true angle [rad], shape (n,).
-    head_angle : float
-        Where the head stands in the room [rad]; see `flexstage.centring.geometry` for the sense.
-    uncertainty : numpy.ndarray, optional
-        Standard uncertainty of each sample against the others [rad], shape (n,).
-    name : str
-        What the head is called.
-    """
+    """What a head read over a turn or several, against a reference."""
 
     angle: Array
+    """True angle of the table [rad], shape (n,), wrapped or not."""
     error: Array
+    """Angle read less true angle [rad], shape (n,)."""
     head_angle: float = 0.0
+    """Where the head stands in the room [rad]; see `flexstage.centring.geometry` for the sense."""
     uncertainty: Array | None = None
+    """Standard uncertainty of each sample against the others [rad], shape (n,)."""
     name: str = ""
+    """What the head is called."""
 
 
 def eccentricity(
@@ -185,35 +168,9 @@ def eccentricity_from_harmonics(
     A scale that calibrates itself, or a protocol of its error, gives the harmonics without a
     record. On a disc the harmonic of the exact error is that of the first order, e / r.
 
-    Parameters
-    ----------
-    fit : HarmonicFit
-        Harmonics of the error over the angle of the table [rad].
-    radius : float
-        Radius at which the scale is read [m].
-    head_angle : float
-        Where the head stands in the room [rad].
-    graduation_uncertainty : float
-        Standard uncertainty of the scale's own once-per-turn error, of its cosine and of its sine
-        [rad].
-    radius_uncertainty : float
-        Standard uncertainty of the radius [m].
-
-    Returns
-    -------
-    Eccentricity
-        The eccentricity, with uncertainty.
-
     Validity
     --------
     Radial lines on a face; of a drum it is too large by the share (e / R)^2 / 8.
-
-    Raises
-    ------
-    RecordError
-        The harmonic of order 1 was not fitted.
-    ModelError
-        The radius is not positive.
 
     Examples
     --------

@@ -10,8 +10,6 @@ from flexstage.centring.separation import Combination, common_motion, head_noise
 from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.errors import ModelError
 
-__all__ = ["equal_division"]
-
 #: By how much the heads may stand off an even division [rad], as a share of their distance.
 _UNEVEN = 1e-3
 

@@ -5,16 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.polar import length_estimate
 from flexstage.centring.turns import find_turns
 from flexstage.estimate import Estimate
-
-__all__ = ["Combined", "combined"]
-
-Array = NDArray[np.float64]
 
 #: Times that a part may make the eccentricity more uncertain before it is left out.
 _MOST_GROWTH = 3.0
@@ -26,54 +22,27 @@ _CHANCE = 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Combined:
-    """Eccentricity and what else the once-per-turn harmonics hold.
-
-    Parameters
-    ----------
-    vector : numpy.ndarray
-        Eccentricity, in the unit of the harmonics, shape (2,).
-    covariance : numpy.ndarray
-        Of it, shape (2, 2).
-    degrees_of_freedom : float
-        Of the covariance.
-    common : Estimate or None
-        Amplitude of what all share; None where it cannot be told.
-    counter_motion : Estimate or None
-        Radius of the motion of the axis against the sense of turning; None where it cannot be told.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """Eccentricity and what else the once-per-turn harmonics hold."""
 
     vector: Array
+    """Eccentricity, in the unit of the harmonics, shape (2,)."""
     covariance: Array
+    """Of it, shape (2, 2)."""
     degrees_of_freedom: float
+    """Of the covariance."""
     common: Estimate | None
+    """Amplitude of what all share; None where it cannot be told."""
     counter_motion: Estimate | None
+    """Radius of the motion of the axis against the sense of turning; None where it cannot be told.
+    """
     notes: tuple[str, ...]
+    """What a reader should know."""
 
 
 def combined(
     fits: Sequence[HarmonicFit], angles: Array, table: Array | None, *, radial: bool = False
 ) -> Combined:
-    """Combine the once-per-turn harmonics of heads or indicators by weighted least squares.
-
-    Parameters
-    ----------
-    fits : sequence of HarmonicFit
-        Harmonics of each.
-    angles : numpy.ndarray
-        Where they stand in the room [rad], shape (m,).
-    table : numpy.ndarray or None
-        Angle of the table at each sample [rad] where all were sampled together: what disturbs
-        several of them at once is then told from what disturbs one.
-    radial : bool
-        Whether they are indicators that look along the radius, and not heads that read angles.
-
-    Returns
-    -------
-    Combined
-        What they say.
-    """
+    """Combine the once-per-turn harmonics of heads or indicators by weighted least squares."""
     found = [f.harmonic(1) for f in fits]
     together = table is not None and len(fits) > 1
     c = np.array([p for h in found for p in (h.cosine.value, h.sine.value)])

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
 from flexstage.centring.harmonic_problem import HarmonicProblem
 from flexstage.centring.normal_equations import NormalEquations
@@ -15,10 +16,6 @@ from flexstage.centring.residual_noise import from_spectrum, from_turns
 from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["MANY_TURNS", "covering_both", "described"]
-
-Array = NDArray[np.float64]
 
 #: From so many turns on their scatter tells the noise, whatever it is like.
 MANY_TURNS = 8
@@ -40,37 +37,7 @@ def described(
     turns: Turns,
     unit: str,
 ) -> HarmonicFit:
-    """Return the harmonics of one column, with uncertainty and notes.
-
-    Parameters
-    ----------
-    problem : HarmonicProblem
-        The problem of this column.
-    equations : NormalEquations
-        Its sums.
-    c : numpy.ndarray
-        Its coefficients, shape (p,).
-    residual : numpy.ndarray
-        What they leave of all samples, shape (n,).
-    weights : numpy.ndarray or None
-        Weights of the samples, shape (n,).
-    keep : numpy.ndarray or None
-        Whether each sample was kept, shape (n,); all where None.
-    turns : Turns
-        The turns.
-    unit : str
-        Unit of the values.
-
-    Returns
-    -------
-    HarmonicFit
-        The harmonics.
-
-    Raises
-    ------
-    RecordError
-        There are too few samples without outliers.
-    """
+    """Return the harmonics of one column, with uncertainty and notes."""
     kept = residual if keep is None else residual[keep]
     w = None if weights is None else (weights if keep is None else weights[keep])
     free = kept.size - c.size
@@ -118,20 +85,7 @@ def described(
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
-    """Return a fit whose intervals cover that of all samples as well.
-
-    Parameters
-    ----------
-    fit : HarmonicFit
-        Without outliers.
-    with_all : HarmonicFit
-        With them.
-
-    Returns
-    -------
-    HarmonicFit
-        The first, less certain.
-    """
+    """Return a fit whose intervals cover that of all samples as well."""
     covariance = fit.covariance.copy()
     harmonics = []
     for i, (own, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):

@@ -22,24 +22,11 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 
-__all__ = [
-    "ARCSEC",
-    "SCALE_KINDS",
-    "ScaleKind",
-    "beyond_first_order",
-    "direction_vector",
-    "exact_error",
-    "exact_run_out",
-    "first_order_error",
-    "in_turning_frame",
-]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 ScaleKind = Literal["disc", "drum"]
 
 #: One second of arc [rad].
@@ -210,34 +197,10 @@ def exact_run_out(
 
     .. math:: s = |e| \cos(\beta - \varphi) + \sqrt{R^2 - |e|^2 \sin^2(\beta - \varphi)} - R
 
-    Parameters
-    ----------
-    angle : array_like
-        True angle of the table [rad], shape (n,) or any other.
-    eccentricity : array_like
-        Centre of the scale, x and y in the frame that turns with the table [m], shape (2,) or
-        (n, 2).
-    radius : float
-        Radius of the rim [m].
-    indicator_angle : array_like
-        Where the indicator stands in the room, pointed at the axis [rad].
-    axis_motion : array_like
-        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
-
-    Returns
-    -------
-    numpy.ndarray
-        How far the rim is further out than of a centred scale [m].
-
     Validity
     --------
     A point that touches a round rim, on a line through the axis. A flat or a ball of radius a that
     touches acts on a rim of the radius R + a.
-
-    Raises
-    ------
-    ModelError
-        The axis is not inside the rim, or the radius is not positive.
 
     Examples
     --------
@@ -259,20 +222,6 @@ def exact_run_out(
 def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> Array:
     """Return what the exact error of a rigid scale is more than that of the first order.
 
-    Parameters
-    ----------
-    outward : numpy.ndarray
-        Direction of the head as seen from the table, as exp(i beta), shape (n,).
-    relative : complex
-        Eccentricity over the radius, x + i y [1].
-    kind : {"disc", "drum"}
-        Radial lines on a face, or lines along the axis on a rim.
-
-    Returns
-    -------
-    numpy.ndarray
-        The difference [rad], shape (n,).
-
     Examples
     --------
     >>> wave = np.exp(1j * np.array([0.25 * np.pi]))
@@ -286,42 +235,12 @@ def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> 
 
 
 def direction_vector(length: float, direction: float) -> Array:
-    """Return x and y of a vector of a length in a direction.
-
-    Parameters
-    ----------
-    length : float
-        The length [m].
-    direction : float
-        The direction, from x towards y [rad].
-
-    Returns
-    -------
-    numpy.ndarray
-        x and y [m], shape (2,).
-    """
+    """Return x and y of a vector of a length in a direction."""
     return np.array([length * np.cos(direction), length * np.sin(direction)])
 
 
 def in_turning_frame(vector: ArrayLike, angle: ArrayLike) -> Complex:
     """Return a vector of the room as the table sees it, as a complex number x + i y.
-
-    Parameters
-    ----------
-    vector : array_like
-        x and y in the room, shape (2,) or (n, 2).
-    angle : array_like
-        Angle of the table [rad], shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        x + i y in the frame that turns with the table.
-
-    Raises
-    ------
-    ModelError
-        The vector has no two finite parts.
 
     Examples
     --------

@@ -4,14 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.normal_equations import NormalEquations, accumulated, evaluated
 from flexstage.errors import RecordError
-
-__all__ = ["HarmonicProblem", "of_column", "solved"]
-
-Array = NDArray[np.float64]
 
 #: Functions that are more alike than this cannot be told apart in double precision.
 _WORST_CONDITION = 1e9
@@ -19,77 +15,34 @@ _WORST_CONDITION = 1e9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HarmonicProblem:
-    """Columns of values over turns, and the functions that are fitted to them.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Angle of each sample [turn], shape (n,).
-    y : numpy.ndarray
-        The values, shape (n, m).
-    orders : tuple of int
-        Orders, rising.
-    drift : bool
-        Whether a change in proportion to the angle is fitted.
-    middle : float
-        Middle of the angles [turn], to which the offset belongs.
-    bounds : sequence of int or None
-        First sample of each turn and, at the end, the number of samples, where turns are told
-        apart.
-    """
+    """Columns of values over turns, and the functions that are fitted to them."""
 
     u: Array
+    """Angle of each sample [turn], shape (n,)."""
     y: Array
+    """The values, shape (n, m)."""
     orders: tuple[int, ...]
+    """Orders, rising."""
     drift: bool
+    """Whether a change in proportion to the angle is fitted."""
     middle: float
+    """Middle of the angles [turn], to which the offset belongs."""
     bounds: Sequence[int] | None
+    """First sample of each turn and, at the end, the number of samples, where turns are told apart.
+    """
 
     def column(self, j: int) -> "HarmonicProblem":
-        """Return the problem of one column alone.
-
-        Parameters
-        ----------
-        j : int
-            Number of the column.
-
-        Returns
-        -------
-        HarmonicProblem
-            The same with this column.
-        """
+        """Return the problem of one column alone."""
         return replace(self, y=self.y[:, j : j + 1])
 
     def sums(self, weights: Array | None) -> NormalEquations:
-        """Return the normal equations.
-
-        Parameters
-        ----------
-        weights : numpy.ndarray or None
-            Weight of each sample, shape (n,).
-
-        Returns
-        -------
-        NormalEquations
-            The sums over the samples.
-        """
+        """Return the normal equations."""
         return accumulated(
             self.u, self.y, self.orders, drift=self.drift, weights=weights, bounds=self.bounds
         )
 
     def residual(self, coefficients: Array) -> Array:
-        """Return what coefficients leave of the values.
-
-        Parameters
-        ----------
-        coefficients : numpy.ndarray
-            The coefficients, shape (p, m).
-
-        Returns
-        -------
-        numpy.ndarray
-            What is left, shape (n, m).
-        """
+        """Return what coefficients leave of the values."""
         fitted = evaluated(self.u, coefficients, self.orders, drift=self.drift)
         return np.subtract(self.y, fitted, out=fitted)
 
@@ -100,25 +53,7 @@ class HarmonicProblem:
 
 
 def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
-    """Return the coefficients.
-
-    Parameters
-    ----------
-    equations : NormalEquations
-        The sums over the samples.
-    orders : tuple of int
-        Orders, for the message.
-
-    Returns
-    -------
-    numpy.ndarray
-        The coefficients, shape (p, m).
-
-    Raises
-    ------
-    RecordError
-        The samples do not tell the functions apart.
-    """
+    """Return the coefficients."""
     gram = equations.gram.sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     if np.linalg.cond(gram * np.outer(scale, scale)) > _WORST_CONDITION:
@@ -131,20 +66,7 @@ def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
 
 
 def of_column(equations: NormalEquations, j: int) -> NormalEquations:
-    """Return the normal equations of one column.
-
-    Parameters
-    ----------
-    equations : NormalEquations
-        Those of all columns.
-    j : int
-        Number of the column.
-
-    Returns
-    -------
-    NormalEquations
-        Those of this column.
-    """
+    """Return the normal equations of one column."""
     return NormalEquations(
         gram=equations.gram,
         right=equations.right[:, :, j : j + 1],

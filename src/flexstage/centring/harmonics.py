@@ -4,8 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.fit_description import MANY_TURNS, covering_both, described
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.harmonic_problem import HarmonicProblem, of_column, solved
@@ -14,9 +15,6 @@ from flexstage.centring.outliers import FEW, stands_out, without_outliers
 from flexstage.centring.turns import Turns, find_turns
 from flexstage.errors import RecordError
 
-__all__ = ["fit_harmonics", "fit_many"]
-
-Array = NDArray[np.float64]
 _TURN = 2.0 * math.pi
 
 #: Orders that are fitted where nobody says which, and samples allow.

@@ -17,49 +17,27 @@ from flexstage.centring.separation import (
 from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.errors import ModelError
 
-__all__ = ["HeadAveraging", "against_reference", "head_averaging"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeadAveraging:
-    """What the mean of several heads leaves of the errors of scale and axis.
-
-    Parameters
-    ----------
-    heads : numpy.ndarray
-        Angles of the heads [rad], shape (m,).
-    weights : numpy.ndarray
-        Their weights, of sum 1, shape (m,).
-    orders : tuple of int
-        Orders of the errors of the scale.
-    transfer : numpy.ndarray
-        Complex share of each order that is left [1], shape (orders,).
-    axis_motion : numpy.ndarray
-        What is left of a radial motion of the axis in x and in y, times the radius [1], shape (2,).
-    noise : float
-        Noise of the mean over that of one head [1].
-    """
+    """What the mean of several heads leaves of the errors of scale and axis."""
 
     heads: NDArray[np.float64]
+    """Angles of the heads [rad], shape (m,)."""
     weights: NDArray[np.float64]
+    """Their weights, of sum 1, shape (m,)."""
     orders: tuple[int, ...]
+    """Orders of the errors of the scale."""
     transfer: NDArray[np.complex128]
+    """Complex share of each order that is left [1], shape (orders,)."""
     axis_motion: NDArray[np.float64]
+    """What is left of a radial motion of the axis in x and in y, times the radius [1], shape (2,).
+    """
     noise: float
+    """Noise of the mean over that of one head [1]."""
 
     def remaining(self, share: float = 1e-9) -> tuple[int, ...]:
-        """Return the orders that are left.
-
-        Parameters
-        ----------
-        share : float
-            The least share that counts [1].
-
-        Returns
-        -------
-        tuple of int
-            The orders of which more than this share is left.
-        """
+        """Return the orders that are left."""
         return tuple(n for n, h in zip(self.orders, self.transfer, strict=True) if abs(h) > share)
 
 

@@ -10,8 +10,6 @@ from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
 from flexstage.centring.polar import direction_estimate, length_estimate
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["scale_harmonic"]
-
 
 def scale_harmonic(
     fits: Sequence[HarmonicFit], angles: NDArray[np.float64], order: int
@@ -20,29 +18,10 @@ def scale_harmonic(
 
     Each head at alpha sees the scale at theta + alpha: its harmonic is turned by n alpha.
 
-    Parameters
-    ----------
-    fits : sequence of HarmonicFit
-        Harmonics of the heads over the angle of the table.
-    angles : numpy.ndarray
-        Where the heads stand [rad], shape (m,).
-    order : int
-        The order.
-
-    Returns
-    -------
-    Harmonic
-        Cosine and sine over the angle in the scale.
-
     Validity
     --------
     Heads whose noise is their own. Motion of the axis and errors of the reference of that order are
     in it, less so the more heads there are.
-
-    Raises
-    ------
-    RecordError
-        A head's harmonic of that order was not fitted.
 
     Examples
     --------

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined, combined
 from flexstage.centring.geometry import exact_run_out
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
@@ -15,51 +15,33 @@ from flexstage.centring.in_scale import scale_harmonic
 from flexstage.centring.scale_centre import Eccentricity, centre_from
 from flexstage.errors import ModelError, RecordError
 
-__all__ = ["IndicatorReadings", "RunOut", "run_out"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IndicatorReadings:
-    """What an indicator or a microscope read on the rim, or a centring circle, over a turn.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Angle of the table [rad], shape (n,), wrapped or not.
-    displacement : numpy.ndarray
-        How far out the rim is, from any zero [m], shape (n,).
-    indicator_angle : float
-        Where the indicator stands in the room [rad], as heads do.
-    uncertainty : numpy.ndarray, optional
-        Standard uncertainty of each sample against the others [m], shape (n,).
-    """
+    """What an indicator or a microscope read on the rim, or a centring circle, over a turn."""
 
     angle: Array
+    """Angle of the table [rad], shape (n,), wrapped or not."""
     displacement: Array
+    """How far out the rim is, from any zero [m], shape (n,)."""
     indicator_angle: float = 0.0
+    """Where the indicator stands in the room [rad], as heads do."""
     uncertainty: Array | None = None
+    """Standard uncertainty of each sample against the others [m], shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunOut:
-    """Eccentricity and form of a rim.
-
-    Parameters
-    ----------
-    eccentricity : Eccentricity
-        Where the centre of the rim is.
-    form : tuple of Harmonic
-        How far out the rim is over the angle in the scale, from order 2 on, without what
-        eccentricity adds [m]; order 2 is its ellipticity.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """Eccentricity and form of a rim."""
 
     eccentricity: Eccentricity
+    """Where the centre of the rim is."""
     form: tuple[Harmonic, ...]
+    """How far out the rim is over the angle in the scale, from order 2 on, without what
+    eccentricity adds [m]; order 2 is its ellipticity.
+    """
     notes: tuple[str, ...]
+    """What a reader should know."""
 
 
 def run_out(

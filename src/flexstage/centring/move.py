@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.move_model import MoveErrors, MoveModel, length_prediction
 from flexstage.centring.positioner import Positioner
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
-__all__ = ["Approach", "PlannedMove", "move_errors", "nearest_in_box", "planned_move"]
-
-Array = NDArray[np.float64]
 Approach = Literal["direct", "from below"]
 
 #: Change of the gain over a whole stroke, over the hysteresis of a move. A branch of a loop is bent
@@ -31,23 +28,6 @@ def move_errors(positioner: Positioner, approach: Approach) -> MoveErrors:
     From below, each command is approached from the lower end of the stroke, where the memory of a
     piezo stack is wiped out and backlash is on one side. The branch that it rises on is then always
     the same one: it is bent, but has no hysteresis.
-
-    Parameters
-    ----------
-    positioner : Positioner
-        The stage.
-    approach : {"direct", "from below"}
-        Whether it goes straight to its commands.
-
-    Returns
-    -------
-    MoveErrors
-        Their standard uncertainties.
-
-    Raises
-    ------
-    ModelError
-        The approach is none.
     """
     if approach not in ("direct", "from below"):
         raise ModelError(f"the approach is 'direct' or 'from below', got '{approach}'")
@@ -73,59 +53,30 @@ def move_errors(positioner: Positioner, approach: Approach) -> MoveErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlannedMove:
-    """A move that is to bring the scale nearer to the axis.
-
-    Parameters
-    ----------
-    command : tuple of float
-        Commands of both axes after it, as they can be set [m].
-    by : numpy.ndarray
-        Change of the commands [m], shape (2,).
-    expected : numpy.ndarray
-        Eccentricity that is expected after it, x and y [m], shape (2,).
-    covariance : numpy.ndarray
-        Its covariance [m^2], shape (2, 2).
-    remaining : Estimate
-        Length of that eccentricity, from resolution, hysteresis and what is not known of
-        eccentricity and matrix.
-    within_limits : bool
-        Whether the limits of the stage let it reach the centre.
-    shortfall : float
-        By how much the limits keep the scale from the centre [m]; 0 within them.
-    """
+    """A move that is to bring the scale nearer to the axis."""
 
     command: tuple[float, float]
+    """Commands of both axes after it, as they can be set [m]."""
     by: Array
+    """Change of the commands [m], shape (2,)."""
     expected: Array
+    """Eccentricity that is expected after it, x and y [m], shape (2,)."""
     covariance: Array
+    """Its covariance [m^2], shape (2, 2)."""
     remaining: Estimate
+    """Length of that eccentricity, from resolution, hysteresis and what is not known of
+    eccentricity and matrix.
+    """
     within_limits: bool
+    """Whether the limits of the stage let it reach the centre."""
     shortfall: float
+    """By how much the limits keep the scale from the centre [m]; 0 within them."""
 
 
 def planned_move(
     model: MoveModel, positioner: Positioner, *, approach: Approach = "direct"
 ) -> PlannedMove:
     """Return the move that centres the scale, or brings it as near as the limits let it.
-
-    Parameters
-    ----------
-    model : MoveModel
-        What is known of eccentricity and moves.
-    positioner : Positioner
-        The stage.
-    approach : {"direct", "from below"}
-        Whether it will go straight to the command.
-
-    Returns
-    -------
-    PlannedMove
-        The move, not carried out.
-
-    Raises
-    ------
-    ModelError
-        The matrix of the moves is singular or not known.
 
     Examples
     --------
@@ -169,20 +120,6 @@ def planned_move(
 
 def nearest_in_box(matrix: Array, target: Array, low: Array, high: Array) -> Array:
     """Return the point of a box whose image is nearest to a target.
-
-    Parameters
-    ----------
-    matrix : numpy.ndarray
-        The map J, shape (2, 2).
-    target : numpy.ndarray
-        The target, shape (2,).
-    low, high : numpy.ndarray
-        Ends of the box, shape (2,) each.
-
-    Returns
-    -------
-    numpy.ndarray
-        The point u of the box with the least :math:`|J u - target|`, shape (2,).
 
     Examples
     --------

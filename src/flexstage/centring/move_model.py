@@ -4,14 +4,11 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["MoveErrors", "MoveModel", "length_prediction", "unknown_moves"]
-
-Array = NDArray[np.float64]
 
 #: Rings and directions of the points that stand for a normal distribution in the plane.
 _RINGS, _DIRECTIONS = 2400, 12
@@ -19,21 +16,14 @@ _RINGS, _DIRECTIONS = 2400, 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveErrors:
-    """What the axes of a stage may do beside what they are commanded.
-
-    Parameters
-    ----------
-    hysteresis : tuple of float
-        Standard uncertainty of the move of each axis as a share of it [1].
-    curvature : tuple of float
-        By how much the gain of each axis may change, as a share, for each metre of the way [1/m].
-    resolution : tuple of float
-        Standard uncertainty of where each axis settles [m].
-    """
+    """What the axes of a stage may do beside what they are commanded."""
 
     hysteresis: tuple[float, float] = (0.0, 0.0)
+    """Standard uncertainty of the move of each axis as a share of it [1]."""
     curvature: tuple[float, float] = (0.0, 0.0)
+    """By how much the gain of each axis may change, as a share, for each metre of the way [1/m]."""
     resolution: tuple[float, float] = (0.0, 0.0)
+    """Standard uncertainty of where each axis settles [m]."""
 
     def __post_init__(self) -> None:
         for name in ("hysteresis", "curvature", "resolution"):
@@ -51,23 +41,16 @@ class MoveModel:
     and J together: both are the state of a Kalman filter (Kalman 1960, Journal of Basic Engineering
     82), which every measurement improves. What an axis does not do as commanded is its noise, and
     its gain wanders as it moves along a curve that is not straight.
-
-    Parameters
-    ----------
-    state : numpy.ndarray
-        e_x, e_y [m], then J row by row [1], shape (6,).
-    covariance : numpy.ndarray
-        Covariance of the state, shape (6, 6).
-    moves : int
-        Number of moves that it has learned from.
-    last : numpy.ndarray
-        The last of them, in commands [m], shape (2,).
     """
 
     state: Array
+    """e_x, e_y [m], then J row by row [1], shape (6,)."""
     covariance: Array
+    """Covariance of the state, shape (6, 6)."""
     moves: int = 0
+    """Number of moves that it has learned from."""
     last: Array = field(default_factory=lambda: np.zeros(2))
+    """The last of them, in commands [m], shape (2,)."""
 
     def __post_init__(self) -> None:
         if self.state.shape != (6,) or self.covariance.shape != (6, 6):
@@ -120,20 +103,7 @@ class MoveModel:
         )
 
     def measured(self, vector: ArrayLike, covariance: ArrayLike) -> "MoveModel":
-        """Return what is known after a measurement of the eccentricity.
-
-        Parameters
-        ----------
-        vector : array_like
-            The measured eccentricity, x and y [m], shape (2,).
-        covariance : array_like
-            Its covariance [m^2], shape (2, 2).
-
-        Returns
-        -------
-        MoveModel
-            Measurement and former knowledge, weighted by their uncertainty.
-        """
+        """Return what is known after a measurement of the eccentricity."""
         select = np.eye(2, 6)
         return self._learned(select, np.asarray(vector, dtype=np.float64), np.asarray(covariance))
 
@@ -143,18 +113,6 @@ class MoveModel:
         .. math:: J \leftarrow J + \delta J, \quad e \leftarrow e + J (\Delta u + w)
 
         J belongs to the middle of the last move, and changes up to the middle of the new one.
-
-        Parameters
-        ----------
-        by : array_like
-            Change of the commands, as set [m], shape (2,).
-        errors : MoveErrors
-            What the axes may do beside it.
-
-        Returns
-        -------
-        MoveModel
-            The prediction.
         """
         du = np.asarray(by, dtype=np.float64)
         J = self.matrix
@@ -180,25 +138,6 @@ class MoveModel:
         """Return what is known if the y axis is taken as square to the x axis.
 
         It spares the trial move in y.
-
-        Parameters
-        ----------
-        mirrored : bool
-            Whether the axes count the other way round than those of the table.
-        gain_ratio : float
-            Gain of the y axis over that of the x axis [1].
-        uncertainty : float
-            Standard uncertainty of squareness [rad] and of the ratio [1].
-
-        Returns
-        -------
-        MoveModel
-            The model with that knowledge.
-
-        Raises
-        ------
-        ModelError
-            The ratio or the uncertainty is not positive.
         """
         if not (gain_ratio > 0.0 and uncertainty > 0.0):
             raise ModelError("ratio of gains and uncertainty of squareness must be positive")
@@ -228,28 +167,6 @@ def unknown_moves(
 ) -> MoveModel:
     """Return the model after the first measurement, before any move.
 
-    Parameters
-    ----------
-    vector : array_like
-        The measured eccentricity, x and y [m], shape (2,).
-    covariance : array_like
-        Its covariance [m^2], shape (2, 2).
-    matrix : array_like, optional
-        How the scale is thought to move for a command of each axis [1], shape (2, 2); nothing is
-        assumed where not given.
-    matrix_uncertainty : float
-        Standard uncertainty of each of its elements [1].
-
-    Returns
-    -------
-    MoveModel
-        The model.
-
-    Raises
-    ------
-    ModelError
-        The shapes are wrong, or the uncertainty is not positive.
-
     Examples
     --------
     >>> model = unknown_moves((30e-6, -20e-6), 1e-16 * np.eye(2))
@@ -277,20 +194,6 @@ def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "
 
     Its value is the mean length, which is more than the length of the mean (Rice 1945, Bell System
     Technical Journal 24, for equal uncertainty in all directions; Rayleigh's distribution about 0).
-
-    Parameters
-    ----------
-    vector : array_like
-        Expected vector [m], shape (2,).
-    covariance : array_like
-        Its covariance [m^2], shape (2, 2).
-    note : str
-        Remark that belongs to the length.
-
-    Returns
-    -------
-    Estimate
-        The length [m], with the ends between which 95 % of all cases lie.
 
     Validity
     --------

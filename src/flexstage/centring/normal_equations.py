@@ -4,11 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["NormalEquations", "accumulated", "evaluated"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 #: Samples that are worked on together: their tables stay in the processor's own memory.
 _CHUNK = 4096
@@ -19,20 +16,14 @@ class NormalEquations:
     """Sums of the products of the functions that are fitted, with each other and with the values.
 
     The functions are 1, the turn number where there is a drift, then cosine and sine of each order.
-
-    Parameters
-    ----------
-    gram : numpy.ndarray
-        Of the functions with each other, for each group of samples, shape (groups, p, p).
-    right : numpy.ndarray
-        Of the functions with each column of values, shape (groups, p, m).
-    squares : numpy.ndarray
-        Of the values with themselves, shape (groups, m).
     """
 
     gram: Array
+    """Of the functions with each other, for each group of samples, shape (groups, p, p)."""
     right: Array
+    """Of the functions with each column of values, shape (groups, p, m)."""
     squares: Array
+    """Of the values with themselves, shape (groups, m)."""
 
 
 def accumulated(
@@ -49,26 +40,6 @@ def accumulated(
     Products of cosines are cosines of sums and differences of orders: not the products of all pairs
     of functions are summed, but cosines and sines up to twice the highest order, each found from
     the two before it.
-
-    Parameters
-    ----------
-    turns : numpy.ndarray
-        Angle of each sample [turn], shape (n,).
-    values : numpy.ndarray
-        Columns of values that share the angles, shape (n, m).
-    orders : sequence of int
-        Orders to fit, rising.
-    drift : bool
-        Whether a change in proportion to the angle is fitted.
-    weights : numpy.ndarray, optional
-        Weight of each sample, shape (n,); zero leaves it out.
-    bounds : sequence of int, optional
-        First sample of each group and, at the end, the number of samples; one group if not given.
-
-    Returns
-    -------
-    NormalEquations
-        The sums.
     """
     edges = [0, turns.size] if bounds is None else list(bounds)
     highest = max(orders, default=0)
@@ -98,24 +69,7 @@ def accumulated(
 
 
 def evaluated(turns: Array, coefficients: Array, orders: Sequence[int], *, drift: bool) -> Array:
-    """Return the sum of the fitted functions.
-
-    Parameters
-    ----------
-    turns : numpy.ndarray
-        Angle of each sample [turn], shape (n,).
-    coefficients : numpy.ndarray
-        Of the functions, in the order of `NormalEquations`, shape (p, m).
-    orders : sequence of int
-        Orders, rising.
-    drift : bool
-        Whether there is a drift among them.
-
-    Returns
-    -------
-    numpy.ndarray
-        The sum, shape (n, m).
-    """
+    """Return the sum of the fitted functions."""
     # each column in one piece, as what comes after goes through columns
     out = np.empty((coefficients.shape[1], turns.size)).T
     first = 2 if drift else 1

@@ -8,12 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
-
-__all__ = ["FEW", "Outlier", "stands_out", "without_outliers"]
-
-Array = NDArray[np.float64]
 
 # a normal distribution's rms over the median of its absolute values
 _RMS_OVER_MEDIAN = 1.4826022185056018
@@ -34,41 +31,20 @@ _SAMPLED = 50_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlier:
-    """A sample that was set aside.
-
-    Parameters
-    ----------
-    index : int
-        Its number in the record, from 0.
-    angle : float
-        Its angle [rad].
-    value : float
-        Its value, in the unit of the record.
-    residual : float
-        How far it is from what the others say, in the same unit.
-    """
+    """A sample that was set aside."""
 
     index: int
+    """Its number in the record, from 0."""
     angle: float
+    """Its angle [rad]."""
     value: float
+    """Its value, in the unit of the record."""
     residual: float
+    """How far it is from what the others say, in the same unit."""
 
 
 def stands_out(residual: Array, relative_weight: Array | None = None) -> bool:
-    """Say whether a residual is too large for normal noise of the size of the others.
-
-    Parameters
-    ----------
-    residual : numpy.ndarray
-        The residuals, shape (n,).
-    relative_weight : numpy.ndarray, optional
-        Weight of each, shape (n,).
-
-    Returns
-    -------
-    bool
-        Whether one is.
-    """
+    """Say whether a residual is too large for normal noise of the size of the others."""
     size = _sizes(residual, relative_weight)
     return bool(size.max() > _threshold(size.size) * _spread(size))
 
@@ -90,29 +66,6 @@ def without_outliers(
     1964, Annals of Mathematical Statistics 35), then with Tukey's (Beaton and Tukey 1974,
     Technometrics 16). Of normal noise one record in twenty or fewer loses a sample, however long it
     is.
-
-    Parameters
-    ----------
-    solve : Callable
-        From the weights of the samples, shape (n,), to the residuals of the fit, shape (n,).
-    start : numpy.ndarray
-        Residuals of the fit with all samples, shape (n,).
-    value_size : float
-        The largest of the values: residuals within its rounding are none.
-    turns : Turns
-        Where the samples are, and in which turn.
-    relative_weight : numpy.ndarray, optional
-        Weight of each sample before that, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Whether each sample is kept, shape (n,).
-
-    Raises
-    ------
-    RecordError
-        More than a quarter of the samples stand out, most of them alone.
     """
     base = np.ones(start.size) if relative_weight is None else relative_weight
     floor = 1e-13 * value_size

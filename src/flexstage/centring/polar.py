@@ -5,13 +5,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["direction_estimate", "length_estimate"]
-
-Array = NDArray[np.float64]
 
 #: Beyond this many standard uncertainties a length is as good as normal.
 _FAR = 8.0
@@ -35,26 +32,6 @@ def length_estimate(
     freedom and the parameter A^2 / u^2. The ends of the interval are the lengths A for which what
     was found is at the 2.5 % ends of it, averaged over the variances that are likely where u was
     itself estimated. Far from zero that is Student's interval.
-
-    Parameters
-    ----------
-    vector : array_like
-        The two parts, shape (2,).
-    covariance : array_like
-        Their covariance, in the square of the unit, shape (2, 2).
-    unit : str
-        Unit of the parts.
-    degrees_of_freedom : float
-        Those of the covariance.
-    name : str
-        What the uncertainty comes from.
-    note : str
-        Remark that belongs to the length.
-
-    Returns
-    -------
-    Estimate
-        The length; its interval begins at 0 where the vector could as well be none.
 
     Validity
     --------
@@ -94,25 +71,6 @@ def direction_estimate(
     The part of the vector across its true direction is normal with mean 0, so that the direction is
     known to within ``arcsin(t u / |v|)``, with Student's t (the way of Fieller 1954, Journal of the
     Royal Statistical Society B 16, for the tangent).
-
-    Parameters
-    ----------
-    vector : array_like
-        The two parts, shape (2,).
-    covariance : array_like
-        Their covariance, shape (2, 2).
-    degrees_of_freedom : float
-        Those of the covariance.
-    name : str
-        What the uncertainty comes from.
-    note : str
-        Remark that belongs to the direction.
-
-    Returns
-    -------
-    Estimate
-        The direction from the first part towards the second [rad], between -pi and pi; the interval
-        is the whole turn where the vector could as well be none.
 
     Validity
     --------

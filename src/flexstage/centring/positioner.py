@@ -4,15 +4,12 @@ import math
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.virtual_axis import VirtualAxis, closed_loop_axis, open_loop_axis
 from flexstage.errors import ModelError
 from flexstage.stage import Stage
-
-__all__ = ["Positioner", "VirtualPositioner"]
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable

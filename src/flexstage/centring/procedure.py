@@ -14,8 +14,6 @@ from flexstage.centring.positioner import Positioner
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
-__all__ = ["Centring", "CentringStep", "centre"]
-
 #: The longest trial move, as a share of the stroke: the gain beyond it is known less well.
 _LONGEST_TRIAL = 0.6
 #: The shortest one, in uncertainties of what it is measured and set with.
@@ -27,49 +25,32 @@ _AXES = ("x", "y")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentringStep:
-    """One measurement of the eccentricity, and what was done before it.
-
-    Parameters
-    ----------
-    kind : {"start", "trial", "move"}
-        What was done.
-    command : tuple of float
-        Commands of the axes [m].
-    reading : CentreReading
-        What was measured then.
-    predicted : Estimate, optional
-        What a move was expected to leave [m]; None before the moves are known.
-    """
+    """One measurement of the eccentricity, and what was done before it."""
 
     kind: Literal["start", "trial", "move"]
+    """What was done."""
     command: tuple[float, float]
+    """Commands of the axes [m]."""
     reading: CentreReading
+    """What was measured then."""
     predicted: Estimate | None = None
+    """What a move was expected to leave [m]; None before the moves are known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Centring:
-    """What the procedure came to.
-
-    Parameters
-    ----------
-    steps : tuple of CentringStep
-        Every measurement, in order.
-    model : MoveModel
-        What is known of the moves.
-    target : float
-        Eccentricity that was asked for [m].
-    reached : bool
-        Whether the upper end of the 95 % interval of what was measured last is below it.
-    reason : str
-        Why it ended.
-    """
+    """What the procedure came to."""
 
     steps: tuple[CentringStep, ...]
+    """Every measurement, in order."""
     model: MoveModel
+    """What is known of the moves."""
     target: float
+    """Eccentricity that was asked for [m]."""
     reached: bool
+    """Whether the upper end of the 95 % interval of what was measured last is below it."""
     reason: str
+    """Why it ended."""
 
     @property
     def reading(self) -> CentreReading:

@@ -5,13 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.normal_equations import NormalEquations
-
-__all__ = ["NoiseSpectrum", "from_spectrum", "from_turns"]
-
-Array = NDArray[np.float64]
 
 #: Fewer free frequencies than this say nothing of a spectrum.
 _LEAST_FREE = 24
@@ -35,24 +31,6 @@ def from_turns(
     The variance that the scores of whole turns give, as of clustered samples (Liang and Zeger 1986,
     Biometrika 73), over that of white noise: whatever repeats itself within a turn, or not, is in
     it.
-
-    Parameters
-    ----------
-    equations : NormalEquations
-        Sums over each turn, of one column of values.
-    coefficients : numpy.ndarray
-        What was fitted to all of them, shape (p,).
-    white : numpy.ndarray
-        Covariance of the coefficients for white noise, shape (p, p).
-    slow : int
-        How many of the functions, from the first, are no harmonics.
-
-    Returns
-    -------
-    factors : numpy.ndarray
-        Of each function, shape (p,); not pooled.
-    degrees_of_freedom : float
-        Number of turns less one.
     """
     groups = equations.gram.shape[0]
     scores = equations.right[:, :, 0] - equations.gram @ coefficients
@@ -67,22 +45,16 @@ def from_turns(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseSpectrum:
-    """Noise at the frequencies of functions.
-
-    Parameters
-    ----------
-    density : numpy.ndarray
-        Variance of white noise that would disturb each as much, in the square of the residuals'
-        unit, shape (p,).
-    freedom : numpy.ndarray
-        Its degrees of freedom, shape (p,).
-    white : bool
-        Whether white noise explains the residuals as well as any.
-    """
+    """Noise at the frequencies of functions."""
 
     density: Array
+    """Variance of white noise that would disturb each as much, in the square of the residuals'
+    unit, shape (p,).
+    """
     freedom: Array
+    """Its degrees of freedom, shape (p,)."""
     white: bool
+    """Whether white noise explains the residuals as well as any."""
 
 
 def from_spectrum(
@@ -99,24 +71,6 @@ def from_spectrum(
     are left out; and of several turns, where more repeats than noise does, all multiples of one
     per turn. The variance of a harmonic is in proportion to the spectrum at its frequency
     (Grenander 1954, Annals of Mathematical Statistics 25).
-
-    Parameters
-    ----------
-    residual : numpy.ndarray
-        Residuals in the order of the samples, shape (n,).
-    frequencies : sequence of float or numpy.ndarray
-        Those of the functions, in cycles per sample.
-    fitted : sequence of float
-        All frequencies that are missing, in cycles per sample.
-    turn : float or None
-        Frequency of the turn, in cycles per sample, where the residuals are those of two whole
-        turns or more.
-
-    Returns
-    -------
-    NoiseSpectrum or None
-        The noise, not less than white noise of the same power; None where residuals are too few,
-        or, where nothing repeats, where white noise explains them as well.
 
     Validity
     --------

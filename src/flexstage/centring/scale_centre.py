@@ -5,56 +5,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined
 from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.centring.polar import direction_estimate, length_estimate
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["Eccentricity", "centre_from"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Eccentricity:
-    """Where the centre of a scale is, in the frame that turns with the table.
-
-    Parameters
-    ----------
-    x, y : Estimate
-        Its coordinates [m].
-    amplitude : Estimate
-        Its distance from the axis [m].
-    phase : Estimate
-        Its direction, from x towards y [rad].
-    covariance : numpy.ndarray
-        Of x and y [m^2], shape (2, 2).
-    radius : float
-        Radius at which the scale is read [m].
-    common : Estimate or None
-        Amplitude of the once-per-turn error that all heads share, as of the reference [rad]; None
-        where the heads cannot tell it from eccentricity.
-    counter_motion : Estimate or None
-        Radius of the once-per-turn motion of the axis against the sense of turning [m]; None where
-        the heads cannot tell.
-    fits : tuple of HarmonicFit
-        Of each head, less what exact geometry adds to the first order.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """Where the centre of a scale is, in the frame that turns with the table."""
 
     x: Estimate
+    """Its coordinates [m]."""
     y: Estimate
+    """Its coordinates [m]."""
     amplitude: Estimate
+    """Its distance from the axis [m]."""
     phase: Estimate
+    """Its direction, from x towards y [rad]."""
     covariance: Array
+    """Of x and y [m^2], shape (2, 2)."""
     radius: float
+    """Radius at which the scale is read [m]."""
     common: Estimate | None
+    """Amplitude of the once-per-turn error that all heads share, as of the reference [rad]; None
+    where the heads cannot tell it from eccentricity.
+    """
     counter_motion: Estimate | None
+    """Radius of the once-per-turn motion of the axis against the sense of turning [m]; None where
+    the heads cannot tell.
+    """
     fits: tuple[HarmonicFit, ...]
+    """Of each head, less what exact geometry adds to the first order."""
     notes: tuple[str, ...]
+    """What a reader should know."""
 
     @property
     def vector(self) -> Array:
@@ -95,27 +81,7 @@ def centre_from(
     *,
     radial: bool = False,
 ) -> Eccentricity:
-    """Return the eccentricity that once-per-turn harmonics stand for.
-
-    Parameters
-    ----------
-    found : Combined
-        What the harmonics say together.
-    fits : sequence of HarmonicFit
-        Harmonics of each head or indicator.
-    radius : float
-        Radius at which the scale is read [m].
-    given : tuple of float
-        Standard uncertainties of the scale's once-per-turn error [rad], or of the rim's [m], of the
-        radius [m] and of the angle of the heads [rad].
-    radial : bool
-        Whether the harmonics are displacements [m], and not angles [rad].
-
-    Returns
-    -------
-    Eccentricity
-        The eccentricity.
-    """
+    """Return the eccentricity that once-per-turn harmonics stand for."""
     graduation, own_radius, turned = given
     factor = 1.0 if radial else radius
     v = factor * found.vector

@@ -14,8 +14,6 @@ from flexstage.centring.separation import (
 )
 from flexstage.centring.turn_spectrum import whole_orders
 
-__all__ = ["order_visibility", "self_calibration"]
-
 
 def self_calibration(
     angle: ArrayLike,

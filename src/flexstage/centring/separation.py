@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.turn_spectrum import (
     TurnSpectrum,
@@ -16,60 +17,28 @@ from flexstage.centring.turn_spectrum import (
 )
 from flexstage.errors import ModelError, RecordError
 
-__all__ = ["Combination", "best_combination", "common_motion", "head_noise", "separated_table"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 #: Share of the power of an order below which what is left of it is rounding, not signal.
 _BLINDNESS = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Combination:
-    r"""A sum over the heads that gives the scale's error, :math:`G_n = \sum_j h_{jn} C_{jn}`.
-
-    Parameters
-    ----------
-    orders : tuple of int
-        Orders that are asked for.
-    heads : numpy.ndarray
-        Angles of the heads [rad], shape (m,).
-    gains : numpy.ndarray
-        The factors h, shape (m, orders); zero for an order that cannot be seen.
-    seen : numpy.ndarray
-        Whether each order can be seen, shape (orders,).
-    common : numpy.ndarray
-        What all heads may read together, one column for each unknown, shape (m, q).
-    """
+    r"""A sum over the heads that gives the scale's error, :math:`G_n = \sum_j h_{jn} C_{jn}`."""
 
     orders: tuple[int, ...]
+    """Orders that are asked for."""
     heads: Array
+    """Angles of the heads [rad], shape (m,)."""
     gains: Complex
+    """The factors h, shape (m, orders); zero for an order that cannot be seen."""
     seen: NDArray[np.bool_]
+    """Whether each order can be seen, shape (orders,)."""
     common: Array
+    """What all heads may read together, one column for each unknown, shape (m, q)."""
 
 
 def head_noise(heads: ArrayLike, noise: ArrayLike | None) -> tuple[Array, Array]:
-    """Return the angles of the heads and the noise of each.
-
-    Parameters
-    ----------
-    heads : array_like
-        Angles of the heads [rad], shape (m,).
-    noise : array_like, optional
-        Standard deviation of a reading [rad], one for all or shape (m,); 1 where not given.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Angles and standard deviations, shape (m,) each.
-
-    Raises
-    ------
-    ModelError
-        There is no head, an angle is not finite, or a standard deviation is not positive.
-    """
+    """Return the angles of the heads and the noise of each."""
     alpha = np.atleast_1d(np.asarray(heads, dtype=np.float64))
     if alpha.ndim != 1 or alpha.size == 0 or not np.isfinite(alpha).all():
         raise ModelError("the heads need an angle each, in radians and finite")
@@ -89,20 +58,6 @@ def common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:
 
     An angle that is not known adds 1 to each of them; a radial motion (x, y) of the axis adds
     :math:`(x \sin\alpha_j - y \cos\alpha_j) / R`.
-
-    Parameters
-    ----------
-    alpha : numpy.ndarray
-        Angles of the heads [rad], shape (m,).
-    angle : bool
-        Whether the angle of the table is not known.
-    axis : bool
-        Whether its axis may move.
-
-    Returns
-    -------
-    numpy.ndarray
-        A column for each unknown, shape (m, q).
     """
     columns = [np.ones_like(alpha)] if angle else []
     if axis:
@@ -117,30 +72,6 @@ def best_combination(
 
     A head at alpha reads order n as :math:`G_n e^{i n \alpha}`, so that G follows by weighted
     least squares over the heads, with the common motion as further unknowns.
-
-    Parameters
-    ----------
-    alpha : numpy.ndarray
-        Angles of the heads [rad], shape (m,).
-    sigma : numpy.ndarray
-        Noise of each [rad], shape (m,).
-    orders : iterable of int
-        The orders.
-    common : numpy.ndarray
-        What all heads may read together, shape (m, q).
-    blindness : float
-        An order counts as blind where less than this share of its power [1] is left beside the
-        common motion.
-
-    Returns
-    -------
-    Combination
-        The factors.
-
-    Raises
-    ------
-    ModelError
-        The share is not between 0 and 1, or there are no more heads than unknowns.
     """
     if not 0.0 < blindness < 1.0:
         raise ModelError(f"the share of blindness lies between 0 and 1, got {blindness!r}")
@@ -185,42 +116,7 @@ def separated_table(
     points: int,
     method: str,
 ) -> CalibrationTable:
-    """Return the table that a combination of heads gives, with its uncertainty.
-
-    Parameters
-    ----------
-    angle : array_like
-        Angle of the table at each sample [rad], shape (k,).
-    errors : array_like
-        Reading less angle of each head [rad], shape (m, k).
-    sum_of_heads : Combination
-        How the heads are combined.
-    sigma : numpy.ndarray
-        Noise of each head [rad], or in proportion to it, shape (m,).
-    noise_known : bool
-        Whether `sigma` is the noise itself; else its size is found from what is left.
-    head_uncertainty : float
-        Standard uncertainty of the angle of each head [rad].
-    blind_allowance : float
-        Standard uncertainty for all that the method cannot see [rad].
-    points : int
-        Number of points of the table.
-    method : str
-        What the method is called.
-
-    Returns
-    -------
-    CalibrationTable
-        The table.
-
-    Raises
-    ------
-    RecordError
-        The readings do not belong to the heads and angles, no order can be seen, or nothing is left
-        to find the noise from.
-    ModelError
-        An uncertainty is negative, or there are too few points.
-    """
+    """Return the table that a combination of heads gives, with its uncertainty."""
     y = np.atleast_2d(np.asarray(errors, dtype=np.float64))
     if y.shape[0] != sum_of_heads.heads.size:
         raise RecordError(

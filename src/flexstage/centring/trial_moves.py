@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["OrderResponse", "response_to_moves"]
-
-Array = NDArray[np.float64]
 Follows = Literal["in proportion", "as the square"]
 
 #: What a relation may leave of the change that the moves made, where the noise is less.
@@ -29,36 +27,30 @@ _NEARLY = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderResponse:
-    """How the harmonic of one order follows moves of the stage.
-
-    Parameters
-    ----------
-    order : int
-        The order.
-    change : float
-        Root mean square of what the moves changed of it, in the unit of the harmonic.
-    follows : {"in proportion", "as the square"}, optional
-        How it follows them; None where it does not, or three positions cannot tell.
-    gain : float
-        Its change for a metre in the direction that changes it most, or for a square metre where it
-        follows as the square.
-    left : float
-        Root mean square of what that leaves, in the unit of the harmonic.
-    x, y : Estimate, optional
-        Where the stage must stand for it to vanish, or, as the square, to be least changed by moves
-        [m]; None where that is not known in both directions.
-    positions : int
-        Number of positions it was seen at.
-    """
+    """How the harmonic of one order follows moves of the stage."""
 
     order: int
+    """The order."""
     change: float
+    """Root mean square of what the moves changed of it, in the unit of the harmonic."""
     follows: Follows | None
+    """How it follows them; None where it does not, or three positions cannot tell."""
     gain: float
+    """Its change for a metre in the direction that changes it most, or for a square metre where it
+    follows as the square.
+    """
     left: float
+    """Root mean square of what that leaves, in the unit of the harmonic."""
     x: Estimate | None
+    """Where the stage must stand for it to vanish, or, as the square, to be least changed by moves
+    [m]; None where that is not known in both directions.
+    """
     y: Estimate | None
+    """Where the stage must stand for it to vanish, or, as the square, to be least changed by moves
+    [m]; None where that is not known in both directions.
+    """
     positions: int
+    """Number of positions it was seen at."""
 
 
 def response_to_moves(positions: ArrayLike, harmonics: Sequence[Harmonic]) -> OrderResponse:

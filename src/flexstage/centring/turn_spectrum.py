@@ -6,12 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
-
-__all__ = ["TurnSpectrum", "point_variance", "turn_spectrum", "whole_orders"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: The largest share of a turn that may lie between two neighbouring samples.
 _WIDEST_GAP = 0.1
@@ -24,45 +20,23 @@ class TurnSpectrum:
     r"""Harmonics of several curves that were sampled at the same angles.
 
     .. math:: y_j(\theta) = o_j + \mathrm{Re} \sum_n C_{jn} e^{i n \theta}
-
-    Parameters
-    ----------
-    orders : numpy.ndarray
-        The orders n, shape (n,).
-    coefficients : numpy.ndarray
-        Complex amplitudes C, cosine less i times sine, shape (curves, n).
-    residuals : numpy.ndarray
-        What the harmonics leave, shape (curves, k).
-    spread : numpy.ndarray, optional
-        Covariance of the real, then the imaginary parts of a curve's amplitudes for noise of
-        variance 1 in each sample, shape (2 n, 2 n); None where it is 2 / k times the unit matrix,
-        as for even sampling.
     """
 
     orders: NDArray[np.int64]
+    """The orders n, shape (n,)."""
     coefficients: Complex
+    """Complex amplitudes C, cosine less i times sine, shape (curves, n)."""
     residuals: Array
+    """What the harmonics leave, shape (curves, k)."""
     spread: Array | None = None
+    """Covariance of the real, then the imaginary parts of a curve's amplitudes for noise of
+    variance 1 in each sample, shape (2 n, 2 n); None where it is 2 / k times the unit matrix, as
+    for even sampling.
+    """
 
 
 def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
-    """Return orders in rising order, each once.
-
-    Parameters
-    ----------
-    orders : iterable of int
-        Orders, 1 or more.
-
-    Returns
-    -------
-    tuple of int
-        The orders.
-
-    Raises
-    ------
-    RecordError
-        There is none, or one is not a whole number of 1 or more.
-    """
+    """Return orders in rising order, each once."""
     given = list(orders)
     bad = [n for n in given if isinstance(n, bool) or int(n) != n or n < 1]
     if bad or not given:
@@ -76,30 +50,10 @@ def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
 def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) -> TurnSpectrum:
     """Return the harmonics of curves by least squares, by Fourier transform where that is the same.
 
-    Parameters
-    ----------
-    angle : array_like
-        Angles [rad], shape (k,), in any order, over one turn or several.
-    curves : array_like
-        The curves, shape (curves, k).
-    orders : iterable of int
-        The orders that are wanted.
-
-    Returns
-    -------
-    TurnSpectrum
-        The harmonics.
-
     Validity
     --------
     Orders that are left out of the fit must be absent or orthogonal to the others: they are where
     whole turns are sampled evenly, by more than twice as many samples as the highest order.
-
-    Raises
-    ------
-    RecordError
-        A value is not finite, the shapes do not belong together, the angles leave a gap of more
-        than a tenth of a turn, or there are too few samples for the orders.
 
     Examples
     --------
@@ -130,25 +84,7 @@ def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) ->
 def point_variance(
     spectrum: TurnSpectrum, gains: Complex, seen: NDArray[np.bool_], at: Array
 ) -> tuple[Array, Array]:
-    """Return what noise does to a sum of curves, at given angles and in each order.
-
-    Parameters
-    ----------
-    spectrum : TurnSpectrum
-        Harmonics of the curves.
-    gains : numpy.ndarray
-        Factor of each curve and order, times the noise of the curve, shape (curves, n).
-    seen : numpy.ndarray
-        Which orders are in the sum, shape (n,).
-    at : numpy.ndarray
-        Angles [rad], shape (k,).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Variance of the sum at each angle, shape (k,), and mean variance of cosine and sine of each
-        order that is in it.
-    """
+    """Return what noise does to a sum of curves, at given angles and in each order."""
     h = gains[:, seen]
     if spectrum.spread is None:
         per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)

@@ -7,68 +7,49 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["MeanTurn", "Turns", "find_turns", "mean_turn", "unwrap_error"]
-
-Array = NDArray[np.float64]
 _TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Turns:
-    """The angles of a record without their wraps, and where its turns begin.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Angle of each sample [rad], shape (n,): from sample to sample it jumps no more.
-    direction : {-1, 0, 1}
-        Whether the angle falls or rises on the whole; 0 where its samples are in no order.
-    count : float
-        How many turns the samples go over, that from the last to the first included.
-    bounds : tuple of int
-        First sample of each turn and, at the end, the number of samples. The last turn is at least
-        half of one, or part of that before it.
-    coverage : float
-        Share of a turn that has samples [1]: what is left without the largest gap, less the usual
-        one.
-    """
+    """The angles of a record without their wraps, and where its turns begin."""
 
     angle: Array
+    """Angle of each sample [rad], shape (n,): from sample to sample it jumps no more."""
     direction: int
+    """Whether the angle falls or rises on the whole; 0 where its samples are in no order."""
     count: float
+    """How many turns the samples go over, that from the last to the first included."""
     bounds: tuple[int, ...]
+    """First sample of each turn and, at the end, the number of samples. The last turn is at least
+    half of one, or part of that before it.
+    """
     coverage: float
+    """Share of a turn that has samples [1]: what is left without the largest gap, less the usual
+    one.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeanTurn:
-    """What is the same in every turn, and what is not.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Mean angle of the samples of each part of a turn [rad], shape (k,).
-    synchronous : numpy.ndarray
-        Mean of the values there, shape (k,).
-    uncertainty : numpy.ndarray
-        Standard uncertainty of that mean, from how turns differ, shape (k,).
-    asynchronous : numpy.ndarray
-        What each sample is more than the mean, shape (n,).
-    asynchronous_rms : Estimate
-        Root of the mean square of it over many turns.
-    turns : int
-        Number of turns.
-    """
+    """What is the same in every turn, and what is not."""
 
     angle: Array
+    """Mean angle of the samples of each part of a turn [rad], shape (k,)."""
     synchronous: Array
+    """Mean of the values there, shape (k,)."""
     uncertainty: Array
+    """Standard uncertainty of that mean, from how turns differ, shape (k,)."""
     asynchronous: Array
+    """What each sample is more than the mean, shape (n,)."""
     asynchronous_rms: Estimate
+    """Root of the mean square of it over many turns."""
     turns: int
+    """Number of turns."""
 
 
 def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
@@ -78,27 +59,9 @@ def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
     more than half a period is a wrap. Where samples follow one another
     in no order, the angle stays as it is.
 
-    Parameters
-    ----------
-    angle : array_like
-        Angle of each sample, rising or falling, shape (n,), in rad or as `period` says.
-    period : float
-        What one turn is in the angle's unit: 360, the counts of an encoder...
-
-    Returns
-    -------
-    Turns
-        The angles in rad, and the turns.
-
     Validity
     --------
     Neighbouring samples less than half a turn apart. Jitter is no matter.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than two samples, one is not finite, all are the same, or the period is not
-        positive.
 
     Examples
     --------
@@ -162,26 +125,9 @@ def _places(u: Array) -> int:
 def unwrap_error(error: ArrayLike, *, period: float = _TURN) -> Array:
     """Take whole turns out of errors that were made as the difference of two wrapped angles.
 
-    Parameters
-    ----------
-    error : array_like
-        The errors, shape (n,).
-    period : float
-        What one turn is in their unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        The errors, within half a turn of their mean direction, that of the first turn.
-
     Validity
     --------
     Errors that lie within less than half a turn of each other.
-
-    Raises
-    ------
-    RecordError
-        One is not finite, or the period is not positive.
 
     Examples
     --------

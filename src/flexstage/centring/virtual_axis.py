@@ -12,8 +12,6 @@ from flexstage.stage import PiezoStack, Screw, Stage
 if TYPE_CHECKING:
     from flexstage.hysteresis import HysteresisModel
 
-__all__ = ["VirtualAxis", "closed_loop_axis", "open_loop_axis"]
-
 #: Width of a loop over its stroke where nobody has measured one.
 _USUAL_WIDTH = 0.125
 #: Steps of a converter over the stroke.
@@ -25,26 +23,7 @@ _SLOPE_SPREAD = 1.6
 
 
 class VirtualAxis:
-    """An axis that is moved from command to command.
-
-    Parameters
-    ----------
-    name : str
-        The axis.
-    stroke : float
-        Its stroke [m]; commands go half of it to each side.
-    quantum : float
-        Step of the commands [m], 0 where there is none.
-    stack : HysteresisModel, optional
-        Free displacement over voltage, of which the motion is in proportion; without it the axis
-        follows its commands.
-    voltage : tuple of float
-        Range of voltage of the stack, over the stroke [V].
-    backlash : float
-        Play on turning back [m].
-    hysteresis : float
-        Standard uncertainty of a move as a share of its length [1].
-    """
+    """An axis that is moved from command to command."""
 
     def __init__(
         self,
@@ -81,18 +60,7 @@ class VirtualAxis:
             self._zero, self._gain = float(ends.mean()), stroke / float(ends[0] - ends[1])
 
     def settable(self, command: float) -> float:
-        """Return the nearest command within the stroke that can be set.
-
-        Parameters
-        ----------
-        command : float
-            The command [m].
-
-        Returns
-        -------
-        float
-            What would be set [m].
-        """
+        """Return the nearest command within the stroke that can be set."""
         inside = min(max(command, -self.half), self.half)
         if self.quantum == 0.0:
             return inside
@@ -102,18 +70,7 @@ class VirtualAxis:
         return min(max(steps, -most), most) * self.quantum
 
     def move(self, command: float) -> float:
-        """Move to a command on a straight ramp.
-
-        Parameters
-        ----------
-        command : float
-            A command that can be set [m].
-
-        Returns
-        -------
-        float
-            Displacement from the middle of the stroke [m].
-        """
+        """Move to a command on a straight ramp."""
         if self._stack is None:
             half = 0.5 * self.backlash
             self._play = max(command - half, min(command + half, self._play))
@@ -125,30 +82,7 @@ class VirtualAxis:
 
 
 def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: float) -> VirtualAxis:
-    """Return an axis that is commanded by its drive, without a sensor.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    axis : str
-        The axis.
-    quantum : float, optional
-        Step of the commands [m]; that of a converter of 16 bits, or of the screw, where not given.
-    backlash : float
-        Play of a screw on turning back, at the output [m].
-
-    Returns
-    -------
-    VirtualAxis
-        The axis.
-
-    Raises
-    ------
-    ModelError
-        The drive is neither screw nor piezo stack, a piezo stack is given backlash, or a figure is
-        impossible.
-    """
+    """Return an axis that is commanded by its drive, without a sensor."""
     drive = stage.drive(stage.axis(axis).drive)
     stroke = _stroke(stage, axis)
     if isinstance(drive, Screw):
@@ -177,27 +111,7 @@ def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: flo
 
 
 def closed_loop_axis(stage: Stage, axis: str, quantum: float | None) -> VirtualAxis:
-    """Return an axis that a position sensor and a controller make follow its commands.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    axis : str
-        The axis.
-    quantum : float, optional
-        Step of the commands [m]; that of a converter of 16 bits where not given.
-
-    Returns
-    -------
-    VirtualAxis
-        The axis.
-
-    Raises
-    ------
-    ModelError
-        A figure is impossible.
-    """
+    """Return an axis that a position sensor and a controller make follow its commands."""
     stroke = _stroke(stage, axis)
     return VirtualAxis(axis, stroke, stroke / _CONVERTER if quantum is None else quantum)
 

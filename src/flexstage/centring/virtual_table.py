@@ -5,16 +5,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
-
-__all__ = ["ScaleErrors", "VirtualTable", "scale_errors"]
-
-Array = NDArray[np.float64]
 
 #: Orders of what the axis does beside its turns: a cage with its balls runs at some such rates.
 _ASYNCHRONOUS = (0.43, 2.57, 5.43)
@@ -22,19 +19,14 @@ _ASYNCHRONOUS = (0.43, 2.57, 5.43)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScaleErrors:
-    r"""Errors of the lines of a scale, :math:`g(s) = \sum_n a_n \cos n s + b_n \sin n s`.
-
-    Parameters
-    ----------
-    orders : tuple of int
-        The orders n.
-    cosine, sine : numpy.ndarray
-        Amplitudes a and b [rad], shape (n,).
-    """
+    r"""Errors of the lines of a scale, :math:`g(s) = \sum_n a_n \cos n s + b_n \sin n s`."""
 
     orders: tuple[int, ...] = ()
+    """The orders n."""
     cosine: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes a and b [rad], shape (n,)."""
     sine: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes a and b [rad], shape (n,)."""
 
     def __post_init__(self) -> None:
         if not self.cosine.shape == self.sine.shape == (len(self.orders),):
@@ -44,18 +36,7 @@ class ScaleErrors:
             )
 
     def at(self, angle: ArrayLike) -> Array:
-        """Return the errors at some lines.
-
-        Parameters
-        ----------
-        angle : array_like
-            Angles of the scale [rad], of any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Reading less angle [rad], of the same shape.
-        """
+        """Return the errors at some lines."""
         s = np.asarray(angle, dtype=np.float64)
         out = np.zeros_like(s)
         for n, a, b in zip(self.orders, self.cosine, self.sine, strict=True):
@@ -112,47 +93,6 @@ class VirtualTable:
     Head j stands at the angle alpha_j and reads the line s = theta + alpha_j + d_j, where d_j is
     the exact error of the eccentric scale; its error is d_j + g(s) and noise.
 
-    Parameters
-    ----------
-    radius : float
-        Radius at which the scale is read [m].
-    heads : tuple of float
-        Angles at which the heads are thought to stand [rad].
-    eccentricity : tuple of float
-        Centre of the scale with the stage in the middle of its stroke, x and y in the frame that
-        turns with the table [m].
-    noise : float
-        Standard deviation of each reading [rad].
-    head_angle_errors : tuple of float
-        How much further each head really stands [rad]; none where empty.
-    head_radius_errors : tuple of float
-        How much further out each head reads [m]; none where empty.
-    scale : ScaleErrors
-        Errors of the lines of the scale.
-    kind : {"disc", "drum"}
-        Kind of scale.
-    ellipticity : float
-        Relative stretch of the scale in one direction, and shortening across [1].
-    ellipticity_direction : float
-        Direction of the stretch in the scale [rad].
-    axis_orders : tuple of int
-        Orders of the motion of the axis that repeats from turn to turn, 1 or more.
-    axis_motion : numpy.ndarray
-        Its amplitudes in the room: cosine and sine in x, then in y [m], shape (n, 4).
-    asynchronous : float
-        Root mean square of the motion of the axis that does not repeat, in each direction [m].
-    reference_noise : float
-        Standard deviation of the reference of angle, or of the table's position where nothing
-        measures it; all heads have it in common [rad].
-    samples : int
-        Samples in a turn.
-    turns : int
-        Number of turns.
-    start : float
-        Angle of the first sample [rad].
-    seed : int
-        Seed of everything random.
-
     Raises
     ------
     ModelError
@@ -167,23 +107,45 @@ class VirtualTable:
     """
 
     radius: float
+    """Radius at which the scale is read [m]."""
     heads: tuple[float, ...] = (0.0,)
+    """Angles at which the heads are thought to stand [rad]."""
     eccentricity: tuple[float, float] = (0.0, 0.0)
+    """Centre of the scale with the stage in the middle of its stroke, x and y in the frame that
+    turns with the table [m].
+    """
     noise: float = 0.0
+    """Standard deviation of each reading [rad]."""
     head_angle_errors: tuple[float, ...] = ()
+    """How much further each head really stands [rad]; none where empty."""
     head_radius_errors: tuple[float, ...] = ()
+    """How much further out each head reads [m]; none where empty."""
     scale: ScaleErrors = field(default_factory=ScaleErrors)
+    """Errors of the lines of the scale."""
     kind: ScaleKind = "disc"
+    """Kind of scale."""
     ellipticity: float = 0.0
+    """Relative stretch of the scale in one direction, and shortening across [1]."""
     ellipticity_direction: float = 0.0
+    """Direction of the stretch in the scale [rad]."""
     axis_orders: tuple[int, ...] = ()
+    """Orders of the motion of the axis that repeats from turn to turn, 1 or more."""
     axis_motion: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    """Its amplitudes in the room: cosine and sine in x, then in y [m], shape (n, 4)."""
     asynchronous: float = 0.0
+    """Root mean square of the motion of the axis that does not repeat, in each direction [m]."""
     reference_noise: float = 0.0
+    """Standard deviation of the reference of angle, or of the table's position where nothing
+    measures it; all heads have it in common [rad].
+    """
     samples: int = 360
+    """Samples in a turn."""
     turns: int = 1
+    """Number of turns."""
     start: float = 0.0
+    """Angle of the first sample [rad]."""
     seed: int = 0
+    """Seed of everything random."""
 
     def __post_init__(self) -> None:
         if not self.heads:

@@ -79,18 +79,7 @@ def _root(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line, and end the process with the status of the outcome.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The words after the program's name; those of the process where not given.
-
-    Raises
-    ------
-    SystemExit
-        Always: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
-    """
+    """Run the command line, and end the process with the status of the outcome."""
     sys.exit(_run(None if arguments is None else list(arguments)))
 
 

@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from flexstage.report import Display, ModelRun
+    from flexstage.report import ModelRun
+    from flexstage.report.quantities import Display
     from flexstage.system import Analysis
-
-__all__ = ["analyse"]
 
 
 def analyse(
@@ -93,7 +92,8 @@ def analyse(
     Several models are printed in sequence; all leaves out, with a note, those that are impossible.
     """
     from flexstage.progress import share
-    from flexstage.report import Wanted, run_model
+    from flexstage.report import run_model
+    from flexstage.report.models import Wanted
 
     described = load_stage(stage)
     wanted = Wanted(
@@ -151,7 +151,8 @@ def _written(
     runs: "Mapping[str, ModelRun]", folder: Path | None, figure: Path | None, *, vtu: bool
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
-    from flexstage.report import results_json, write_files
+    from flexstage.report import results_json
+    from flexstage.report.files import write_files
 
     files: list[Path] = []
     for name, run in runs.items():
@@ -182,7 +183,7 @@ def _print(screen: "Console", run: "ModelRun") -> None:
 
 
 def _results(run: "ModelRun") -> dict[str, Any]:
-    from flexstage.report import analysis_results, run_results
+    from flexstage.report.results import analysis_results, run_results
 
     return analysis_results(run.analysis, responses=True) | run_results(run)
 
@@ -192,7 +193,8 @@ def _diagrams(
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
     from flexstage.cli.common import name_for_files
-    from flexstage.report.figures import draw_bode, encode
+    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.style import encode
 
     kind = figure.suffix.lower().removeprefix(".")
     stem = f"{figure.stem}-{model}" if model else figure.stem
@@ -255,7 +257,8 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report import analysis_results, number
+    from flexstage.report import number
+    from flexstage.report.results import analysis_results
 
     found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
     if not found or not any(found.values()):

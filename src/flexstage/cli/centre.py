@@ -37,8 +37,6 @@ from flexstage.cli.records import (
 )
 from flexstage.errors import ModelError, RecordError
 
-__all__ = ["centre"]
-
 _DIRECTIONS = ("ccw", "cw")
 
 
@@ -259,8 +257,8 @@ def centre(
     if stage_at is not None:
         result["trial"] = trial(settings, positions_of(stage_at, len(settings)), kind)
     if figure is not None:
-        from flexstage.report.figures import encode
         from flexstage.report.figures.centring import draw_polar
+        from flexstage.report.figures.style import encode
 
         drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
         write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))
@@ -305,7 +303,7 @@ def _require(
     angle: str | None,
     turns: float | None,
 ) -> None:
-    from flexstage.centring import SCALE_KINDS
+    from flexstage.centring.geometry import SCALE_KINDS
 
     if sign not in (1, -1):
         raise ModelError(f"--sign must be 1 or -1, got {sign}")

@@ -16,69 +16,27 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-__all__ = [
-    "TURN_WORDS",
-    "Head",
-    "doubts",
-    "each_has_one",
-    "head_angles",
-    "head_of",
-    "orders_of",
-    "radius_of",
-    "spelled",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """A column of errors, in SI, with the angles that belong to it.
-
-    Parameters
-    ----------
-    name : str
-        Name of the column.
-    file : str
-        File that it is from.
-    angle : numpy.ndarray
-        Angle of the table [rad], shape (n,).
-    error : numpy.ndarray
-        Error [rad], or what an indicator reads [m], shape (n,).
-    head_angle : float
-        Where the head stands [rad], as the head travels.
-    radial : bool
-        Whether it is an indicator.
-    """
+    """A column of errors, in SI, with the angles that belong to it."""
 
     name: str
+    """Name of the column."""
     file: str
+    """File that it is from."""
     angle: "Array"
+    """Angle of the table [rad], shape (n,)."""
     error: "Array"
+    """Error [rad], or what an indicator reads [m], shape (n,)."""
     head_angle: float
+    """Where the head stands [rad], as the head travels."""
     radial: bool
+    """Whether it is an indicator."""
 
 
 def head_angles(text: str | None, files: int, columns: int) -> list[float]:
-    """Return the angle of each column of each file.
-
-    Parameters
-    ----------
-    text : str or None
-        What --heads was given.
-    files : int
-        Number of files.
-    columns : int
-        Number of columns of errors in each.
-
-    Returns
-    -------
-    list of float
-        The angles [rad].
-
-    Raises
-    ------
-    RecordError
-        There are too few or too many.
-    """
+    """Return the angle of each column of each file."""
     from flexstage.units import parse
 
     total = files * columns
@@ -102,36 +60,12 @@ def head_angles(text: str | None, files: int, columns: int) -> list[float]:
 
 
 def each_has_one(text: str, found: Sequence[Head]) -> bool:
-    """Say whether every column of every file has an angle of its own.
-
-    Parameters
-    ----------
-    text : str
-        What --heads was given.
-    found : sequence of Head
-        The columns of all files.
-
-    Returns
-    -------
-    bool
-        Whether it has.
-    """
+    """Say whether every column of every file has an angle of its own."""
     return len(text.split(",")) == len(found)
 
 
 def spelled(text: str | None) -> str | None:
-    """Return a unit as records know it; a turn is none of theirs, and is seen to afterwards.
-
-    Parameters
-    ----------
-    text : str or None
-        What an option was given.
-
-    Returns
-    -------
-    str or None
-        The unit; None for a turn.
-    """
+    """Return a unit as records know it; a turn is none of theirs, and is seen to afterwards."""
     return None if text is None or text.strip().lower() in TURN_WORDS else text
 
 
@@ -164,41 +98,10 @@ def head_of(
     reading: bool = False,
     sign: int = 1,
 ) -> Head:
-    """Return a column of errors with its angles, in SI.
-
-    Parameters
-    ----------
-    record : Record
-        The file's columns.
-    name : str or int
-        Column of errors.
-    angle : str or int or None
-        Column of the angle; even samples over the turns where None.
-    turns : float or None
-        Number of turns without a column of the angle.
-    units : tuple
-        Unit of the angle, of the errors, of both, and counts in a turn, as options say them.
-    alpha : float
-        Where the head stands [rad].
-    reading : bool
-        Whether the column is what the encoder reads, and the errors are that less the angle.
-    sign : int
-        -1 where errors are true angle less angle that was read.
-
-    Returns
-    -------
-    Head
-        The column.
-
-    Raises
-    ------
-    RecordError
-        A unit is not known, or is none of an angle or a length; or what is read falls where the
-        angle rises.
-    """
+    """Return a column of errors with its angles, in SI."""
     import numpy as np
 
-    from flexstage.centring import unwrap_error
+    from flexstage.centring.turns import unwrap_error
 
     angle_unit, error_unit, unit, counts = units
     errors = record.channel(name)
@@ -239,18 +142,7 @@ def _require_alike(read: "Array", theta: "Array", name: str) -> None:
 
 
 def doubts(heads: Sequence[Head]) -> list[str]:
-    """Say where an angle looks as if it was in another unit.
-
-    Parameters
-    ----------
-    heads : sequence of Head
-        The columns.
-
-    Returns
-    -------
-    list of str
-        What a reader should know.
-    """
+    """Say where an angle looks as if it was in another unit."""
     import numpy as np
 
     # 57.3 turns are rare, and 0 to 360 of what are not degrees
@@ -295,23 +187,7 @@ def _values(
 
 
 def radius_of(radius: str | None, diameter: str | None) -> float | None:
-    """Return the radius that options give.
-
-    Parameters
-    ----------
-    radius, diameter : str or None
-        What the options were given.
-
-    Returns
-    -------
-    float or None
-        The radius [m].
-
-    Raises
-    ------
-    ModelError
-        Both were given, or it is not positive.
-    """
+    """Return the radius that options give."""
     if radius is not None and diameter is not None:
         raise ModelError("give --radius or --diameter, not both")
     if diameter is not None:
@@ -321,21 +197,6 @@ def radius_of(radius: str | None, diameter: str | None) -> float | None:
 
 def orders_of(text: str | None) -> list[int] | None:
     """Return the orders that an option gives.
-
-    Parameters
-    ----------
-    text : str or None
-        What the option was given.
-
-    Returns
-    -------
-    list of int or None
-        The orders; None where nothing was given.
-
-    Raises
-    ------
-    RecordError
-        They are none.
 
     Examples
     --------

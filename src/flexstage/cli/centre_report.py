@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
     from flexstage.estimate import Estimate
 
-__all__ = ["change", "joined", "print_setting", "report"]
-
 _ARCSEC = math.pi / 648_000.0
 #: Places of outliers that are printed.
 _PLACES = 6
@@ -23,24 +21,7 @@ _OF_INDICATORS = f"what is read, outwards more, is {_WAVES}"
 
 
 def report(setting: Setting, mirror: float, mount: float, written: str | None) -> dict[str, Any]:
-    """Return what is said of one setting, as plain data.
-
-    Parameters
-    ----------
-    setting : Setting
-        What was found.
-    mirror : float
-        -1 where the heads travel clockwise.
-    mount : float
-        Direction of the stage's x axis [rad].
-    written : str or None
-        Unit that harmonics are printed in.
-
-    Returns
-    -------
-    dict
-        Plain data.
-    """
+    """Return what is said of one setting, as plain data."""
     radial = setting.heads[0].radial
     unit, factor = _written(written, "m" if radial else "rad")
     fit = setting.fits[0]
@@ -153,22 +134,7 @@ def _centred(found: "Eccentricity", mirror: float, mount: float) -> dict[str, An
 
 
 def change(before: Setting, after: Setting, mirror: float, written: str | None) -> dict[str, Any]:
-    """Return how one setting differs from that before it, as plain data.
-
-    Parameters
-    ----------
-    before, after : Setting
-        What was found.
-    mirror : float
-        -1 where the heads travel clockwise.
-    written : str or None
-        Unit that harmonics are printed in.
-
-    Returns
-    -------
-    dict
-        Harmonics of the difference; and of the eccentricity, which is the move in between.
-    """
+    """Return how one setting differs from that before it, as plain data."""
     radial = after.heads[0].radial
     unit, factor = _written(written, "m" if radial else "rad")
     earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
@@ -191,7 +157,8 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
 
 
 def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
-    from flexstage.centring import Harmonic, direction_estimate, length_estimate
+    from flexstage.centring import Harmonic
+    from flexstage.centring.polar import direction_estimate, length_estimate
 
     def part(own: "Estimate", other: "Estimate") -> "Estimate":
         return replace(
@@ -229,20 +196,7 @@ def _plain(estimate: "Estimate | None") -> dict[str, Any] | None:
 
 
 def joined(reports: list[dict[str, Any]], notes: tuple[str, ...]) -> dict[str, Any]:
-    """Return the last setting, with all of them where there are several.
-
-    Parameters
-    ----------
-    reports : list of dict
-        What is said of each.
-    notes : tuple of str
-        Notes on the files.
-
-    Returns
-    -------
-    dict
-        Plain data.
-    """
+    """Return the last setting, with all of them where there are several."""
     last = dict(reports[-1])
     last["notes"] = [*last["notes"], *notes]
     if len(reports) > 1:
@@ -251,13 +205,7 @@ def joined(reports: list[dict[str, Any]], notes: tuple[str, ...]) -> dict[str, A
 
 
 def print_setting(result: dict[str, Any]) -> None:
-    """Print what is said of one setting.
-
-    Parameters
-    ----------
-    result : dict
-        Plain data, as of `report`.
-    """
+    """Print what is said of one setting."""
     screen = console()
     whole = result.get("harmonics_with_all")
     _print_harmonics(f"harmonics: {', '.join(result['records'])}", result["harmonics"], whole)

@@ -8,9 +8,8 @@ from flexstage.cli.centre_heads import Head
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
-    from flexstage.centring import Eccentricity, Harmonic, HarmonicFit
-
-__all__ = ["MAGNET", "Setting", "setting"]
+    from flexstage.centring import Eccentricity, Harmonic
+    from flexstage.centring.harmonic_fit import HarmonicFit
 
 #: A magnet of one pair of poles on the axis, as `--kind` has it.
 MAGNET = "magnet"
@@ -18,33 +17,22 @@ MAGNET = "magnet"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What was found of the scale in one place.
-
-    Parameters
-    ----------
-    heads : list of Head
-        The heads or indicators.
-    fits : sequence of HarmonicFit
-        Harmonics of each.
-    harmonics : sequence of Harmonic
-        Those of the scale, over the angle in it.
-    centre : Eccentricity or None
-        The eccentricity; None where it was not asked for.
-    with_all : sequence of Harmonic or None
-        Those with no sample set aside, where so many were that both are needed.
-    centre_with_all : Eccentricity or None
-        The eccentricity with no sample set aside, then.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """What was found of the scale in one place."""
 
     heads: list[Head]
+    """The heads or indicators."""
     fits: "Sequence[HarmonicFit]"
+    """Harmonics of each."""
     harmonics: "Sequence[Harmonic]"
+    """Those of the scale, over the angle in it."""
     centre: "Eccentricity | None"
+    """The eccentricity; None where it was not asked for."""
     with_all: "Sequence[Harmonic] | None"
+    """Those with no sample set aside, where so many were that both are needed."""
     centre_with_all: "Eccentricity | None"
+    """The eccentricity with no sample set aside, then."""
     notes: tuple[str, ...]
+    """What a reader should know."""
 
 
 def setting(
@@ -56,33 +44,7 @@ def setting(
     *,
     on_trial: bool = False,
 ) -> Setting:
-    """Fit the heads of one setting.
-
-    Parameters
-    ----------
-    heads : list of Head
-        The heads or indicators.
-    radius : float or None
-        Radius of the scale [m].
-    kind : str or None
-        disc, drum or magnet; a disc where None.
-    orders : list of int or None
-        Orders to fit.
-    robust : bool
-        Whether to look for outliers.
-    on_trial : bool
-        Whether it is one of several at known positions of the stage.
-
-    Returns
-    -------
-    Setting
-        What was found.
-
-    Raises
-    ------
-    RecordError
-        The columns cannot be fitted, or some are angles and others lengths.
-    """
+    """Fit the heads of one setting."""
     import numpy as np
 
     from flexstage.centring import (
@@ -91,8 +53,8 @@ def setting(
         eccentricity,
         fit_harmonics,
         run_out,
-        scale_harmonic,
     )
+    from flexstage.centring.in_scale import scale_harmonic
 
     if len({h.radial for h in heads}) > 1:
         raise RecordError("the columns of errors must all be angles, or all lengths")

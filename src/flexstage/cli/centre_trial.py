@@ -9,34 +9,14 @@ from flexstage.cli.common import console, make_table
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
-    from flexstage.centring import OrderResponse
-
-__all__ = ["positions_of", "print_trial", "trial"]
+    from flexstage.centring.trial_moves import OrderResponse
 
 _ARCSEC = math.pi / 648_000.0
 _UNITS = {"in proportion": "µm", "as the square": "µm²"}
 
 
 def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
-    """Return the positions of the stage that --stage-at gives.
-
-    Parameters
-    ----------
-    text : str
-        What it was given.
-    settings : int
-        Number of settings that were measured.
-
-    Returns
-    -------
-    list of tuple of float
-        Positions x, y [m].
-
-    Raises
-    ------
-    RecordError
-        They are no positions, or not one for each setting.
-    """
+    """Return the positions of the stage that --stage-at gives."""
     from flexstage.units import parse
 
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
@@ -56,27 +36,7 @@ def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
 def trial(
     settings: Sequence[Setting], positions: Sequence[tuple[float, float]], kind: str | None
 ) -> dict[str, Any]:
-    """Return how the harmonics of settings follow the positions, as plain data.
-
-    Parameters
-    ----------
-    settings : sequence of Setting
-        What was found at each position.
-    positions : sequence of tuple
-        Where the stage stood [m].
-    kind : str or None
-        disc, drum or magnet, as --kind has it.
-
-    Returns
-    -------
-    dict
-        Plain data.
-
-    Raises
-    ------
-    RecordError
-        The positions lie on a line, or a magnet was measured at three of them alone.
-    """
+    """Return how the harmonics of settings follow the positions, as plain data."""
     from flexstage.centring import response_to_moves
 
     if kind == MAGNET and len(settings) < 4:
@@ -160,13 +120,7 @@ def _place(row: dict[str, Any], axis: str) -> str:
 
 
 def print_trial(result: dict[str, Any]) -> None:
-    """Print how the harmonics follow the positions.
-
-    Parameters
-    ----------
-    result : dict
-        Plain data, as of `trial`.
-    """
+    """Print how the harmonics follow the positions."""
     screen = console()
     unit, size = ("arcsec", _ARCSEC) if result["harmonic_unit"] == "rad" else ("µm", 1e-6)
     table = make_table(

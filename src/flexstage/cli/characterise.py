@@ -32,9 +32,8 @@ from flexstage.cli.records import (
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign import Campaign, Characterisation, Columns
-
-__all__ = ["characterise"]
+    from flexstage.experiment.campaign.plan import Campaign, Columns
+    from flexstage.experiment.campaign.results import Characterisation
 
 _PLANS = (".yaml", ".yml")
 
@@ -186,14 +185,13 @@ def characterise(
     Every value has its uncertainty, and its difference from models of the stage and published
     values.
     """
-    from flexstage.experiment.campaign import Columns, read_campaign
-    from flexstage.experiment.campaign import characterise as run
-    from flexstage.report import (
-        measurement,
-        measurement_results,
-        measurement_text,
-        write_files,
-    )
+    from flexstage.experiment.campaign.evaluate import characterise as run
+    from flexstage.experiment.campaign.file import read_campaign
+    from flexstage.experiment.campaign.plan import Columns
+    from flexstage.report import measurement
+    from flexstage.report.files import write_files
+    from flexstage.report.measurement import measurement_results
+    from flexstage.report.measurement_html import measurement_text
 
     files = records or []
     written: dict[str, bytes] = {}
@@ -299,9 +297,11 @@ def _beside(stage: str, folder: Path) -> str:
 
 def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.designs import DESIGNS
-    from flexstage.experiment.campaign import campaign_text, evaluate
-    from flexstage.experiment.virtual import as_built, virtual_campaign
-    from flexstage.records import record_bytes
+    from flexstage.experiment.campaign.evaluate import evaluate
+    from flexstage.experiment.campaign.file import campaign_text
+    from flexstage.experiment.virtual.as_built import as_built
+    from flexstage.experiment.virtual.campaign import virtual_campaign
+    from flexstage.records.write import record_bytes
 
     described = load_stage(stage)
     made = virtual_campaign(as_built(described, seed=seed), seed=seed)
@@ -334,7 +334,7 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign import Campaign, Instrument, Reading, Test
+    from flexstage.experiment.campaign.plan import Campaign, Instrument, Reading, Test
     from flexstage.units import parse
 
     if not files:
@@ -370,7 +370,7 @@ def _single(
 def _units(given: list[str]) -> Any:
     from dataclasses import fields
 
-    from flexstage.experiment.campaign import Columns
+    from flexstage.experiment.campaign.plan import Columns
 
     roles = [f.name for f in fields(Columns)]
     found: dict[str, Any] = {}

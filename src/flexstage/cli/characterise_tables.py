@@ -7,24 +7,12 @@ from flexstage.cli.common import make_table
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.experiment.campaign import TestResult
+    from flexstage.experiment.campaign.results import TestResult
     from flexstage.report import Measurement
-
-__all__ = ["print_measurement"]
 
 
 def print_measurement(screen: "Console", result: "Measurement", saved: list[str]) -> None:
-    """Print figures, tests of positioning, notes, and the files that were written.
-
-    Parameters
-    ----------
-    screen : rich.console.Console
-        Where to.
-    result : Measurement
-        What was found.
-    saved : list of str
-        The files.
-    """
+    """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.report import display
     from flexstage.report.tables import column_title
 
@@ -58,7 +46,7 @@ def print_measurement(screen: "Console", result: "Measurement", saved: list[str]
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.report import positioning_tables
+    from flexstage.report.positioning_tables import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from flexstage.stage import Finding, Stage
 
-__all__ = ["check"]
-
 
 def check(stage: StageArgument, json: JsonOption = False) -> None:
     """Check a stage: geometry, hinges, supports and drives."""

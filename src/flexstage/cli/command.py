@@ -5,8 +5,6 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-__all__ = ["FORMER_OPTIONS", "Command", "Group", "arguments", "name_of", "section_of"]
-
 #: Former names of options by command, and the present ones: they still work, and are not listed.
 FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "analyse": {"--out": "--folder"},
@@ -163,52 +161,19 @@ def _present(command: str | None, words: list[str]) -> list[str]:
 
 
 def arguments(parameters: list[Any]) -> list[Any]:
-    """Return the arguments of some parameters.
-
-    Parameters
-    ----------
-    parameters : list
-        Arguments and options.
-
-    Returns
-    -------
-    list
-        The former alone.
-    """
+    """Return the arguments of some parameters."""
     return [p for p in parameters if p.param_type_name == "argument"]
 
 
 def section_of(command: Any) -> str:
-    """Return the section of the help that a command is listed in.
-
-    Parameters
-    ----------
-    command : typer.core.TyperCommand
-        The command.
-
-    Returns
-    -------
-    str
-        The section.
-    """
+    """Return the section of the help that a command is listed in."""
     section = getattr(command, "rich_help_panel", None)
     # what is not set is a placeholder of the library, and no text
     return section if isinstance(section, str) else "Commands"
 
 
 def name_of(argument: Any) -> str:
-    """Return what an argument is called in the help.
-
-    Parameters
-    ----------
-    argument : typer.core.TyperArgument
-        The argument.
-
-    Returns
-    -------
-    str
-        Its name in capitals.
-    """
+    """Return what an argument is called in the help."""
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 

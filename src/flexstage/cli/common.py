@@ -18,37 +18,6 @@ if TYPE_CHECKING:
 
     from flexstage.stage import Stage
 
-__all__ = [
-    "AxisOption",
-    "CurrentOption",
-    "InputUnitOption",
-    "JsonOption",
-    "ModelOption",
-    "ModelsOption",
-    "OutputUnitOption",
-    "PlaneOption",
-    "QuietOption",
-    "SlewOption",
-    "StageArgument",
-    "console",
-    "count",
-    "designs_like",
-    "figure_option",
-    "file_option",
-    "folder_option",
-    "load_stage",
-    "make_table",
-    "model_names",
-    "name_for_files",
-    "output_path",
-    "positive_length",
-    "print_json",
-    "progress_bar",
-    "relative",
-    "writable",
-    "write_file",
-]
-
 #: Work that is shorter says nothing of its progress where standard error is no terminal [s].
 _SILENT = 5.0
 _IMAGES = (".svg", ".png", ".pdf")
@@ -57,16 +26,6 @@ _AS_PICTURE = "(.svg, .png or .pdf)"
 
 def designs_like(incomplete: str) -> list[str]:
     """Return the built-in designs that a word begins, for the completion of the shell.
-
-    Parameters
-    ----------
-    incomplete : str
-        The word.
-
-    Returns
-    -------
-    list of str
-        Their names; where there are none the shell offers files.
 
     Examples
     --------
@@ -139,21 +98,6 @@ PlaneOption = Annotated[
 def load_stage(text: str) -> "Stage":
     """Return the stage that the command line names.
 
-    Parameters
-    ----------
-    text : str
-        Name of a built-in design, or path of a stage file.
-
-    Returns
-    -------
-    Stage
-        The stage.
-
-    Raises
-    ------
-    StageError
-        There is neither such a design nor such a file, or the file is no stage.
-
     Examples
     --------
     >>> load_stage("vgtu-piezo").name
@@ -166,27 +110,6 @@ def load_stage(text: str) -> "Stage":
 
 def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
     """Return the length that an option gives.
-
-    Parameters
-    ----------
-    text : str
-        What the option was given.
-    name : str
-        What it is the length of, for messages.
-    bare_unit : str, optional
-        The unit of a number that comes without one.
-
-    Returns
-    -------
-    float
-        The length [m], positive and within what a stage may have.
-
-    Raises
-    ------
-    UnitError
-        It is no length.
-    ModelError
-        It is too short or too long for a stage.
 
     Examples
     --------
@@ -205,24 +128,7 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
 
 
 def output_path(text: str | Path) -> Path:
-    """Return the path that a word names.
-
-    Parameters
-    ----------
-    text : str or pathlib.Path
-        What an option or argument was given, or its default, which is handed on in the same way.
-
-    Returns
-    -------
-    pathlib.Path
-        The path.
-
-    Raises
-    ------
-    typer.BadParameter
-        It is empty, as by a variable of the shell that is not set (the working directory would be
-        meant instead), or no path can be written so.
-    """
+    """Return the path that a word names."""
     if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
     if "\0" in str(text):
@@ -231,72 +137,22 @@ def output_path(text: str | Path) -> Path:
 
 
 def file_option(help: str) -> Any:
-    """Return the option `--out`: the one file that a command writes.
-
-    Parameters
-    ----------
-    help : str
-        What the file contains.
-
-    Returns
-    -------
-    typer.models.OptionInfo
-        The option; its path is refused before the work where no file can be written there.
-    """
+    """Return the option `--out`: the one file that a command writes."""
     return typer.Option("--out", parser=_file, metavar="FILE", help=help)
 
 
 def figure_option(help: str) -> Any:
-    """Return the option `--figure`: a picture of the result.
-
-    Parameters
-    ----------
-    help : str
-        What it shows.
-
-    Returns
-    -------
-    typer.models.OptionInfo
-        The option; its path is refused before the work as that of `file_option`, and where its
-        ending is that of no picture.
-    """
+    """Return the option `--figure`: a picture of the result."""
     return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
 
 
 def folder_option(help: str) -> Any:
-    """Return the option `--folder`: where a command writes several files.
-
-    Parameters
-    ----------
-    help : str
-        What goes there.
-
-    Returns
-    -------
-    typer.models.OptionInfo
-        The option; its path is refused before the work where no folder can be.
-    """
+    """Return the option `--folder`: where a command writes several files."""
     return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
 
 
 def writable(path: Path) -> Path:
-    """Return the path of a file, refusing it before the work where none can be written there.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Returns
-    -------
-    pathlib.Path
-        The same.
-
-    Raises
-    ------
-    OSError
-        It is a folder, or its folder takes no file.
-    """
+    """Return the path of a file, refusing it before the work where none can be written there."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a folder: name a file in it", str(path))
     _folder(path.parent)
@@ -328,16 +184,6 @@ def _folder(text: str | Path) -> Path:
 def model_names(text: str) -> list[str]:
     """Return the models that the option `--model` names.
 
-    Parameters
-    ----------
-    text : str
-        Names separated by commas, or all.
-
-    Returns
-    -------
-    list of str
-        The names, each once; whether there is such a model is not checked.
-
     Examples
     --------
     >>> model_names("plane, lumped,plane")
@@ -353,17 +199,6 @@ def model_names(text: str) -> list[str]:
 def name_for_files(name: str) -> str:
     """Return a name that a directory can have.
 
-    Parameters
-    ----------
-    name : str
-        Any name.
-
-    Returns
-    -------
-    str
-        The same with every character that is special to some system replaced by a dash, and none of
-        these at the beginning, where programs take it for an option.
-
     Examples
     --------
     >>> name_for_files("a/b: c")
@@ -377,18 +212,6 @@ def name_for_files(name: str) -> str:
 def count(number: int, noun: str) -> str:
     """Return a number of things in words.
 
-    Parameters
-    ----------
-    number : int
-        How many.
-    noun : str
-        What one of them is called.
-
-    Returns
-    -------
-    str
-        Number and noun.
-
     Examples
     --------
     >>> count(1, "body"), count(2, "body")
@@ -399,13 +222,7 @@ def count(number: int, noun: str) -> str:
 
 
 def console() -> "Console":
-    """Return the console that tables are printed on.
-
-    Returns
-    -------
-    rich.console.Console
-        Standard output, without colours where it is no terminal.
-    """
+    """Return the console that tables are printed on."""
     import sys
 
     from rich.console import Console
@@ -415,21 +232,7 @@ def console() -> "Console":
 
 
 def make_table(title: str, *columns: str) -> "Table":
-    """Start a table.
-
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    *columns : str
-        Its columns; the first one is text, the others are numbers and stand at the right, unless
-        they begin with ``<``, which is taken off.
-
-    Returns
-    -------
-    rich.table.Table
-        A table without rows.
-    """
+    """Start a table."""
     from rich import box
     from rich.align import Align
     from rich.table import Table
@@ -465,21 +268,6 @@ def print_json(value: Any) -> None:
 def relative(text: str) -> float:
     """Return the share that an option gives, as a percentage or as a plain number.
 
-    Parameters
-    ----------
-    text : str
-        What the option was given.
-
-    Returns
-    -------
-    float
-        The share [1].
-
-    Raises
-    ------
-    typer.BadParameter
-        It is no number, or not between nothing and one.
-
     Examples
     --------
     >>> relative("0.1%"), relative("2e-3")
@@ -503,17 +291,6 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
 
     On a terminal it is a bar with the time left; else a line where a long phase begins, and one
     every ten seconds.
-
-    Parameters
-    ----------
-    command : str
-        What works, for the lines.
-    quiet : bool
-        Whether nothing is shown.
-
-    Yields
-    ------
-    None
     """
     import sys
 
@@ -551,20 +328,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    content : bytes
-        What goes into it.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write a file whole or not at all."""
     from flexstage.report.files import write_files
 
     write_files(path.parent, {path.name: content})

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import DriveModel
     from flexstage.hysteresis.inversion import Feedforward
 
-__all__ = ["compensate"]
-
 
 def compensate(
     model: Annotated[
@@ -211,7 +209,8 @@ def _lowest(drive: "DriveModel") -> float:
 
 
 def _bytes(made: "Feedforward", drive: "DriveModel", kind: str) -> bytes:
-    from flexstage.records import Channel, Record, record_bytes
+    from flexstage.records import Channel, Record
+    from flexstage.records.write import record_bytes
 
     record = Record(
         channels=(

@@ -7,9 +7,7 @@ from flexstage.errors import StageError
 from flexstage.units import readable
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.identification import Identification
-
-__all__ = ["against_description"]
+    from flexstage.hysteresis.identification.identify import Identification
 
 #: A record beyond this many times what the drive takes or moves is not of it as it is described.
 _BEYOND = 3.0
@@ -18,27 +16,7 @@ _SMALL = 1.0 / 100.0
 
 
 def against_description(found: "Identification", stage: str, axis: str | None) -> tuple[str, ...]:
-    """Compare range and stroke of a record with the drive of a stage.
-
-    Parameters
-    ----------
-    found : Identification
-        The model and its record.
-    stage : str
-        A stage file, or the name of a built-in design.
-    axis : str or None
-        The axis; the first one where not given.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each that does not suit the drive.
-
-    Raises
-    ------
-    StageError
-        There is no such stage or axis, or its drive is no piezo stack.
-    """
+    """Compare range and stroke of a record with the drive of a stage."""
     from flexstage.lumped import lumped_system
     from flexstage.stage import PiezoStack
     from flexstage.system import analyse_axis

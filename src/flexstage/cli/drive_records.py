@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from flexstage.records import Record
 
-__all__ = ["BranchesOption", "CurveOption", "read_drive", "train_range"]
-
 BranchesOption = Annotated[
     str | None,
     typer.Option(
@@ -47,41 +45,7 @@ def read_drive(
     resample: str | None,
     **how: Any,
 ) -> "tuple[list[Record], str | int, str | int]":
-    """Read what a drive was told and what followed: over time, or as tables of curves.
-
-    Parameters
-    ----------
-    files : sequence of pathlib.Path
-        The files.
-    input : str
-        Column of the input; of curves in columns, one for each with commas.
-    output : str or None
-        Column of the output; of curves in columns, one for each with commas.
-    branches : str or None
-        Columns of the output while the input rose, and while it fell.
-    curve : str or None
-        Column that numbers reversal curves, or how they are arranged.
-    units : tuple of str or None
-        Units of input and output, where an option says them.
-    sample_rate, time, resample : str or None
-        As of `read_records`.
-    **how
-        Further options of `read_records`.
-
-    Returns
-    -------
-    records : list of Record
-        Evenly sampled, with NaN where nothing was measured.
-    input_column : str or int
-        The column that drives.
-    output_column : str or int
-        The column that follows.
-
-    Raises
-    ------
-    RecordError
-        Options do not go together, or a file cannot be used as it is.
-    """
+    """Read what a drive was told and what followed: over time, or as tables of curves."""
     if output is None and branches is None:
         raise RecordError(
             "there is no output: give the column that follows by --output, or two branches of a "
@@ -113,25 +77,7 @@ def read_drive(
 
 
 def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
-    """Return the samples to fit as they are counted in the records that were read.
-
-    Parameters
-    ----------
-    text : str or None
-        What --train was given: a range of samples as they are counted in the files.
-    read : list of Record
-        The records.
-
-    Returns
-    -------
-    tuple of int or None
-        First sample, and the one before which to stop; None where nothing was given.
-
-    Raises
-    ------
-    RecordError
-        It is no range, holds no sample that is read, or is not the same range of all records.
-    """
+    """Return the samples to fit as they are counted in the records that were read."""
     from flexstage.records.rows import row_range
 
     given = row_range(text, "--train")
@@ -182,7 +128,7 @@ def _loops(
     rates: "Sequence[float | None]",
     how: dict[str, Any],
 ) -> "list[Record]":
-    from flexstage.records import from_branches
+    from flexstage.records.curves import from_branches
 
     if len(branches) != 2:
         raise RecordError(f"--branches needs two columns, UP,DOWN, got {len(branches)}")
@@ -203,7 +149,8 @@ def _curves(
     rates: "Sequence[float | None]",
     how: dict[str, Any],
 ) -> "list[Record]":
-    from flexstage.records import curves_in_columns, curves_in_records, curves_in_rows
+    from flexstage.records import curves_in_rows
+    from flexstage.records.curves import curves_in_columns, curves_in_records
 
     if curve != "columns" and len(inputs) * len(outputs) != 1:
         raise RecordError(

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from flexstage.lumped.transfer import TransferFunction
     from flexstage.stage import Stage
 
-__all__ = ["equations"]
-
 _FORMATS = ("text", "latex", "svg")
 _REDUCTIONS = ("auto", "symmetry", "condense", "none")
 # a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
@@ -106,7 +104,8 @@ def _put(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
 
 def _drawing(stage: "Stage", axis: str | None) -> str:
     """The equations as blocks and lines: of one axis, or of the whole stage."""
-    from flexstage.export.diagram import diagram_svg, stage_diagram
+    from flexstage.export.diagram.stage_diagram import stage_diagram
+    from flexstage.export.diagram.svg import diagram_svg
 
     return diagram_svg(stage_diagram(stage, axis=axis)).decode()
 

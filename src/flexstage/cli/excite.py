@@ -26,8 +26,6 @@ from flexstage.errors import ModelError, StageError
 if TYPE_CHECKING:
     from flexstage.hysteresis.excitations.design import Excitation
 
-__all__ = ["excite"]
-
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class _Plant:
@@ -154,7 +152,7 @@ def excite(
         seed=seed,
     )
     if out is not None:
-        from flexstage.records import record_bytes
+        from flexstage.records.write import record_bytes
 
         write_file(out, record_bytes(made.record(), format))
     result = _result(made, plant, out)

@@ -26,8 +26,6 @@ from flexstage.cli.export_formats import FORMATS
 from flexstage.cli.export_request import ExportRequest
 from flexstage.errors import ModelError, StageError
 
-__all__ = ["export"]
-
 _Fmi = Literal["2.0", "3.0"]
 _FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
 _ALL = "all"

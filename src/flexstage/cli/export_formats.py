@@ -6,39 +6,30 @@ from dataclasses import dataclass
 from flexstage.cli.export_request import ExportRequest
 from flexstage.errors import StageError
 
-__all__ = ["FORMATS", "ExportFormat"]
-
 Files = dict[str, bytes]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportFormat:
-    """A format.
-
-    Parameters
-    ----------
-    about : str
-        What it is, in a few words.
-    write : Callable
-        Content by file name, from what was asked for.
-    in_time : bool
-        Whether it runs in time, by the hysteresis of the stacks.
-    """
+    """A format."""
 
     about: str
+    """What it is, in a few words."""
     write: Callable[[ExportRequest], Files]
+    """Content by file name, from what was asked for."""
     in_time: bool = False
+    """Whether it runs in time, by the hysteresis of the stacks."""
 
 
 def _diagram(request: ExportRequest) -> Files:
-    from flexstage.export.diagram import diagram_files
+    from flexstage.export.diagram.files import diagram_files
 
     return diagram_files(request.stage, model=request.dynamic_of_bodies)
 
 
 def _simulink(request: ExportRequest) -> Files:
-    from flexstage.export.diagram import stage_diagram
-    from flexstage.export.simulink import model_name, simulink_files
+    from flexstage.export.diagram.stage_diagram import stage_diagram
+    from flexstage.export.simulink.files import model_name, simulink_files
 
     model = request.dynamic_of_bodies
     diagram = stage_diagram(request.stage, model=model, collapse=False)
@@ -46,8 +37,8 @@ def _simulink(request: ExportRequest) -> Files:
 
 
 def _fmu(request: ExportRequest) -> Files:
-    from flexstage.export.fmu import fmu_files
     from flexstage.export.fmu.compiled import compiler
+    from flexstage.export.fmu.fmu_file import fmu_files
 
     if not request.source_only and compiler() is None:
         request.remarks.append(
@@ -70,13 +61,13 @@ def _fmu(request: ExportRequest) -> Files:
 
 
 def _mat(request: ExportRequest) -> Files:
-    from flexstage.export.matlab import matlab_files
+    from flexstage.export.matlab.files import matlab_files
 
     return matlab_files(request.stage, request.system, model=request.dynamic)
 
 
 def _c(request: ExportRequest) -> Files:
-    from flexstage.export.realtime import realtime_files
+    from flexstage.export.realtime.files import realtime_files
 
     return realtime_files(request.dynamic, precision=request.precision)  # type: ignore[arg-type]
 
@@ -88,13 +79,13 @@ def _step(request: ExportRequest) -> Files:
 
 
 def _dxf(request: ExportRequest) -> Files:
-    from flexstage.export.drawing import dxf_files
+    from flexstage.export.drawing.dxf import dxf_files
 
     return dxf_files(request.stage, kerf=request.kerf)
 
 
 def _drawing(request: ExportRequest) -> Files:
-    from flexstage.export.drawing import drawing_svg
+    from flexstage.export.drawing.sheet.compose import drawing_svg
 
     return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}
 
@@ -113,7 +104,7 @@ def _uff(request: ExportRequest) -> Files:
 
 def _table(suffix: str) -> Callable[[ExportRequest], Files]:
     def write(request: ExportRequest) -> Files:
-        from flexstage.export.tables import table_files
+        from flexstage.export.tables.files import table_files
         from flexstage.report import display
 
         analysis = request.run.analysis

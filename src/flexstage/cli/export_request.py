@@ -16,62 +16,41 @@ if TYPE_CHECKING:
     from flexstage.stage import Stage
     from flexstage.system import MechanicalSystem
 
-__all__ = ["ExportRequest", "read_hysteresis"]
-
 
 @dataclass(kw_only=True, eq=False)
 class ExportRequest:
-    """A stage and the choices for it.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        Name of its model.
-    plane : str
-        Plane state of the notches.
-    step : float
-        Step between samples [s].
-    hysteresis : Sequence of str
-        What `read_hysteresis` takes.
-    creep : float or None
-        Creep of the stacks in a decade of time, over the step [1].
-    bandwidth_hz : float or None
-        Bandwidth of the amplifiers [Hz].
-    current_limit : float or None
-        Largest current of an amplifier [A].
-    sensor_bandwidth_hz : float or None
-        Bandwidth of the sensors [Hz].
-    mode_count : int or None
-        Number of modes that are kept.
-    precision : str
-        ``double`` or ``single``, of the C header.
-    fmi : tuple of str
-        Versions of FMI, of ``2.0`` and ``3.0``.
-    source_only : bool
-        Whether an FMU holds no compiled library.
-    kerf : float or None
-        Width of the cut by the wire [m].
-    remarks : list of str
-        What the user should know about the files that were made.
-    """
+    """A stage and the choices for it."""
 
     stage: "Stage"
+    """The stage."""
     model: str
+    """Name of its model."""
     plane: str
+    """Plane state of the notches."""
     step: float
+    """Step between samples [s]."""
     hysteresis: Sequence[str]
+    """What `read_hysteresis` takes."""
     creep: float | None
+    """Creep of the stacks in a decade of time, over the step [1]."""
     bandwidth_hz: float | None
+    """Bandwidth of the amplifiers [Hz]."""
     current_limit: float | None
+    """Largest current of an amplifier [A]."""
     sensor_bandwidth_hz: float | None
+    """Bandwidth of the sensors [Hz]."""
     mode_count: int | None
+    """Number of modes that are kept."""
     precision: str
+    """``double`` or ``single``, of the C header."""
     fmi: tuple[Literal["2.0", "3.0"], ...]
+    """Versions of FMI, of ``2.0`` and ``3.0``."""
     source_only: bool
+    """Whether an FMU holds no compiled library."""
     kerf: float | None
+    """Width of the cut by the wire [m]."""
     remarks: list[str] = field(default_factory=list)
+    """What the user should know about the files that were made."""
 
     @property
     def name(self) -> str:
@@ -81,7 +60,8 @@ class ExportRequest:
     @cached_property
     def run(self) -> "ModelRun":
         """The analysis by the chosen model, and its mesh."""
-        from flexstage.report import Wanted, run_model
+        from flexstage.report import run_model
+        from flexstage.report.models import Wanted
 
         return run_model(self.stage, self.model, Wanted(plane=self.plane))  # type: ignore[arg-type]
 
@@ -158,23 +138,7 @@ class ExportRequest:
 def read_hysteresis(
     given: Sequence[str],
 ) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
-    """Return the hysteresis of each drive.
-
-    Parameters
-    ----------
-    given : sequence of str
-        ``usual`` or ``none`` alone, or for each drive or axis ``NAME=FILE``.
-
-    Returns
-    -------
-    Mapping or str
-        The identified model by name, or the word.
-
-    Raises
-    ------
-    ModelError
-        A text is none of these, a name stands twice, or a file is no model.
-    """
+    """Return the hysteresis of each drive."""
     from flexstage.hysteresis.model_file import read_model_file
 
     if len(given) == 1 and given[0] in ("usual", "none"):

@@ -38,11 +38,10 @@ from flexstage.errors import ModelError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.experiment.modal import ModalFit
-    from flexstage.experiment.spectra import MeasuredResponse, ResponseEstimate
+    from flexstage.experiment.modal.result import ModalFit
+    from flexstage.experiment.spectra.estimate import ResponseEstimate
+    from flexstage.experiment.spectra.response import MeasuredResponse
     from flexstage.records import Record
-
-__all__ = ["frf"]
 
 _NEEDED = "records over time need --input and --output: name the columns"
 
@@ -272,13 +271,13 @@ def _written(
     draw: Any,
 ) -> list[str]:
     """Write what was asked for, when all of it is there."""
-    from flexstage.records import record_bytes
+    from flexstage.records.write import record_bytes
 
     contents: dict[Path, bytes] = {}
     if out is not None and response is not None:
         contents[out] = record_bytes(response_record(response, read), record_format(out))
     if figure is not None:
-        from flexstage.report.figures import encode
+        from flexstage.report.figures.style import encode
 
         for name, drawn in draw().items():
             path = figure.with_name(f"{figure.stem}{name}{figure.suffix}")
@@ -374,8 +373,10 @@ def _responded(
     exponential: float | None,
     fit: dict[str, Any],
 ) -> "tuple[dict[str, Any], Any, MeasuredResponse]":
-    from flexstage.experiment.modal import fit_modes
-    from flexstage.experiment.spectra import HitOptions, estimate_response, response_from_record
+    from flexstage.experiment.modal.fit import fit_modes
+    from flexstage.experiment.spectra.estimate import estimate_response
+    from flexstage.experiment.spectra.from_record import response_from_record
+    from flexstage.experiment.spectra.options import HitOptions
 
     estimate: ResponseEstimate | None = None
     added = 0.0
@@ -393,7 +394,8 @@ def _responded(
         found = fit_modes(responses, added_damping_rate=added, **wanted)
 
     def draw() -> Any:
-        from flexstage.report.figures import draw_modal_fit, draw_response, draw_stabilisation
+        from flexstage.report.figures.measured_response import draw_response
+        from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
 
         if found is None:
             return {"": draw_response(responses[0])}
@@ -408,7 +410,7 @@ def _responded(
 def _decayed(
     read: "list[Record]", outputs: list[str | int], count: int | None
 ) -> tuple[dict[str, Any], Any]:
-    from flexstage.experiment.modal import ring_down
+    from flexstage.experiment.modal.ring_down import ring_down
 
     if len(read) != 1 or not outputs:
         raise ModelError("--ring-down needs one file and --output: name the columns that decay")
@@ -422,7 +424,7 @@ def _decayed(
     found = ring_down(read[0], outputs, count=count)
 
     def draw() -> Any:
-        from flexstage.report.figures import draw_ring_down
+        from flexstage.report.figures.decay import draw_ring_down
 
         return {"": draw_ring_down(found, read[0])}
 

@@ -4,29 +4,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexstage.estimate import Estimate
-    from flexstage.experiment.modal import ModalFit
-    from flexstage.experiment.spectra import MeasuredResponse, ResponseEstimate
+    from flexstage.experiment.modal.result import ModalFit
+    from flexstage.experiment.spectra.estimate import ResponseEstimate
+    from flexstage.experiment.spectra.response import MeasuredResponse
     from flexstage.records import Record
-
-__all__ = ["mode_result", "response_record", "response_result"]
 
 
 def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
-    """Return a response as columns, for other programs.
-
-    Parameters
-    ----------
-    response : MeasuredResponse
-        The response.
-    read : list of Record
-        What it was estimated from.
-
-    Returns
-    -------
-    Record
-        Frequency; real and imaginary part, variance and coherence as far as they are known, and by
-        how much a window has mixed neighbouring lines.
-    """
+    """Return a response as columns, for other programs."""
     import numpy as np
 
     from flexstage.records import Channel, Record
@@ -77,24 +62,7 @@ def response_result(
     estimate: "ResponseEstimate | None",
     found: "ModalFit | None",
 ) -> dict[str, Any]:
-    """Return a response and its modes as plain data.
-
-    Parameters
-    ----------
-    read : list of Record
-        The records.
-    response : MeasuredResponse
-        The response.
-    estimate : ResponseEstimate or None
-        How it was estimated, where it was.
-    found : ModalFit or None
-        What was fitted to it.
-
-    Returns
-    -------
-    dict
-        Plain data.
-    """
+    """Return a response and its modes as plain data."""
     notes = list(response.notes)
     if estimate is not None:
         notes += estimate.notes
@@ -123,20 +91,7 @@ def response_result(
 
 
 def mode_result(mode: Any, outputs: list[str]) -> dict[str, Any]:
-    """Return a mode as plain data.
-
-    Parameters
-    ----------
-    mode : Mode or DecayMode
-        The mode.
-    outputs : list of str
-        What its shape goes over.
-
-    Returns
-    -------
-    dict
-        Frequency, damping and shape.
-    """
+    """Return a mode as plain data."""
     import numpy as np
 
     return {

@@ -20,8 +20,6 @@ from flexstage.errors import HingeError
 if TYPE_CHECKING:
     from flexstage.hinges import Profile
 
-__all__ = ["hinges"]
-
 
 def hinges(
     profile: Annotated[
@@ -69,7 +67,7 @@ def hinges(
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
     power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
     """
-    from flexstage.hinges import hinge_figures
+    from flexstage.hinges.hinge_figures import hinge_figures
     from flexstage.material import material as find_material
 
     given = {
@@ -110,7 +108,7 @@ _OPTIONS = {
 
 def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: bool) -> "Profile":
     """Make the profile, and name every size that is missing or does not belong to it."""
-    from flexstage.hinges import profile_class
+    from flexstage.hinges.registry import profile_class
     from flexstage.units import parse
 
     cls = profile_class(kind)

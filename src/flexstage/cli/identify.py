@@ -44,10 +44,8 @@ from flexstage.errors import ModelError, RecordError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification import Candidate, Identification
+    from flexstage.hysteresis.identification.identify import Candidate, Identification
     from flexstage.records import Record
-
-__all__ = ["identify"]
 
 
 def identify(
@@ -169,7 +167,7 @@ def identify(
     json: JsonOption = False,
 ) -> None:
     """Identify hysteresis, lag, creep and resonance of a drive."""
-    from flexstage.hysteresis.identification import identify as run
+    from flexstage.hysteresis.identification.identify import identify as run
 
     if axis is not None and stage is None:
         raise ModelError("--axis needs --stage: it names an axis of that")
@@ -229,7 +227,7 @@ def _chain(delay: str | None, creep: str | None) -> Any:
     if delay is None and creep is None:
         return None
     from flexstage.cli.common import relative
-    from flexstage.hysteresis.identification import ChainValues
+    from flexstage.hysteresis.identification.chain_filter import ChainValues
     from flexstage.units import parse
 
     known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)
@@ -271,7 +269,8 @@ def _write(
 
         content.append((out, model_text(_file(found, read)).encode()))
     if figure is not None:
-        from flexstage.report.figures import draw_identification, encode
+        from flexstage.report.figures.identification import draw_identification
+        from flexstage.report.figures.style import encode
 
         drawn = draw_identification(found, [r.source for r in read])
         image = encode(drawn, figure.suffix.lower().lstrip("."))
@@ -360,7 +359,7 @@ def _parameters(found: "Identification") -> dict[str, Any]:
     """Value, standard error and unit of each parameter; arrays of them for arrays."""
     import numpy as np
 
-    from flexstage.hysteresis.identification import parameter_unit
+    from flexstage.hysteresis.identification.parameter_units import parameter_unit
 
     m = found.model
     made: dict[str, Any] = {}
@@ -488,7 +487,7 @@ def _in_words(found: "Identification") -> list[str]:
 
 def _rows(found: "Identification", result: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Name, value, standard error and unit of what was found, as people read them."""
-    from flexstage.hysteresis.identification import parameter_unit
+    from flexstage.hysteresis.identification.parameter_units import parameter_unit
     from flexstage.units import readable_unit
 
     m = found.model

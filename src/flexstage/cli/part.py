@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from flexstage.fem.part_analysis import PartAnalysis
     from flexstage.material import Material
 
-__all__ = ["part"]
-
 _MOTIONS = ("x", "y", "z", "about x", "about y", "about z")
 _NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size, that counts as none
 
@@ -156,7 +154,8 @@ def part(
                 expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
             )
     if figure is not None:
-        from flexstage.report.figures import draw_part, encode
+        from flexstage.report.figures.part import draw_part
+        from flexstage.report.figures.style import encode
 
         drawn = draw_part(read, held=held, moved=moved)
         write_file(figure, encode(drawn, figure.suffix.lower().lstrip(".")))

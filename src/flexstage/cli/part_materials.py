@@ -9,36 +9,13 @@ if TYPE_CHECKING:
     from flexstage.fem.part import Part
     from flexstage.material import Material
 
-__all__ = ["DEFAULT", "materials_of"]
-
 #: What a part is made of where nothing is said.
 DEFAULT = "Al 7075-T6"
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 
 
 def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, "Material"]:
-    """Return what each solid of a part is made of.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-    given : sequence of str
-        Each a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
-        material is a name from the catalogue, or ``E=..., nu=..., rho=...``, bare numbers in SI.
-
-    Returns
-    -------
-    Mapping
-        The material by the name of the solid.
-
-    Raises
-    ------
-    StageError
-        There is no such solid or material, a solid is given two, or one is left without.
-    UnitError
-        A figure has the wrong unit.
-    """
+    """Return what each solid of a part is made of."""
     every: Material | None = None
     of: dict[str, Material] = {}
     for text in given:

@@ -38,15 +38,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.drive_model import Start
     from flexstage.records import Record
 
-__all__ = [
-    "moved_for",
-    "on_records",
-    "predict",
-    "prediction_result",
-    "print_predictions",
-    "start_value",
-]
-
 
 def predict(
     model: Annotated[
@@ -122,7 +113,8 @@ def predict(
     found = on_records(file.model, read, driven, follows, before)
     written = []
     if figure is not None:
-        from flexstage.report.figures import draw_prediction, encode
+        from flexstage.report.figures.prediction import draw_prediction
+        from flexstage.report.figures.style import encode
 
         band = file.errors.get("heldout_95")
         image = encode(
@@ -158,31 +150,7 @@ def on_records(
     output_column: str | int,
     start: "Start | None" = None,
 ) -> "list[Prediction]":
-    """Return how a model predicts each of some records, after checking their units.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The model.
-    records : sequence of Record
-        The records.
-    input_column : str or int
-        The column that drives.
-    output_column : str or int
-        The column that follows.
-    start : "rested" or float, optional
-        What the drive did before; found where not given.
-
-    Returns
-    -------
-    list of Prediction
-        One for each record.
-
-    Raises
-    ------
-    ModelError
-        The units of a record are not those of the model.
-    """
+    """Return how a model predicts each of some records, after checking their units."""
     from flexstage.hysteresis import predict as run
 
     sides = (
@@ -209,25 +177,7 @@ def _start(text: str) -> "Start | None":
 
 
 def moved_for(text: str, words: str) -> float:
-    """Return for how long a drive had moved, of an option ``--start``.
-
-    Parameters
-    ----------
-    text : str
-        The option: a time, or inf.
-    words : str
-        What else it may be, for a message.
-
-    Returns
-    -------
-    float
-        The time [s].
-
-    Raises
-    ------
-    ModelError
-        It is no time, or a negative one.
-    """
+    """Return for how long a drive had moved, of an option ``--start``."""
     import math
 
     from flexstage.units import parse
@@ -257,34 +207,12 @@ def _total(found: "Sequence[Prediction]") -> dict[str, float]:
 
 
 def start_value(start: "Start") -> str | float:
-    """Return what a drive did before as JSON can hold it.
-
-    Parameters
-    ----------
-    start : "rested" or float
-        What the drive did before.
-
-    Returns
-    -------
-    str or float
-        A time [s], or a word.
-    """
+    """Return what a drive did before as JSON can hold it."""
     return "long" if start == float("inf") else start
 
 
 def prediction_result(found: "Prediction") -> dict[str, Any]:
-    """Return a prediction as plain values.
-
-    Parameters
-    ----------
-    found : Prediction
-        The prediction.
-
-    Returns
-    -------
-    dict
-        What `--json` prints of it.
-    """
+    """Return a prediction as plain values."""
     return {
         "record": found.source,
         "as_predicted_rms_percent": found.as_predicted_rms_percent,
@@ -320,19 +248,7 @@ def prediction_result(found: "Prediction") -> dict[str, Any]:
 def print_predictions(
     screen: "Console", found: "Sequence[Prediction]", model: "DriveModel", title: str
 ) -> None:
-    """Print a table of how a model predicts records.
-
-    Parameters
-    ----------
-    screen : rich.console.Console
-        Where to.
-    found : sequence of Prediction
-        The predictions.
-    model : DriveModel
-        The model.
-    title : str
-        What the table is called.
-    """
+    """Print a table of how a model predicts records."""
     table = make_table(
         title,
         "record",

@@ -12,23 +12,6 @@ if TYPE_CHECKING:
 
     from flexstage.records import Record
 
-__all__ = [
-    "DatasetOption",
-    "DecimalOption",
-    "DelimiterOption",
-    "FormatOption",
-    "LengthUnitOption",
-    "ResampleOption",
-    "RowsOption",
-    "SampleRateOption",
-    "SkipLinesOption",
-    "TimeOption",
-    "column",
-    "file_rates",
-    "read_records",
-    "record_format",
-]
-
 _SUCH = {
     "time": "samples with their times or their rate",
     "point": "a report of a measuring machine, or a table of positions",
@@ -118,16 +101,6 @@ ResampleOption = Annotated[
 def column(text: str) -> str | int:
     """Return what names a column: its number, or its name.
 
-    Parameters
-    ----------
-    text : str
-        What the option was given.
-
-    Returns
-    -------
-    str or int
-        A number where it is one.
-
     Examples
     --------
     >>> column("4"), column("position")
@@ -157,64 +130,10 @@ def read_records(
     labels: str | int | None = None,
     partial: "Sequence[str | int]" = (),
 ) -> "list[Record]":
-    """Read the files that a command was given.
-
-    Parameters
-    ----------
-    files : sequence of pathlib.Path
-        The files.
-    columns : sequence of str or int, optional
-        The columns that will be used; all of them, where not given.
-    units : sequence of str or None
-        Their units, and those of `partial`, where an option says them.
-    sample_rate : str or None
-        Sample rate, or one for each file with commas.
-    time : str or None
-        Column of time.
-    format : str or None
-        Format of the files.
-    dataset : str or None
-        Dataset of the files.
-    rows : str or None
-        Range of samples.
-    skip_lines : int
-        Lines to leave out.
-    delimiter : str or None
-        What divides the columns.
-    decimal : str or None
-        Decimal sign.
-    over : {"time", "point", "frequency", "any", "table"}
-        What the samples must follow one another by. With point, rows of a text need no times; with
-        table, times are not looked at.
-    length_unit : str or None
-        Unit of all lengths of a measuring machine, where an option says it.
-    resample : str or None
-        Rate of even times to resample at, or median; one for each file with commas.
-    even : bool
-        Whether uneven times are refused.
-    labels : str or int, optional
-        The column that labels the rows, with numbers or texts.
-    partial : sequence of str or int
-        Further columns that will be used, and may be incomplete.
-
-    Returns
-    -------
-    list of Record
-        One record for each file.
-
-    Raises
-    ------
-    RecordError
-        A file cannot be used as it is, or is over something else.
-    """
-    from flexstage.records import (
-        LARGEST_STEP,
-        LARGEST_UNEVEN_STEP,
-        evened,
-        read_record,
-        require_uniform,
-    )
+    """Read the files that a command was given."""
+    from flexstage.records import evened, read_record
     from flexstage.records.rows import row_range
+    from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, require_uniform
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     new_rates = file_rates(resample, "--resample", len(files))
@@ -264,21 +183,6 @@ def read_records(
 def record_format(out: Path | None) -> str:
     """Return the format that a record is written in.
 
-    Parameters
-    ----------
-    out : pathlib.Path or None
-        Where it goes.
-
-    Returns
-    -------
-    str
-        The format that the suffix says; CSV where nothing is written.
-
-    Raises
-    ------
-    ModelError
-        The suffix says none.
-
     Examples
     --------
     >>> record_format(Path("drive.h5"))
@@ -300,27 +204,7 @@ def _spelled(delimiter: str | None) -> str | None:
 
 
 def file_rates(text: str | None, option: str, files: int) -> "Sequence[float | None]":
-    """Return a rate for each file.
-
-    Parameters
-    ----------
-    text : str or None
-        What the option was given: a rate, or one for each file with commas.
-    option : str
-        The option; a rate of --resample may be the median one.
-    files : int
-        Number of files.
-
-    Returns
-    -------
-    sequence of float or None
-        Rates [Hz]; None where none is given.
-
-    Raises
-    ------
-    RecordError
-        There are not so many rates as files.
-    """
+    """Return a rate for each file."""
     from flexstage.units import parse
 
     if text is None:

@@ -7,8 +7,6 @@ import typer
 
 from flexstage.cli.command import FORMER_OPTIONS, arguments, name_of, section_of
 
-__all__ = ["command_line_page"]
-
 _HEAD = """\
 # The command line
 
@@ -38,13 +36,7 @@ ten seconds, on standard error. `--quiet` (`-q`) prints none.
 
 
 def command_line_page() -> str:
-    """Return the reference as Markdown.
-
-    Returns
-    -------
-    str
-        A section for each command, in the order of the help, and the former names of options.
-    """
+    """Return the reference as Markdown."""
     from flexstage.cli import app
 
     root: Any = typer.main.get_command(app)

@@ -22,9 +22,8 @@ from flexstage.cli.common import (
 from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:
-    from flexstage.plans import DryRun, PlannedMotion, PlanResult
-
-__all__ = ["run"]
+    from flexstage.plans import DryRun, PlanResult
+    from flexstage.plans.dry_run import PlannedMotion
 
 
 def run(
@@ -130,7 +129,7 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        from flexstage.plans import plain_results
+        from flexstage.plans.results_file import plain_results
 
         print_json(plain_results(result))
         return
@@ -159,7 +158,7 @@ def _catalogue(text: str | None) -> str | None:
         # what cannot be opened is told behind the run, and what can never be one before it
         require_address(text)
         return text
-    from flexstage.instruments.catalogue import default_catalogue
+    from flexstage.instruments.catalogue.address import default_catalogue
 
     return str(default_catalogue())
 
@@ -267,7 +266,8 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 
 def _print(result: "PlanResult") -> None:
-    from flexstage.plans import CentredStep, IdentifiedStep, VerifiedStep
+    from flexstage.plans import VerifiedStep
+    from flexstage.plans.results import CentredStep, IdentifiedStep
 
     screen = console()
     table = make_table(

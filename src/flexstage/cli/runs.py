@@ -20,9 +20,7 @@ from flexstage.cli.common import (
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
-    from flexstage.instruments.catalogue import CalibrationEntry, RunEntry
-
-__all__ = ["runs"]
+    from flexstage.instruments.catalogue.entries import CalibrationEntry, RunEntry
 
 runs = typer.Typer(
     name="runs",
@@ -79,7 +77,7 @@ def _list(
         if given:
             raise typer.BadParameter(f"give {given[0]} behind '{context.invoked_subcommand}'")
         return
-    from flexstage.instruments.catalogue import Catalogue
+    from flexstage.instruments.catalogue.catalogue import Catalogue
 
     start = _time(since)
     with Catalogue.open(catalogue) as opened:
@@ -105,7 +103,7 @@ def show(
 
     Checks whether its file has changed since it was entered.
     """
-    from flexstage.instruments.catalogue import Catalogue
+    from flexstage.instruments.catalogue.catalogue import Catalogue
 
     with Catalogue.open(catalogue) as opened:
         entry = opened.run(identifier)
@@ -148,7 +146,8 @@ def add(
 
     For runs that could not be entered when they were measured.
     """
-    from flexstage.instruments.catalogue import Catalogue, folder_entries
+    from flexstage.instruments.catalogue.catalogue import Catalogue
+    from flexstage.instruments.catalogue.folder import folder_entries
 
     read = [folder_entries(folder) for folder in folders]
     entries = [entry for found, _ in read for entry in found]
@@ -205,7 +204,9 @@ def recover(
 
     It is written as HDF5.
     """
-    from flexstage.instruments.recording import archived, examine, in_use
+    from flexstage.instruments.recording.archive import archived
+    from flexstage.instruments.recording.files import in_use
+    from flexstage.instruments.recording.recovery import examine
 
     found = examine(file)
     target = None
@@ -267,7 +268,7 @@ def calibrations(
     json: JsonOption = False,
 ) -> None:
     """List the calibrations in the catalogue, latest first."""
-    from flexstage.instruments.catalogue import Catalogue
+    from flexstage.instruments.catalogue.catalogue import Catalogue
 
     time = _time(valid_at)
     with Catalogue.open(catalogue) as opened:

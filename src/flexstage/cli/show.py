@@ -17,8 +17,6 @@ from flexstage.cli.common import (
 )
 from flexstage.errors import ModelError
 
-__all__ = ["show"]
-
 
 def show(
     stage: StageArgument,
@@ -29,7 +27,8 @@ def show(
     json: JsonOption = False,
 ) -> None:
     """Draw a stage: bodies, hinges, drives and probes."""
-    from flexstage.report.figures import FORMATS, draw_stage, encode
+    from flexstage.report.figures.drawing import draw_stage
+    from flexstage.report.figures.style import FORMATS, encode
 
     described = load_stage(stage)
     path = out if out is not None else writable(Path(f"{name_for_files(described.name)}.svg"))

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from flexstage.records import Record
 
-__all__ = ["records"]
-
 
 def records(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Measured files.")],
@@ -83,7 +81,8 @@ def _found(record: "Record", said: str) -> dict[str, Any]:
     """Return what is in a record as plain data; `said` is why it has no times."""
     import numpy as np
 
-    from flexstage.records import LARGEST_STEP, responses_in_columns
+    from flexstage.records import responses_in_columns
+    from flexstage.records.sampling import LARGEST_STEP
 
     channels = []
     for number, channel in enumerate(record.channels):

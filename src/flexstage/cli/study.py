@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     from flexstage.report import Comparison
 
-__all__ = ["comparison_tables", "study"]
-
-
 _LABELS = 38  # characters of a row's quantity and axis
 _COLUMN = 12  # and of a value, with the space beside it
 
@@ -72,15 +69,10 @@ def study(
 
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
-    from flexstage.report import (
-        characteristic_row,
-        report_pages,
-        require_writable,
-        results_json,
-        run_study,
-        study_results,
-        write_files,
-    )
+    from flexstage.report import results_json, run_study, study_results
+    from flexstage.report.files import require_writable, write_files
+    from flexstage.report.html import report_pages
+    from flexstage.report.results import characteristic_row
 
     described = load_stage(stage)
     names = model_names(models)
@@ -91,7 +83,8 @@ def study(
     with progress_bar("study", quiet=quiet):
         found = None
         if measured is not None:
-            from flexstage.experiment.campaign import characterise, read_campaign
+            from flexstage.experiment.campaign.evaluate import characterise
+            from flexstage.experiment.campaign.file import read_campaign
 
             found = characterise(read_campaign(measured), measured.parent)
         result = run_study(
@@ -136,23 +129,7 @@ def study(
 
 
 def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
-    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The comparison.
-    title : str
-        What stands above it.
-    width : int
-        Width of the terminal in characters.
-
-    Returns
-    -------
-    list of rich.table.Table
-        A row for each quantity and axis: the values, and the difference of our best column to each
-        published one.
-    """
+    """Return a comparison as a table for the terminal, or as two where it is too narrow for one."""
     from rich.text import Text
 
     from flexstage.report import display

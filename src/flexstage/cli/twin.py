@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from flexstage.instruments.twin.server import GcsServer
 
-__all__ = ["twin"]
-
 _MODELS = ("lumped", "superelement")
 _AMPLIFIERS = ("voltage", "charge")
 _IDENTITIES = ("E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E-517", "flexstage")

@@ -21,9 +21,9 @@ from flexstage.errors import ModelError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.experiment.uncertainty import Budget, MonteCarlo, Propagated, Validation
-
-__all__ = ["uncertainty"]
+    from flexstage.experiment.uncertainty.budget_file import Budget
+    from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo, Validation
+    from flexstage.experiment.uncertainty.propagate import Propagated
 
 
 def uncertainty(
@@ -58,7 +58,8 @@ def uncertainty(
     json: JsonOption = False,
 ) -> None:
     """Propagate an uncertainty budget by GUM and Monte Carlo."""
-    from flexstage.experiment.uncertainty import read_budget, validate
+    from flexstage.experiment.uncertainty.budget_file import read_budget
+    from flexstage.experiment.uncertainty.monte_carlo import validate
 
     budget = read_budget(file)
     propagated = budget.propagate()

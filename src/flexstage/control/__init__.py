@@ -11,33 +11,25 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.control.design import Requirements, Tuning, tune, tune_plant
+    from flexstage.control.design import Requirements, Tuning, tune
     from flexstage.control.feedforward import (
         Compensation,
         compensate,
-        conditioning_waveform,
-        shifted_model,
     )
     from flexstage.control.learning import learn
-    from flexstage.control.learning_results import LearnedAxis, Learning, LearningSettings, Trial
-    from flexstage.control.loop_plant import LoopPlant, local_gains, loop_plant
-    from flexstage.control.margins import Margins, loop_margins
-    from flexstage.control.periodic import delayed, steady_input, steady_output
-    from flexstage.control.tracking_run import RunTracking, evaluate_record, evaluate_run
-    from flexstage.control.trajectories import (
-        Trajectory,
-        band_limited,
-        lissajous,
-        raster,
-        sine,
-        spiral,
-        staircase,
-        trajectory_of,
-        triangle,
-    )
+    from flexstage.control.learning_results import Learning, LearningSettings, Trial
+    from flexstage.control.margins import loop_margins
+    from flexstage.control.tracking_run import evaluate_record
+    from flexstage.control.trajectories.from_file import trajectory_of
+    from flexstage.control.trajectories.lissajous import lissajous
+    from flexstage.control.trajectories.raster import raster
+    from flexstage.control.trajectories.sine import sine
+    from flexstage.control.trajectories.spiral import spiral
+    from flexstage.control.trajectories.staircase import staircase
+    from flexstage.control.trajectories.trajectory import Trajectory, band_limited
+    from flexstage.control.trajectories.triangle import triangle
     from flexstage.control.trim import trimmed_model
     from flexstage.control.two_degrees import (
-        ControlRun,
         Way,
         carry_out,
         control_run,
@@ -46,14 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Compensation",
-    "ControlRun",
-    "LearnedAxis",
     "Learning",
     "LearningSettings",
-    "LoopPlant",
-    "Margins",
     "Requirements",
-    "RunTracking",
     "Trajectory",
     "Trial",
     "Tuning",
@@ -61,28 +48,19 @@ __all__ = [
     "band_limited",
     "carry_out",
     "compensate",
-    "conditioning_waveform",
     "control_run",
-    "delayed",
     "evaluate_record",
-    "evaluate_run",
     "learn",
     "lissajous",
-    "local_gains",
     "loop_margins",
-    "loop_plant",
     "raster",
-    "shifted_model",
     "sine",
     "spiral",
     "staircase",
-    "steady_input",
-    "steady_output",
     "trajectory_of",
     "triangle",
     "trimmed_model",
     "tune",
-    "tune_plant",
     "with_feedforward",
 ]
 

@@ -6,17 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.control.loop_plant import LoopPlant, loop_plant
 from flexstage.control.margins import Margins, loop_frequencies, loop_margins
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.instruments.servo import Notch, ServoSettings
-
-__all__ = ["Requirements", "Tuning", "tune", "tune_plant"]
-
-Array = NDArray[np.float64]
 
 #: Damping of the poles of a notch that is tried, and corners of the controller in integral times.
 _WIDTHS = (0.3, 0.5, 0.7, 1.0)
@@ -36,19 +31,6 @@ _MAINS_WIDTH = 0.15
 class Requirements:
     """What a loop must keep at every gain and frequency that its plant may have.
 
-    Parameters
-    ----------
-    gain_margin : float
-        Least factor by which the gain may still rise [1].
-    phase_margin : float
-        Least phase that may still be lost [rad].
-    sensitivity_peak : float
-        Largest sensitivity Ms [1].
-    gain_scatter : float
-        How far the gain may be from the range that the model gives, over itself [1].
-    frequency_scatter : float
-        How far the natural frequencies may be from the model's, over themselves [1].
-
     Raises
     ------
     ModelError
@@ -56,10 +38,15 @@ class Requirements:
     """
 
     gain_margin: float = 2.0
+    """Least factor by which the gain may still rise [1]."""
     phase_margin: float = math.radians(40.0)
+    """Least phase that may still be lost [rad]."""
     sensitivity_peak: float = 2.0
+    """Largest sensitivity Ms [1]."""
     gain_scatter: float = 0.1
+    """How far the gain may be from the range that the model gives, over itself [1]."""
     frequency_scatter: float = 0.03
+    """How far the natural frequencies may be from the model's, over themselves [1]."""
 
     def __post_init__(self) -> None:
         if not (self.gain_margin > 1.0 and 0.0 < self.phase_margin < 0.5 * math.pi):
@@ -81,31 +68,22 @@ class Requirements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuning:
-    """Settings of a control, and what they keep.
-
-    Parameters
-    ----------
-    settings : ServoSettings
-        The settings.
-    nominal : Margins
-        Margins at the mean gain and the frequencies of the model.
-    worst : Margins
-        The worst of each over the gains and frequencies that were asked for; bandwidth and
-        crossover are the lowest.
-    requirements : Requirements
-        What was asked for.
-    plant : LoopPlant
-        What was controlled.
-    notes : tuple of str
-        What limits the loop.
-    """
+    """Settings of a control, and what they keep."""
 
     settings: ServoSettings
+    """The settings."""
     nominal: Margins
+    """Margins at the mean gain and the frequencies of the model."""
     worst: Margins
+    """The worst of each over the gains and frequencies that were asked for; bandwidth and crossover
+    are the lowest.
+    """
     requirements: Requirements
+    """What was asked for."""
     plant: LoopPlant
+    """What was controlled."""
     notes: tuple[str, ...] = field(default=())
+    """What limits the loop."""
 
 
 def tune(
@@ -178,28 +156,6 @@ def tune_plant(
     some integral gain. ``auto`` takes, of all structures at their largest gain, the one that
     leaves least of small steps of the drive, such as a hysteresis makes where it turns:
     :math:`\int |P/(1 + L)|^2 / \omega^2 \, d\omega`.
-
-    Parameters
-    ----------
-    plant : LoopPlant
-        The plant.
-    kind : {"auto", "integral", "pi", "damping"}
-        Integral with notches, proportional and integral with notches, a loop whose phase damps the
-        first mode, or the best of them: see `tune_plant`.
-    requirements : Requirements, optional
-        What to keep.
-    mains_hz : float, optional
-        Frequency that the stage shall not follow [Hz].
-
-    Returns
-    -------
-    Tuning
-        The settings and their margins.
-
-    Raises
-    ------
-    ModelError
-        No gain keeps the requirements, or the kind is unknown.
 
     Examples
     --------

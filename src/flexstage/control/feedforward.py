@@ -9,23 +9,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.control.periodic import (
     reach_limits,
     steady_displacement,
     steady_input,
 )
-from flexstage.control.trajectories import Trajectory
-from flexstage.control.trajectories.trajectory import smooth_step
+from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
-
-__all__ = ["Compensation", "compensate", "conditioning_waveform", "shifted_model"]
-
-Array = NDArray[np.float64]
 
 #: How a drive is conditioned: rate of the cycles [Hz], their number, and the way to the start [s].
 _RATE_HZ = 1.0
@@ -37,34 +32,24 @@ _SETTLED = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compensation:
-    """Voltages for a trajectory.
-
-    Parameters
-    ----------
-    lead_in : Waveform
-        Voltages before: from rest over the conditioning cycles to the first voltage.
-    voltage : Waveform
-        Voltages of the trajectory: one period that repeats, or several that do not.
-    trajectory : Trajectory
-        What they follow.
-    periods : int
-        Number of periods in `voltage`; 0 for one that is repeated as often as wanted.
-    predicted : Mapping
-        Reading at the end of the lead-in by the model, by axis [m]: where the sensor reads
-        otherwise, its zero has moved (`shifted_model`).
-    limited : int
-        Samples that limits changed.
-    notes : tuple of str
-        What was changed, to be told.
-    """
+    """Voltages for a trajectory."""
 
     lead_in: Waveform
+    """Voltages before: from rest over the conditioning cycles to the first voltage."""
     voltage: Waveform
+    """Voltages of the trajectory: one period that repeats, or several that do not."""
     trajectory: Trajectory
+    """What they follow."""
     periods: int
+    """Number of periods in `voltage`; 0 for one that is repeated as often as wanted."""
     predicted: Mapping[str, float]
+    """Reading at the end of the lead-in by the model, by axis [m]: where the sensor reads
+    otherwise, its zero has moved (`shifted_model`).
+    """
     limited: int = 0
+    """Samples that limits changed."""
     notes: tuple[str, ...] = field(default=())
+    """What was changed, to be told."""
 
 
 def conditioning_waveform(
@@ -80,31 +65,6 @@ def conditioning_waveform(
 
     Whole cycles over the range of each, all axes in step, then a short way from the low end to the
     first voltage of what follows.
-
-    Parameters
-    ----------
-    voltage_range : Mapping
-        Lowest and highest voltage by axis [V].
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    end : Mapping, optional
-        Last voltage by axis [V]; the low end where not given.
-    start : Mapping, optional
-        Voltage at which each axis stands before [V]; the low end where not given.
-    rate_hz : float
-        Cycles in a second [Hz].
-    cycles : int
-        Number of cycles.
-
-    Returns
-    -------
-    Waveform
-        The voltages.
-
-    Raises
-    ------
-    ModelError
-        There is no axis, no cycle, or the rate leaves no samples.
 
     Examples
     --------
@@ -192,7 +152,7 @@ def compensate(
 
     Examples
     --------
-    >>> from flexstage.control.trajectories import sine
+    >>> from flexstage.control.trajectories.sine import sine
     >>> from flexstage.hysteresis import Duhem, DriveModel, ValidityRange
     >>> drive = DriveModel(
     ...     hysteresis=Duhem(rate=0.02, anhysteretic=np.array([0.0, 5e-7]),
@@ -250,20 +210,7 @@ def compensate(
 
 
 def shifted_model(model: DriveModel, by: float) -> DriveModel:
-    """Return a drive whose sensor reads more by a constant, as one whose zero has moved.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    by : float
-        What the sensor reads more [unit of the output].
-
-    Returns
-    -------
-    DriveModel
-        The drive.
-    """
+    """Return a drive whose sensor reads more by a constant, as one whose zero has moved."""
     return replace(model, offset=model.offset + by)
 
 

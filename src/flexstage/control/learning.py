@@ -29,14 +29,12 @@ from collections.abc import Callable, Mapping
 
 from flexstage.control.learning_axis import AxisLearner, ResponseOf, mean_error
 from flexstage.control.learning_results import Learning, LearningSettings
-from flexstage.control.trajectories import Trajectory
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
-
-__all__ = ["learn"]
 
 
 def learn(

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.control.learning_results import LearnedAxis, LearningSettings, Trial
 from flexstage.control.loop_plant import loop_plant
 from flexstage.control.periodic import chain_response, steady_input, steady_output
 from flexstage.control.tracking_run import at_times
-from flexstage.control.trajectories import Trajectory
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
@@ -19,10 +20,6 @@ from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 
-__all__ = ["AxisLearner", "ResponseOf", "mean_error"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 ResponseOf = Callable[[Array], Complex]
 
 #: A trial is as good as the best one with this many times its error, beside the noise.
@@ -38,34 +35,7 @@ _UNSEEN = 6.0
 def mean_error(
     record: Record, column: str | int, reference: Trajectory, axis: str, periods: int, lag: float
 ) -> tuple[Array, Complex]:
-    """Return the mean error of the last periods of a record, and its noise by harmonic.
-
-    Parameters
-    ----------
-    record : Record
-        The record; its time 0 is the first sample of a period.
-    column : str or int
-        The column of the reading [m].
-    reference : Trajectory
-        What was wanted.
-    axis : str
-        The axis.
-    periods : int
-        How many periods.
-    lag : float
-        By how much the reading is late [s].
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Reference less reading at the samples of the reference [m], shape (n,), and the standard
-        deviation of each of its harmonics [m], as `numpy.fft.rfft` counts them, shape (n // 2 + 1).
-
-    Raises
-    ------
-    RecordError
-        There are too few periods, or a period is no whole number of samples.
-    """
+    """Return the mean error of the last periods of a record, and its noise by harmonic."""
     rate = record.sample_rate_hz
     count = reference.period * rate
     size = round(count)
@@ -98,30 +68,7 @@ def mean_error(
 
 
 class AxisLearner:
-    """What one axis has learned so far.
-
-    Parameters
-    ----------
-    reference : Trajectory
-        What is wanted.
-    start : Waveform
-        One period to begin with.
-    model : Mapping
-        By axis: the drive, or the response of the reading to what is learned.
-    axis : str
-        The axis.
-    how : LearningSettings
-        How it is learned.
-    limits : AxisLimits, optional
-        What the axis allows.
-    servo : ServoSettings, optional
-        The control to whose voltages the learned ones are added; open loop where not given.
-
-    Raises
-    ------
-    ModelError
-        Start, reference, model and control do not fit together.
-    """
+    """What one axis has learned so far."""
 
     def __init__(
         self,
@@ -186,17 +133,7 @@ class AxisLearner:
         self.notes: list[str] = []
 
     def take(self, number: int, error: Array, noise: Complex) -> None:
-        """Look at a trial: keep it, or take it back.
-
-        Parameters
-        ----------
-        number : int
-            Its number.
-        error : numpy.ndarray
-            Mean error of its periods [m], shape (n,).
-        noise : numpy.ndarray
-            Noise of each harmonic of it, as of `mean_error` [m].
-        """
+        """Look at a trial: keep it, or take it back."""
         if not self.how.constant:
             error = error - float(np.mean(error))
         band = np.fft.rfft(error)
@@ -243,18 +180,7 @@ class AxisLearner:
         self.gain[at] = 0.5 * (self.gain[at] + seen[likely])
 
     def next(self) -> Array:
-        """Return what is tried next, from the best so far.
-
-        Returns
-        -------
-        numpy.ndarray
-            One period [V, or m], shape (n,).
-
-        Raises
-        ------
-        LimitError
-            It would be faster than the axis allows.
-        """
+        """Return what is tried next, from the best so far."""
         if self.reason or self.good_error is None:
             self.values, self.x = self.good_values, self.good_x
             return self.values
@@ -268,26 +194,14 @@ class AxisLearner:
         return self.values
 
     def chosen(self) -> tuple[Array, Trial]:
-        """Return the latest of the good trials, or the start where nothing was better.
-
-        Returns
-        -------
-        tuple
-            One period [V, or m], shape (n,), and its trial.
-        """
+        """Return the latest of the good trials, or the start where nothing was better."""
         assert self.good is not None
         if self.good.rms < self.first[1].rms:
             return self.good_values, self.good
         return self.first
 
     def result(self) -> LearnedAxis:
-        """Return all trials.
-
-        Returns
-        -------
-        LearnedAxis
-            The trials, and why they ended.
-        """
+        """Return all trials."""
         assert self.best is not None
         assert self.good is not None
         return LearnedAxis(

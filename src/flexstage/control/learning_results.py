@@ -6,35 +6,10 @@ from dataclasses import dataclass, field
 from flexstage.errors import ModelError
 from flexstage.instruments.waveform import Waveform
 
-__all__ = ["LearnedAxis", "Learning", "LearningSettings", "Trial"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearningSettings:
     """How it is learned.
-
-    Parameters
-    ----------
-    trials : int
-        Most trials after the first run.
-    step : float
-        Part of the error that is taken away in a trial [1], above 0 and at most 1.
-    model_error : float
-        Largest error of the model's response that is reckoned with [1], below 1.
-    band_hz : float, optional
-        Highest frequency that is learned [Hz]. Where not given, 1.3 times the lowest mode of a
-        drive, or 6 times the fastest cycles that it was identified on if none was found; not above
-        a quarter of the sample rate.
-    periods : int
-        Periods at the end of a record that are averaged, 2 or more.
-    noise_factor : float
-        It stops when no harmonic stands out of its noise by more than this factor [1]; 0 makes all
-        trials.
-    constant : bool
-        Whether the mean position is learned as well.
-    frequency_error : float
-        How far natural frequencies may be from the model's, over themselves [1]: harmonics near a
-        mode are learned by smaller steps for it.
 
     Raises
     ------
@@ -43,13 +18,28 @@ class LearningSettings:
     """
 
     trials: int = 5
+    """Most trials after the first run."""
     step: float = 0.9
+    """Part of the error that is taken away in a trial [1], above 0 and at most 1."""
     model_error: float = 0.5
+    """Largest error of the model's response that is reckoned with [1], below 1."""
     band_hz: float | None = None
+    """Highest frequency that is learned [Hz]. Where not given, 1.3 times the lowest mode of a
+    drive, or 6 times the fastest cycles that it was identified on if none was found; not above a
+    quarter of the sample rate.
+    """
     periods: int = 10
+    """Periods at the end of a record that are averaged, 2 or more."""
     noise_factor: float = 2.5
+    """It stops when no harmonic stands out of its noise by more than this factor [1]; 0 makes all
+    trials.
+    """
     constant: bool = True
+    """Whether the mean position is learned as well."""
     frequency_error: float = 0.005
+    """How far natural frequencies may be from the model's, over themselves [1]: harmonics near a
+    mode are learned by smaller steps for it.
+    """
 
     def __post_init__(self) -> None:
         if not (self.trials >= 0 and self.periods >= 2):
@@ -71,75 +61,49 @@ class LearningSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """One trial of one axis.
-
-    Parameters
-    ----------
-    number : int
-        Its number; 0 is the run with what was there at the start.
-    rms : float
-        Root mean square of the mean period's error [m].
-    largest : float
-        Its largest value [m].
-    noise : float
-        Root mean square of what the mean period still has of noise [m].
-    step : float
-        The step with which the next trial is made [1].
-    kept : bool
-        Whether it is the best so far.
-    harmonics : int
-        Harmonics that stand out of the noise.
-    """
+    """One trial of one axis."""
 
     number: int
+    """Its number; 0 is the run with what was there at the start."""
     rms: float
+    """Root mean square of the mean period's error [m]."""
     largest: float
+    """Its largest value [m]."""
     noise: float
+    """Root mean square of what the mean period still has of noise [m]."""
     step: float
+    """The step with which the next trial is made [1]."""
     kept: bool
+    """Whether it is the best so far."""
     harmonics: int
+    """Harmonics that stand out of the noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LearnedAxis:
-    """What was learned of one axis.
-
-    Parameters
-    ----------
-    trials : tuple of Trial
-        All trials.
-    best : Trial
-        The one with the smallest error.
-    used : Trial
-        The one that is returned: the latest that is as good as the best, within a quarter and its
-        noise.
-    reason : str
-        Why it ended.
-    """
+    """What was learned of one axis."""
 
     trials: tuple[Trial, ...]
+    """All trials."""
     best: Trial
+    """The one with the smallest error."""
     used: Trial
+    """The one that is returned: the latest that is as good as the best, within a quarter and its
+    noise.
+    """
     reason: str
+    """Why it ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Learning:
-    """What was learned.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        The best one period, of all axes.
-    axes : Mapping
-        Trials by axis.
-    settings : LearningSettings
-        How it was learned.
-    notes : tuple of str
-        What is to be told.
-    """
+    """What was learned."""
 
     waveform: Waveform
+    """The best one period, of all axes."""
     axes: Mapping[str, LearnedAxis]
+    """Trials by axis."""
     settings: LearningSettings
+    """How it was learned."""
     notes: tuple[str, ...] = field(default=())
+    """What is to be told."""

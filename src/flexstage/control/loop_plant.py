@@ -13,15 +13,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Complex
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
-
-__all__ = ["LoopPlant", "local_gains", "loop_plant"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Poles closer together than this share of their size count as one, and are moved apart.
 _APART = 1e-6
@@ -38,27 +34,6 @@ class LoopPlant:
     Validity: small motion about one point of the hysteresis loop, whose slope is within
     `gain_range`; creep, which adds some percent at low frequency, is left out.
 
-    Parameters
-    ----------
-    gain : float
-        Reading over voltage where the motion is slow [m/V], positive.
-    gain_range : tuple of float
-        Least and largest slope of the hysteresis loop [m/V].
-    modes : StageModes or None
-        Modes of the stage; None for none.
-    time_constant : float
-        First-order lag, such as that of an amplifier [s].
-    delay : float
-        Time from a sample at which a voltage is worked out to the sample that sees it first [s];
-        without the standing still of the voltage between samples, which is added exactly.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-
-    Raises
-    ------
-    ModelError
-        A number is out of range.
-
     Examples
     --------
     >>> plant = LoopPlant(gain=5e-7, gain_range=(4e-7, 6e-7), delay=2e-4, sample_rate_hz=10e3)
@@ -67,11 +42,19 @@ class LoopPlant:
     """
 
     gain: float
+    """Reading over voltage where the motion is slow [m/V], positive."""
     gain_range: tuple[float, float]
+    """Least and largest slope of the hysteresis loop [m/V]."""
     modes: StageModes | None = None
+    """Modes of the stage; None for none."""
     time_constant: float = 0.0
+    """First-order lag, such as that of an amplifier [s]."""
     delay: float = 0.0
+    """Time from a sample at which a voltage is worked out to the sample that sees it first [s];
+    without the standing still of the voltage between samples, which is added exactly.
+    """
     sample_rate_hz: float = 10e3
+    """Rate of the loop [Hz]."""
 
     def __post_init__(self) -> None:
         low, high = self.gain_range
@@ -89,18 +72,7 @@ class LoopPlant:
             raise ModelError(f"the rate of a loop must be positive, got {self.sample_rate_hz!r} Hz")
 
     def response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the frequency response from the voltages of the controller to its readings.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies up to half the rate of the loop [Hz], shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Reading over voltage [m/V], shape (n,).
-        """
+        """Return the frequency response from the voltages of the controller to its readings."""
         step = 1.0 / self.sample_rate_hz
         z1 = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) * step)
         whole = math.ceil(self.delay / step - 1e-9)
@@ -112,20 +84,7 @@ class LoopPlant:
         return np.asarray(self.gain * z1**whole * total, dtype=np.complex128)
 
     def scattered(self, gain: float, frequency: float) -> "LoopPlant":
-        """Return the plant with other gains and frequencies.
-
-        Parameters
-        ----------
-        gain : float
-            Gain over this plant's [1].
-        frequency : float
-            Natural frequencies over this plant's [1].
-
-        Returns
-        -------
-        LoopPlant
-            The plant; its range is its gain alone.
-        """
+        """Return the plant with other gains and frequencies."""
         modes = self.modes
         if modes is not None:
             modes = replace(modes, frequency_hz=[frequency * f for f in modes.frequency_hz])
@@ -163,26 +122,7 @@ def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Comp
 
 
 def local_gains(model: DriveModel, swing: float = 1.0) -> tuple[float, float, float]:
-    """Return the slopes of the loop of a drive over its range.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive, with its validity range.
-    swing : float
-        Share of the range that the loop runs over, about its middle [1].
-
-    Returns
-    -------
-    tuple of float
-        Mean, least and largest slope [unit of the output over that of the input]. The least one is
-        that after a turn, where a control that trembles on the spot works.
-
-    Raises
-    ------
-    ModelError
-        The model has no validity range, or its slope is not positive somewhere on the loop.
-    """
+    """Return the slopes of the loop of a drive over its range."""
     if model.validity is None:
         raise ModelError("the slope of a drive is looked at over its range: give it a validity")
     low, high = model.validity.input_range
@@ -220,32 +160,7 @@ def loop_plant(
     delay: float | None = None,
     creep: bool = True,
 ) -> LoopPlant:
-    """Return what a control sees of an identified drive.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive: voltage [V] to reading [m], rising.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-    delay : float, optional
-        Delay from a voltage that is worked out to the reading that the control works with [s],
-        without the standing still of the voltage. Where not given, that of the model, less the
-        half sample that a held voltage is late on the average and that is reckoned with apart, and
-        one sample more, for the conversion of the reading.
-    creep : bool
-        Whether creep raises the largest gain, by what it adds within a tenth of a second.
-
-    Returns
-    -------
-    LoopPlant
-        The plant.
-
-    Raises
-    ------
-    ModelError
-        The reading falls with the voltage, or the slope is not positive.
-    """
+    """Return what a control sees of an identified drive."""
     if model.sign < 0.0:
         raise ModelError(
             "the reading falls where the voltage rises: turn the sign of the reading, or of the "

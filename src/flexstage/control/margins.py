@@ -4,15 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.control.loop_plant import LoopPlant
 from flexstage.instruments.servo import ServoSettings
-
-__all__ = ["Margins", "loop_frequencies", "loop_margins"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Frequencies at which a loop is looked at: over this part of half the rate, and this many.
 _LOWEST = 1e-5
@@ -23,50 +18,26 @@ _NEAR, _WIDTHS = 300, 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """How far a loop is from swinging by itself.
-
-    Parameters
-    ----------
-    stable : bool
-        Whether it is stable at all.
-    gain_margin : float
-        Factor by which the gain may still rise [1]; infinite where nothing limits it.
-    phase_margin : float
-        Phase that may still be lost [rad]; infinite where the gain is below one throughout.
-    sensitivity_peak : float
-        Largest of the sensitivity ``1/|1 + L|`` [1], Ms.
-    complementary_peak : float
-        Largest of ``|L/(1 + L)|`` [1], Mt.
-    crossover_hz : float
-        Lowest frequency at which the gain of the loop is one [Hz].
-    bandwidth_hz : float
-        Frequency up to which errors are at least halved in power, ``|S| < 0.71`` [Hz].
-    """
+    """How far a loop is from swinging by itself."""
 
     stable: bool
+    """Whether it is stable at all."""
     gain_margin: float
+    """Factor by which the gain may still rise [1]; infinite where nothing limits it."""
     phase_margin: float
+    """Phase that may still be lost [rad]; infinite where the gain is below one throughout."""
     sensitivity_peak: float
+    """Largest of the sensitivity ``1/|1 + L|`` [1], Ms."""
     complementary_peak: float
+    """Largest of ``|L/(1 + L)|`` [1], Mt."""
     crossover_hz: float
+    """Lowest frequency at which the gain of the loop is one [Hz]."""
     bandwidth_hz: float
+    """Frequency up to which errors are at least halved in power, ``|S| < 0.71`` [Hz]."""
 
 
 def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) -> Array:
-    """Return frequencies at which a loop is to be looked at, dense about modes and notches.
-
-    Parameters
-    ----------
-    plant : LoopPlant
-        The plant.
-    settings : ServoSettings, optional
-        The controller.
-
-    Returns
-    -------
-    numpy.ndarray
-        Frequencies [Hz], rising, up to half the rate of the loop.
-    """
+    """Return frequencies at which a loop is to be looked at, dense about modes and notches."""
     half = 0.5 * plant.sample_rate_hz
     parts = [np.geomspace(_LOWEST * half, half, _POINTS)]
     peaks: list[tuple[float, float]] = []

@@ -3,22 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flexstage.control.trajectories import Trajectory
+from flexstage.arrays import Array, Complex
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.hysteresis import DriveModel
-
-__all__ = [
-    "chain_response",
-    "delayed",
-    "steady_displacement",
-    "steady_input",
-    "steady_output",
-]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Harmonics above this part of the rate of samples are left out.
 _HIGHEST = 0.4
@@ -28,22 +18,7 @@ _MOST_PERIODS = 40
 
 
 def chain_response(model: DriveModel, frequency_hz: ArrayLike, *, creep: bool = True) -> Complex:
-    """Return the frequency response of what follows the hysteresis of a drive.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    frequency_hz : array_like
-        Frequencies [Hz], shape (n,).
-    creep : bool
-        Whether creep belongs to it.
-
-    Returns
-    -------
-    numpy.ndarray
-        Reading over displacement without creep, modes and lag [1], shape (n,).
-    """
+    """Return the frequency response of what follows the hysteresis of a drive."""
     f = np.asarray(frequency_hz, dtype=np.float64)
     total = np.full(f.shape, model.sign, dtype=np.complex128)
     for element in (model.creep if creep else None, model.modes, model.lag):
@@ -53,20 +28,7 @@ def chain_response(model: DriveModel, frequency_hz: ArrayLike, *, creep: bool = 
 
 
 def delayed(trajectory: Trajectory, delay: float) -> Trajectory:
-    """Return a trajectory that comes later, by any part of a sample.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    delay : float
-        By how much [s]; negative for earlier.
-
-    Returns
-    -------
-    Trajectory
-        The trajectory, begun at the same time of its own clock.
-    """
+    """Return a trajectory that comes later, by any part of a sample."""
     n = trajectory.size
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz) * delay)
     moved = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
@@ -83,26 +45,7 @@ def steady_displacement(
     creep: bool = True,
     band_hz: float | None = None,
 ) -> Array:
-    """Return what the hysteresis must give for a reading that repeats.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    reading : array_like
-        One period of the reading [unit of the output], shape (n,).
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    creep : bool
-        Whether creep is undone as well, as if it had repeated for long.
-    band_hz : float, optional
-        Highest frequency that is undone [Hz]; 0.4 of the sample rate where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        One period of the output of the hysteresis, shape (n,).
-    """
+    """Return what the hysteresis must give for a reading that repeats."""
     y = np.asarray(reading, dtype=np.float64) - model.offset
     f = np.fft.rfftfreq(y.size, 1.0 / sample_rate_hz)
     highest = _HIGHEST * sample_rate_hz if band_hz is None else band_hz
@@ -113,25 +56,7 @@ def steady_displacement(
 
 
 def steady_output(model: DriveModel, u: ArrayLike) -> Array:
-    """Return the output of the hysteresis for an input that has long repeated.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    u : array_like
-        One period of the input, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        One period of the output, shape (n,).
-
-    Raises
-    ------
-    ConvergenceError
-        The output does not come to repeat.
-    """
+    """Return the output of the hysteresis for an input that has long repeated."""
     given = np.asarray(u, dtype=np.float64)
     state = _start(model)
     before = np.zeros(given.size)
@@ -150,28 +75,6 @@ def steady_input(
 
     The inverse is run over the same period until what it remembers is the same at the beginning
     of each: three periods for models whose memory is wiped out, some more for those that forget.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    x : array_like
-        One period of the output of the hysteresis, shape (n,).
-    limits : tuple of float, optional
-        Lowest and highest input; the range of the model where not given.
-
-    Returns
-    -------
-    tuple
-        One period of the input, shape (n,), and how many samples of x were out of reach and were
-        led back to what the drive reaches.
-
-    Raises
-    ------
-    ConvergenceError
-        The input does not come to repeat.
-    ModelError
-        The drive reaches nothing of it, or the model has no inverse.
     """
     wanted = np.asarray(x, dtype=np.float64)
     low, high = reach_limits(model, limits)
@@ -195,25 +98,7 @@ def steady_input(
 
 
 def reach_limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple[float, float]:
-    """Return the range of the input that a model and its limits allow.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    limits : tuple of float or None
-        Lowest and highest input.
-
-    Returns
-    -------
-    tuple of float
-        Lowest and highest input.
-
-    Raises
-    ------
-    ModelError
-        There are no limits, or they have nothing in common.
-    """
+    """Return the range of the input that a model and its limits allow."""
     if limits is None:
         if model.validity is None:
             raise ModelError("the model has no range of its own: give the limits of the command")

@@ -3,70 +3,42 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flexstage.control.trajectories import Trajectory
+from flexstage.arrays import Array
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import RecordError
 from flexstage.hysteresis import Tracking, tracking
 from flexstage.records import Record
 
-__all__ = ["RunTracking", "evaluate_record", "evaluate_run"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunTracking:
-    """What a run was like.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    time : numpy.ndarray
-        Time of the samples that were compared [s], shape (n,).
-    reference : numpy.ndarray
-        What was wanted [m], shape (n,).
-    output : numpy.ndarray
-        What came [m], shape (n,).
-    whole : Tracking
-        Loop width of the mean period, errors over all periods [m].
-    linear_rms : float
-        Root mean square of the error on the linear part of the trajectory [m].
-    per_period_rms : tuple of float
-        Root mean square of the error of each period [m].
-    repeatable_rms : float
-        Root mean square of the mean period's error [m]: what learning can still take away.
-    random_rms : float
-        Root mean square of what differs between the periods [m]; not a number for one period.
-    offset : float
-        Mean of the error that was taken off, where that was asked for [m].
-    """
+    """What a run was like."""
 
     axis: str
+    """The axis."""
     time: Array
+    """Time of the samples that were compared [s], shape (n,)."""
     reference: Array
+    """What was wanted [m], shape (n,)."""
     output: Array
+    """What came [m], shape (n,)."""
     whole: Tracking
+    """Loop width of the mean period, errors over all periods [m]."""
     linear_rms: float
+    """Root mean square of the error on the linear part of the trajectory [m]."""
     per_period_rms: tuple[float, ...]
+    """Root mean square of the error of each period [m]."""
     repeatable_rms: float
+    """Root mean square of the mean period's error [m]: what learning can still take away."""
     random_rms: float
+    """Root mean square of what differs between the periods [m]; not a number for one period."""
     offset: float
+    """Mean of the error that was taken off, where that was asked for [m]."""
 
     def reduction_percent(self, open_loop: "RunTracking") -> float:
-        """Return by how much the loop is narrower than another one.
-
-        Parameters
-        ----------
-        open_loop : RunTracking
-            The run without compensation.
-
-        Returns
-        -------
-        float
-            The reduction [%].
-        """
+        """Return by how much the loop is narrower than another one."""
         return 100.0 * (1.0 - self.whole.loop_width / open_loop.whole.loop_width)
 
 
@@ -82,37 +54,9 @@ def evaluate_run(
 ) -> RunTracking:
     """Compare whole periods of an output with a trajectory.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        What was wanted; its first sample is the first of the output.
-    axis : str
-        The axis.
-    output : array_like
-        What came [m], shape (n,); a last part of a period is left out.
-    sample_rate_hz : float, optional
-        Samples of the output in a second [Hz]; those of the trajectory where not given.
-    lag : float
-        By how much the output is known to be recorded late [s]: the reference is compared as much
-        later.
-    skip : int
-        First periods that are left out.
-    free_offset : bool
-        Whether a constant error is taken off: for open loop, whose offset is arbitrary.
-
-    Returns
-    -------
-    RunTracking
-        Errors and loop.
-
-    Raises
-    ------
-    RecordError
-        There is no whole period left, or a period is no whole number of samples of the output.
-
     Examples
     --------
-    >>> from flexstage.control.trajectories import sine
+    >>> from flexstage.control.trajectories.sine import sine
     >>> wanted = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
     >>> late = np.roll(np.tile(wanted.positions["x"], 3), 2)
     >>> made = evaluate_run(wanted, "x", late, lag=2e-3)
@@ -210,22 +154,7 @@ def evaluate_record(
 
 
 def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
-    """Return the positions of a trajectory at any times.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory, which repeats.
-    axis : str
-        The axis.
-    time : numpy.ndarray
-        Times [s], shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Positions [m], shape (n,), by a cubic spline between its samples.
-    """
+    """Return the positions of a trajectory at any times."""
     from scipy.interpolate import CubicSpline
 
     x = np.asarray(trajectory.positions[axis], dtype=np.float64)

@@ -10,11 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.control.trajectories import Trajectory
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag
-
-__all__ = ["trimmed_model"]
 
 
 def trimmed_model(
@@ -64,7 +62,7 @@ def trimmed_model(
 
     Examples
     --------
-    >>> from flexstage.control.trajectories import sine
+    >>> from flexstage.control.trajectories.sine import sine
     >>> from flexstage.hysteresis import PrandtlIshlinskii
     >>> drive = DriveModel(
     ...     hysteresis=PrandtlIshlinskii(gain=5e-7, thresholds=[5.0], weights=[1e-7]),

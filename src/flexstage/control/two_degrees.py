@@ -16,7 +16,7 @@ from enum import StrEnum
 
 from flexstage.control.feedforward import Compensation, compensate, shifted_model
 from flexstage.control.periodic import delayed
-from flexstage.control.trajectories import Trajectory
+from flexstage.control.trajectories.trajectory import Trajectory
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
@@ -24,8 +24,6 @@ from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
-
-__all__ = ["ControlRun", "Way", "carry_out", "control_run"]
 
 #: Periods before those that are looked at, in which what was before dies out.
 _SETTLING = 2
@@ -43,39 +41,26 @@ class Way(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ControlRun:
-    """What is sent to an instrument for one way of control.
-
-    Parameters
-    ----------
-    way : Way
-        The way.
-    trajectory : Trajectory
-        Where the stage is to be.
-    waveform : Waveform
-        Voltages, or the targets of the control.
-    feedforward : Waveform or None
-        Voltages that are added under control.
-    lead_in : Waveform or None
-        Voltages before, which condition the drive.
-    cycles : int
-        How often the waveform runs.
-    settling : int
-        First periods that are left out of an evaluation.
-    servo : Mapping
-        Settings of the control by axis.
-    notes : tuple of str
-        What was changed, to be told.
-    """
+    """What is sent to an instrument for one way of control."""
 
     way: Way
+    """The way."""
     trajectory: Trajectory
+    """Where the stage is to be."""
     waveform: Waveform
+    """Voltages, or the targets of the control."""
     feedforward: Waveform | None
+    """Voltages that are added under control."""
     lead_in: Waveform | None
+    """Voltages before, which condition the drive."""
     cycles: int
+    """How often the waveform runs."""
     settling: int
+    """First periods that are left out of an evaluation."""
     servo: Mapping[str, ServoSettings]
+    """Settings of the control by axis."""
     notes: tuple[str, ...]
+    """What was changed, to be told."""
 
     @property
     def periods(self) -> int:

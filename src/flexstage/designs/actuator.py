@@ -5,49 +5,28 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from flexstage.stage import Drive, Force, PiezoStack, Point, Screw
-from flexstage.units import DIMENSIONS
-
-__all__ = ["Actuator", "Place", "ScrewActuator", "StackActuator", "VoiceCoil"]
-
-Length = Annotated[float, DIMENSIONS["length"]]
-Stiffness = Annotated[float, DIMENSIONS["stiffness"]]
+from flexstage.units import DIMENSIONS, Length, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where a drive stands in a stage.
-
-    Parameters
-    ----------
-    name : str
-        Name of the drive.
-    pushes : str
-        The body that it moves.
-    reacts : str
-        The body that it stands on.
-    at : tuple of tuple of float
-        The points on the pushed and on the reacting body [m].
-    direction : float
-        Direction in which it pushes, from the x axis to the left [rad].
-    patch_half_width : float
-        Half of the width over which the force is spread [m].
-    """
+    """Where a drive stands in a stage."""
 
     name: str
+    """Name of the drive."""
     pushes: str
+    """The body that it moves."""
     reacts: str
+    """The body that it stands on."""
     at: tuple[Point, Point]
+    """The points on the pushed and on the reacting body [m]."""
     direction: Annotated[float, DIMENSIONS["angle"]]
+    """Direction in which it pushes, from the x axis to the left [rad]."""
     patch_half_width: Length
+    """Half of the width over which the force is spread [m]."""
 
     def keywords(self) -> dict:
-        """Return the place as the arguments that every `Drive` takes.
-
-        Returns
-        -------
-        dict
-            Argument names and values.
-        """
+        """Return the place as the arguments that every `Drive` takes."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
@@ -59,59 +38,27 @@ class Actuator(ABC):
 
     @abstractmethod
     def drive(self, place: Place) -> Drive:
-        """Put the actuator into a stage.
-
-        Parameters
-        ----------
-        place : Place
-            Where it stands.
-
-        Returns
-        -------
-        Drive
-            The drive of the stage.
-        """
+        """Put the actuator into a stage."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScrewActuator(Actuator):
-    """An adjustment screw.
-
-    Parameters
-    ----------
-    pitch : float
-        Advance in one turn [m].
-    smallest_step : float
-        Smallest displacement that can be set [m].
-    travel : float
-        Displacement that is used [m].
-    stiffness : float, optional
-        Axial stiffness of screw and nut [N/m]; rigid where not given.
-    largest_speed : float, optional
-        Largest speed at which it may be turned, as its advance [m/s].
-    """
+    """An adjustment screw."""
 
     kind: ClassVar[str] = "screw"
 
     pitch: Length
+    """Advance in one turn [m]."""
     smallest_step: Length
+    """Smallest displacement that can be set [m]."""
     travel: Length
+    """Displacement that is used [m]."""
     stiffness: Stiffness | None = None
+    """Axial stiffness of screw and nut [N/m]; rigid where not given."""
     largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
+    """Largest speed at which it may be turned, as its advance [m/s]."""
 
     def drive(self, place: Place) -> Drive:
-        """Put the screw into a stage.
-
-        Parameters
-        ----------
-        place : Place
-            Where it stands.
-
-        Returns
-        -------
-        Drive
-            A `Screw`.
-        """
         return Screw(
             **place.keywords(),
             pitch=self.pitch,
@@ -124,46 +71,24 @@ class ScrewActuator(Actuator):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackActuator(Actuator):
-    """A piezoelectric stack.
-
-    Parameters
-    ----------
-    free_stroke : float
-        Free displacement over the voltage range [m].
-    stiffness : float
-        Axial stiffness of the stack [N/m].
-    blocking_force : float, optional
-        Force at the full voltage and no displacement [N].
-    capacitance : float, optional
-        Electrical capacitance [F].
-    voltage_range : tuple of float, optional
-        Lowest and highest allowed voltage [V].
-    largest_slew : float, optional
-        Largest rate at which its voltage may change [V/s].
-    """
+    """A piezoelectric stack."""
 
     kind: ClassVar[str] = "piezo"
 
     free_stroke: Length
+    """Free displacement over the voltage range [m]."""
     stiffness: Stiffness
+    """Axial stiffness of the stack [N/m]."""
     blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
+    """Force at the full voltage and no displacement [N]."""
     capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
+    """Electrical capacitance [F]."""
     voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
+    """Lowest and highest allowed voltage [V]."""
     largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
+    """Largest rate at which its voltage may change [V/s]."""
 
     def drive(self, place: Place) -> Drive:
-        """Put the stack into a stage.
-
-        Parameters
-        ----------
-        place : Place
-            Where it stands.
-
-        Returns
-        -------
-        Drive
-            A `PiezoStack`.
-        """
         return PiezoStack(
             **place.keywords(),
             free_stroke=self.free_stroke,
@@ -177,29 +102,12 @@ class StackActuator(Actuator):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VoiceCoil(Actuator):
-    """A force that does not depend on displacement.
-
-    Parameters
-    ----------
-    largest_force : float
-        Largest force [N].
-    """
+    """A force that does not depend on displacement."""
 
     kind: ClassVar[str] = "force"
 
     largest_force: Annotated[float, DIMENSIONS["force"]]
+    """Largest force [N]."""
 
     def drive(self, place: Place) -> Drive:
-        """Put the coil into a stage.
-
-        Parameters
-        ----------
-        place : Place
-            Where it stands.
-
-        Returns
-        -------
-        Drive
-            A `Force`.
-        """
         return Force(**place.keywords(), largest_force=self.largest_force)

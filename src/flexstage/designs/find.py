@@ -8,8 +8,6 @@ from flexstage.designs.registry import DESIGNS, build, design
 from flexstage.errors import StageError
 from flexstage.stage import Stage
 
-__all__ = ["find_stage"]
-
 
 def find_stage(source: str | os.PathLike[str]) -> Stage:
     """Return a built-in stage, or read one from a stage file.

@@ -17,8 +17,6 @@ from flexstage.errors import StageError, UnitError
 from flexstage.material import Material, material
 from flexstage.units import Dimension, parse
 
-__all__ = ["parameters_from_text"]
-
 _P = TypeVar("_P")
 
 
@@ -26,32 +24,6 @@ def parameters_from_text(
     parameters: type[_P], given: Mapping[str, object], *, base: _P | None = None, path: str = ""
 ) -> _P:
     """Read the parameters of a design.
-
-    Parameters
-    ----------
-    parameters : type
-        The dataclass that holds them. A field may be a number, a length or another quantity
-        (``Annotated`` with a dimension), a pair of them, a material, another such dataclass, or one
-        of several dataclasses that are told apart by ``kind``; and it may be optional.
-    given : mapping
-        Keys are names of fields. A quantity is a text with a unit, a material the name of one in
-        the catalogue, a nested dataclass a mapping.
-    base : object, optional
-        Parameters to take where none are given.
-    path : str
-        Where the mapping stands, for messages.
-
-    Returns
-    -------
-    object
-        The parameters.
-
-    Raises
-    ------
-    StageError
-        A key is unknown (the nearest one is named) or missing, or a value is of the wrong sort.
-    UnitError
-        A quantity has no unit, or a wrong one.
 
     Examples
     --------

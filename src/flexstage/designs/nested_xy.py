@@ -3,11 +3,9 @@
 from flexstage.designs.actuator import Place
 from flexstage.designs.nested_xy_axis import AxisLayout
 from flexstage.designs.nested_xy_checks import check_aperture, check_axis
-from flexstage.designs.nested_xy_parameters import AxisParameters, NestedXYParameters
+from flexstage.designs.nested_xy_parameters import NestedXYParameters
 from flexstage.designs.placement import Placement
 from flexstage.stage import Axis, Body, Circle, Drive, Loop, Probe, Stage
-
-__all__ = ["AxisParameters", "NestedXYParameters", "nested_xy"]
 
 
 def nested_xy(parameters: NestedXYParameters) -> Stage:
@@ -37,22 +35,6 @@ def nested_xy(parameters: NestedXYParameters) -> Stage:
     Bodies are ``G`` (frame, fixed), ``PX`` and ``PY`` (platforms) and, for each axis, ``in`` (input
     block), ``L`` (levers), ``K`` (links), ``G0`` and ``G1`` (guide legs), u or d by the half in
     which they lie: ``xLu``, ``yG1d``.
-
-    Parameters
-    ----------
-    parameters : NestedXYParameters
-        Its dimensions.
-
-    Returns
-    -------
-    Stage
-        21 bodies, 32 hinges, drives, probes and axes ``x`` and ``y``; both probes read the y
-        platform at the centre of its aperture.
-
-    Raises
-    ------
-    StageError
-        The dimensions do not go together.
 
     Notes
     -----

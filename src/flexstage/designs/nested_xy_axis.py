@@ -14,34 +14,23 @@ from flexstage.designs.placement import Placement
 from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Hinge, Loop
 
-__all__ = ["AxisLayout"]
-
 Pair = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLayout:
-    """Where everything of one axis lies.
-
-    Parameters
-    ----------
-    name : str
-        Name of the axis, with which the names of its bodies and hinges begin.
-    parameters : AxisParameters
-        Its dimensions.
-    length : float
-        Length of its platform along u [m].
-    height : float
-        Height of its platform along v [m].
-    slot : float
-        Width of the slots [m].
-    """
+    """Where everything of one axis lies."""
 
     name: str
+    """Name of the axis, with which the names of its bodies and hinges begin."""
     parameters: AxisParameters
+    """Its dimensions."""
     length: float
+    """Length of its platform along u [m]."""
     height: float
+    """Height of its platform along v [m]."""
     slot: float
+    """Width of the slots [m]."""
 
     # -------------------------------------------------------------- levels along the motion, u
 
@@ -133,13 +122,7 @@ class AxisLayout:
     # ----------------------------------------------------------------------------- outlines
 
     def platform_outline(self) -> Loop:
-        """Return the outline of the platform, with the recesses of the links.
-
-        Returns
-        -------
-        Loop
-            Counter-clockwise, in (u, v) [m].
-        """
+        """Return the outline of the platform, with the recesses of the links."""
         p, half = self.parameters, self.notch_height / 2.0 + self.slot
         low, high = self.output - half, self.output + half
         recess = [(0.0, high), (p.link_recess, high), (p.link_recess, low), (0.0, low)]
@@ -148,13 +131,7 @@ class AxisLayout:
         return Loop(((0.0, -top), (right, -top), (right, top), (0.0, top), *recess, *mirrored))
 
     def window(self) -> Loop:
-        """Return the opening of the ground in which the axis lies.
-
-        Returns
-        -------
-        Loop
-            In (u, v) [m].
-        """
+        """Return the opening of the ground in which the axis lies."""
         g, edge = self.slot, self.height / 2.0 + self.slot
         lever, block = self.lever_span[1] + g, self.block_half_height + g
         pocket = self.parameters.actuator_pocket_width / 2.0
@@ -180,18 +157,7 @@ class AxisLayout:
     # ------------------------------------------------------------------- bodies and hinges
 
     def bodies(self, place: Placement) -> Iterator[Body]:
-        """Give levers, links, guide legs and input block.
-
-        Parameters
-        ----------
-        place : Placement
-            Where the axis lies.
-
-        Yields
-        ------
-        Body
-            A body; u and d in its name tell the half with positive and negative v.
-        """
+        """Give levers, links, guide legs and input block."""
         p, half = self.parameters, self.notch_height / 2.0
         leg = self.leg_width / 2.0
         link_right = p.link_recess - 2.0 * p.lever_notch_radius
@@ -213,23 +179,7 @@ class AxisLayout:
         yield Body(name=f"{self.name}in", outline=outline.mapped(place.to_plane))
 
     def hinges(self, place: Placement, platform: str, ground: str) -> Iterator[Hinge]:
-        """Give the notches of lever, link and guide legs, on both sides.
-
-        Parameters
-        ----------
-        place : Placement
-            Where the axis lies.
-        platform : str
-            Name of the body that the axis moves.
-        ground : str
-            Name of the body against which it moves.
-
-        Yields
-        ------
-        Hinge
-            A notch: ``ful`` fulcrum, ``inp`` input, ``lko`` from lever to link, ``lkp`` from link
-            to platform, ``gp`` from platform to guide leg, ``gg`` from guide leg to ground.
-        """
+        """Give the notches of lever, link and guide legs, on both sides."""
         p, r = self.parameters, self.parameters.lever_notch_radius
         lever_notch = RightCircular(neck_thickness=p.lever_neck, radius=r)
         leg_notch = RightCircular(neck_thickness=p.leg_neck, radius=p.leg_notch_radius)

@@ -6,8 +6,6 @@ from flexstage.designs.nested_xy_axis import AxisLayout
 from flexstage.designs.nested_xy_parameters import NestedXYParameters
 from flexstage.errors import StageError
 
-__all__ = ["check_aperture", "check_axis"]
-
 # Rounding of sums of dimensions, far below what can be cut.
 _ROUNDING = 1e-10
 
@@ -16,16 +14,6 @@ def check_axis(layout: AxisLayout) -> None:
     """Refuse an axis whose bodies would overlap, touch, or be cut through.
 
     Solid ribs that stay between two openings must be at least one slot wide.
-
-    Parameters
-    ----------
-    layout : AxisLayout
-        The axis.
-
-    Raises
-    ------
-    StageError
-        The first impossible dimension, the limit that it must keep, and why.
     """
     p, g = layout.parameters, layout.slot
     root, leg = layout.notch_height / 2.0, layout.leg_width / 2.0
@@ -106,20 +94,7 @@ def check_axis(layout: AxisLayout) -> None:
 
 
 def check_aperture(parameters: NestedXYParameters, layout: AxisLayout) -> None:
-    """Refuse an aperture that cuts the edge of the y platform or a recess in it.
-
-    Parameters
-    ----------
-    parameters : NestedXYParameters
-        The dimensions of the stage.
-    layout : AxisLayout
-        Its y axis.
-
-    Raises
-    ------
-    StageError
-        The aperture is too large for the place where it is.
-    """
+    """Refuse an aperture that cuts the edge of the y platform or a recess in it."""
     centre = layout.length / 2.0 + parameters.aperture_offset
     half = layout.notch_height / 2.0 + layout.slot
     # to the nearest point of a recess, which lies at v = output, from u = 0 to its depth

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated
 
 from flexstage.designs.actuator import Place, ScrewActuator, StackActuator, VoiceCoil
 from flexstage.designs.nested_xy_parameters import require_positive
@@ -10,70 +9,43 @@ from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.material import CATALOGUE, Material
 from flexstage.stage import Axis, Body, Circle, Hinge, Loop, Probe, Stage
-from flexstage.units import DIMENSIONS
-
-__all__ = ["ParallelogramParameters", "parallelogram"]
-
-Length = Annotated[float, DIMENSIONS["length"]]
+from flexstage.units import Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParallelogramParameters:
-    """The dimensions of a parallelogram guide.
-
-    Parameters
-    ----------
-    leg_spacing : float
-        Distance between the two legs [m].
-    leg_bar_length : float
-        Length of the bar between the two notches of a leg [m].
-    notch_radius : float
-        Radius of the notches [m].
-    neck_thickness : float
-        Neck thickness of the notches [m].
-    platform_overhang : float
-        How far the platform reaches beyond the legs, on both sides [m].
-    platform_height : float
-        Height of the platform across its motion [m].
-    base_height : float
-        Height of the base under the legs [m].
-    column_width : float
-        Width of the column of the base that holds the drive [m].
-    actuator_length : float
-        Distance between column and platform [m].
-    mounting_hole_diameter : float
-        Diameter of the two holes by which the base is bolted down [m].
-    actuator : ScrewActuator or StackActuator or VoiceCoil
-        What drives the guide.
-    force_patch_half_width : float
-        Half of the width over which the drive spreads its force [m].
-    thickness : float
-        Thickness of the plate [m].
-    material : Material
-        What it is cut from.
-
-    Raises
-    ------
-    StageError
-        A dimension is not positive and finite, or they do not go together.
-    """
+    """The dimensions of a parallelogram guide."""
 
     leg_spacing: Length = 40e-3
+    """Distance between the two legs [m]."""
     leg_bar_length: Length = 26e-3
+    """Length of the bar between the two notches of a leg [m]."""
     notch_radius: Length = 2e-3
+    """Radius of the notches [m]."""
     neck_thickness: Length = 0.5e-3
+    """Neck thickness of the notches [m]."""
     platform_overhang: Length = 4e-3
+    """How far the platform reaches beyond the legs, on both sides [m]."""
     platform_height: Length = 12e-3
+    """Height of the platform across its motion [m]."""
     base_height: Length = 15e-3
+    """Height of the base under the legs [m]."""
     column_width: Length = 12e-3
+    """Width of the column of the base that holds the drive [m]."""
     actuator_length: Length = 2e-3
+    """Distance between column and platform [m]."""
     mounting_hole_diameter: Length = 5.5e-3
+    """Diameter of the two holes by which the base is bolted down [m]."""
     actuator: ScrewActuator | StackActuator | VoiceCoil = field(
         default_factory=lambda: ScrewActuator(pitch=0.25e-3, smallest_step=0.5e-6, travel=200e-6)
     )
+    """What drives the guide."""
     force_patch_half_width: Length = 2e-3
+    """Half of the width over which the drive spreads its force [m]."""
     thickness: Length = 8e-3
+    """Thickness of the plate [m]."""
     material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
+    """What it is cut from."""
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -99,18 +71,6 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     along x, and by about d^2/(2 l) towards the base when it has moved by d on legs whose necks are
     l apart. The base carries a column, against which the drive pushes the platform. y = 0 is the
     top of the base, x = 0 the middle of the platform.
-
-    Parameters
-    ----------
-    parameters : ParallelogramParameters, optional
-        Its dimensions; the usual ones where not given.
-
-    Returns
-    -------
-    Stage
-        Bodies ``base`` (fixed), ``left-leg``, ``right-leg`` and ``platform``; hinges
-        ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``; drive, probe and axis
-        ``x``.
 
     Examples
     --------

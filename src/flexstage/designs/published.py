@@ -4,8 +4,6 @@ from collections.abc import Iterator
 
 from flexstage.characteristic import QUANTITIES, Characteristic
 
-__all__ = ["BOTH_AXES", "rows"]
-
 #: Note of a figure that is printed once for a stage with two axes.
 BOTH_AXES = "printed once, for both axes"
 
@@ -19,26 +17,7 @@ def rows(
     both: float | None = None,
     note: str = "",
 ) -> Iterator[Characteristic]:
-    """Give the rows of one published quantity.
-
-    Parameters
-    ----------
-    origin : str
-        One of `flexstage.characteristic.ORIGINS`.
-    quantity : str
-        One of `flexstage.characteristic.QUANTITIES`.
-    x, y : float, optional
-        The figures of the axes [SI].
-    both : float, optional
-        The figure that is printed once for both axes [SI].
-    note : str
-        Condition or remark.
-
-    Yields
-    ------
-    Characteristic
-        A row for each axis that has a figure.
-    """
+    """Give the rows of one published quantity."""
     if both is not None:
         x, y = both, both
         note = f"{BOTH_AXES}; {note}" if note else BOTH_AXES

@@ -11,29 +11,19 @@ from flexstage.designs.from_text import parameters_from_text
 from flexstage.errors import StageError
 from flexstage.stage import Stage
 
-__all__ = ["DESIGNS", "PARAMETER_SETS", "TOPOLOGIES", "Topology", "build", "design"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topology:
-    """A family of stages that differ in their dimensions.
-
-    Parameters
-    ----------
-    name : str
-        Its name in stage files.
-    title : str
-        One line that says what it is.
-    parameters : type
-        The dataclass of its dimensions.
-    construct : callable
-        Builds a stage from dimensions.
-    """
+    """A family of stages that differ in their dimensions."""
 
     name: str
+    """Its name in stage files."""
     title: str
+    """One line that says what it is."""
     parameters: type
+    """The dataclass of its dimensions."""
     construct: Callable[[Any], Stage]
+    """Builds a stage from dimensions."""
 
 
 #: Parametric families.

@@ -6,11 +6,10 @@ The study prints no dimensions: this geometry is a reconstruction, see `NOTES`.
 from dataclasses import replace
 
 from flexstage.designs.actuator import ScrewActuator
-from flexstage.designs.nested_xy import AxisParameters, NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.published import rows
 from flexstage.stage import Stage
-
-__all__ = ["NOTES", "PARAMETERS", "PUBLISHED", "vgtu_mechanical"]
 
 #: Half a degree of a turn is inferred: with it the three printed resolutions of 0.162, 0.155 and
 #: 0.157 um follow from the printed ratios 0.33, 111.53/350 and 113.05/350.
@@ -146,11 +145,6 @@ NOTES = (
 
 def vgtu_mechanical() -> Stage:
     """Build the screw-driven reduction stage.
-
-    Returns
-    -------
-    Stage
-        The reconstruction, with the published figures of the stage.
 
     Examples
     --------

@@ -6,11 +6,10 @@ The study prints no dimensions: this geometry is a reconstruction, see `NOTES`.
 from dataclasses import replace
 
 from flexstage.designs.actuator import StackActuator
-from flexstage.designs.nested_xy import AxisParameters, NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy_parameters import AxisParameters
 from flexstage.designs.published import rows
 from flexstage.stage import Stage
-
-__all__ = ["NOTES", "PARAMETERS", "PUBLISHED", "vgtu_piezo"]
 
 #: PI PICMA P-887.91, 36 mm long: figures of its data sheet. The study names only "P-887" and 38 um.
 _STACK = StackActuator(
@@ -135,11 +134,6 @@ NOTES = (
 
 def vgtu_piezo() -> Stage:
     """Build the piezo-driven amplification stage.
-
-    Returns
-    -------
-    Stage
-        The reconstruction, with the published figures of the stage.
 
     Examples
     --------

@@ -9,36 +9,27 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.elasticity.buckling import BucklingFactors, buckling
+    from flexstage.elasticity.buckling import buckling
     from flexstage.elasticity.continuum import AttachedMass, Continuum
-    from flexstage.elasticity.large_displacement import Equilibria, follow_drive, follow_load
+    from flexstage.elasticity.large_displacement import follow_drive, follow_load
     from flexstage.elasticity.loaded import loaded, material_stress, stress_stiffening
-    from flexstage.elasticity.memory import memory_available, memory_needed, require_memory
     from flexstage.elasticity.shapes import face
-    from flexstage.elasticity.stress import von_mises, von_mises_of
-    from flexstage.elasticity.threads import free_cores, parallel
-    from flexstage.elasticity.unit import METRE
+    from flexstage.elasticity.stress import von_mises
+    from flexstage.elasticity.threads import parallel
+
 
 __all__ = [
-    "METRE",
     "AttachedMass",
-    "BucklingFactors",
     "Continuum",
-    "Equilibria",
     "buckling",
     "face",
     "follow_drive",
     "follow_load",
-    "free_cores",
     "loaded",
     "material_stress",
-    "memory_available",
-    "memory_needed",
     "parallel",
-    "require_memory",
     "stress_stiffening",
     "von_mises",
-    "von_mises_of",
 ]
 
 import_on_use(__name__)

@@ -6,42 +6,31 @@ from dataclasses import dataclass
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.loaded import holding, volume_unit
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
-__all__ = ["BucklingFactors", "buckling"]
-
-Array = NDArray[np.float64]
-
 _MOST = 150  # vectors; 20 to 40 are usual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BucklingFactors:
-    """Factors of a reference load at which a part buckles.
-
-    Parameters
-    ----------
-    positive : numpy.ndarray
-        Factors of the load as it acts, the smallest first [1]; empty where it cannot buckle the
-        part, shape (k,).
-    positive_shapes : numpy.ndarray
-        Their shapes, of unit strain energy times two, shape (n, k).
-    negative : numpy.ndarray
-        Factors of the reversed load, the smallest magnitude first [1], shape (m,).
-    negative_shapes : numpy.ndarray
-        Their shapes, shape (n, m).
-    """
+    """Factors of a reference load at which a part buckles."""
 
     positive: Array
+    """Factors of the load as it acts, the smallest first [1]; empty where it cannot buckle the
+    part, shape (k,).
+    """
     positive_shapes: Array
+    """Their shapes, of unit strain energy times two, shape (n, k)."""
     negative: Array
+    """Factors of the reversed load, the smallest magnitude first [1], shape (m,)."""
     negative_shapes: Array
+    """Their shapes, shape (n, m)."""
 
 
 def buckling(

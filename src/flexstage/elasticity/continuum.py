@@ -9,34 +9,25 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
 from flexstage.progress import tell
 
-__all__ = ["AttachedMass", "Continuum"]
-
-Array = NDArray[np.float64]
 _COMPONENTS = "xyz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttachedMass:
-    """Something heavy that rides on a part and does not stiffen it.
-
-    Parameters
-    ----------
-    motion : numpy.ndarray
-        Its motions for each degree of freedom of the part, one a row [m or rad], shape (k, n).
-    inertia : numpy.ndarray
-        Mass or moment of inertia for each motion [kg or kg m^2], shape (k,).
-    """
+    """Something heavy that rides on a part and does not stiffen it."""
 
     motion: Array
+    """Its motions for each degree of freedom of the part, one a row [m or rad], shape (k, n)."""
     inertia: Array
+    """Mass or moment of inertia for each motion [kg or kg m^2], shape (k,)."""
 
 
 class Continuum:

@@ -7,44 +7,36 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity.continuum import Continuum
-from flexstage.elasticity.loaded import green_strain, stress_stiffening, volume_unit
+from flexstage.elasticity.loaded import green_strain, volume_unit
 from flexstage.elasticity.threads import parallel
 from flexstage.errors import ConvergenceError, ModelError
 
-__all__ = ["Equilibria", "follow_drive", "follow_load", "stress_stiffening"]
-
-Array = NDArray[np.float64]
 Field = ng.CoefficientFunction | float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Equilibria:
-    """Equilibria of a part along a path.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        What was imposed: the reading of the drive [m or rad] or the factor of the load [1],
-        shape (steps,).
-    displacement : numpy.ndarray
-        Displacements [m], shape (steps, n); ``displacement @ row`` is any reading along the path.
-    force : numpy.ndarray
-        Force of the drive [N], or N m where its reading is an angle; of a path of loads the factor
-        itself, shape (steps,).
-    compliance : numpy.ndarray
-        Slope of the reading over the force at each equilibrium [m/N], for a path of loads of
-        ``load @ u`` over the factor [J], shape (steps,). It passes through zero where the part
-        snaps through under an imposed motion, and through infinity where it does under a force.
-    iterations : numpy.ndarray
-        Factorisations that each step took, with those of halved steps, shape (steps,).
-    """
+    """Equilibria of a part along a path."""
 
     values: Array
+    """What was imposed: the reading of the drive [m or rad] or the factor of the load [1], shape
+    (steps,).
+    """
     displacement: Array
+    """Displacements [m], shape (steps, n); ``displacement @ row`` is any reading along the path."""
     force: Array
+    """Force of the drive [N], or N m where its reading is an angle; of a path of loads the factor
+    itself, shape (steps,).
+    """
     compliance: Array
+    """Slope of the reading over the force at each equilibrium [m/N], for a path of loads of ``load
+    @ u`` over the factor [J], shape (steps,). It passes through zero where the part snaps
+    through under an imposed motion, and through infinity where it does under a force.
+    """
     iterations: NDArray[np.int64]
+    """Factorisations that each step took, with those of halved steps, shape (steps,)."""
 
 
 class _Path:
@@ -110,11 +102,6 @@ class _Path:
 
         With an imposed reading, :math:`K_t\,du - df\,d = r,\ d^T(u + du) = s`, by two solutions
         with one factorisation: the many degrees of freedom of d never fill the matrix.
-
-        Returns
-        -------
-        tuple
-            Displacement, force, compliance, factorisations, and whether it is an equilibrium.
         """
         u, d, first, compliance = start.copy(), self.vector, 0.0, 0.0
         self.share.Set(share)

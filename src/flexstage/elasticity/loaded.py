@@ -4,38 +4,17 @@ from collections.abc import Callable, Sequence
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity.continuum import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 
-__all__ = [
-    "green_strain",
-    "holding",
-    "loaded",
-    "material_stress",
-    "stress_stiffening",
-    "volume_unit",
-]
-
-Array = NDArray[np.float64]
 Field = ng.CoefficientFunction | float
 
 
 def volume_unit(continuum: Continuum) -> float:
-    """Return the volume of the part for each unit of its mesh.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part.
-
-    Returns
-    -------
-    float
-        Volume [m^3] of one square or cubic millimetre of mesh.
-    """
+    """Return the volume of the part for each unit of its mesh."""
     thickness = continuum.thickness
     return (1.0 / METRE if thickness is None else thickness) / METRE**2
 
@@ -43,22 +22,7 @@ def volume_unit(continuum: Continuum) -> float:
 def green_strain(
     gradient: ng.CoefficientFunction, continuum: Continuum, change: Field
 ) -> ng.CoefficientFunction:
-    """Return Green's strain less the thermal strain.
-
-    Parameters
-    ----------
-    gradient : ngsolve.CoefficientFunction
-        Gradient of the displacement [m] by millimetres of the mesh.
-    continuum : Continuum
-        The part.
-    change : ngsolve.CoefficientFunction or float
-        Change of temperature [K]; it does nothing where the material gives no expansion.
-
-    Returns
-    -------
-    ngsolve.CoefficientFunction
-        The strain [1], 2 x 2 of a plane part.
-    """
+    """Return Green's strain less the thermal strain."""
     turn = METRE * gradient
     strain = 0.5 * (turn + turn.trans + turn.trans * turn)
     alpha = continuum.material.thermal_expansion
@@ -104,20 +68,7 @@ def material_stress(continuum: Continuum, u: Array, change: Field = 0.0) -> ng.C
 
 
 def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], Array]:
-    """Return the solution of a part some readings of which stay at nothing.
-
-    Parameters
-    ----------
-    solve : callable
-        Solution of the part under a load, shape (n,).
-    rows : numpy.ndarray
-        The readings, shape (k, n).
-
-    Returns
-    -------
-    callable
-        The same with the forces that hold the readings.
-    """
+    """Return the solution of a part some readings of which stay at nothing."""
     pushed = np.column_stack([solve(row) for row in rows])
     reaction = np.linalg.inv(rows @ pushed)
 

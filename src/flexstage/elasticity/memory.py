@@ -7,8 +7,6 @@ from pathlib import Path
 
 from flexstage.errors import ModelError
 
-__all__ = ["memory_available", "memory_needed", "require_memory"]
-
 # Peak resident memory of `Continuum.factorise` and `Continuum.modes`, less that of the mesh,
 # measured with sparse Cholesky:
 #   triangles, orders 2 to 4, 34 000 to 535 000 unknowns: 1750 to 2010 bytes an unknown;
@@ -31,25 +29,6 @@ def memory_needed(
     layered: bool = False,
 ) -> float:
     """Estimate the memory that factorisation and modes take.
-
-    Parameters
-    ----------
-    unknowns : int
-        Degrees of freedom.
-    dimension : int
-        2 or 3.
-    order : int
-        Polynomial order of the displacement.
-    box : sequence of float, optional
-        Sides of the box about a part in three dimensions, in any unit: slender parts need less than
-        a cube, which is taken where it is not given.
-    layered : bool
-        Whether it is a plate of one layer of prisms.
-
-    Returns
-    -------
-    float
-        Memory [byte].
 
     Notes
     -----
@@ -83,13 +62,7 @@ def _shape(box: Sequence[float] | None) -> float:
 
 
 def memory_available() -> float:
-    """Return the memory that this process may still take [byte]; infinity where nothing tells.
-
-    Returns
-    -------
-    float
-        The least of what the computer has free and what the limits of its control group leave.
-    """
+    """Return the memory that this process may still take [byte]; infinity where nothing tells."""
     found = [_free_memory(), *_group_limits()]
     return min(found)
 
@@ -136,26 +109,7 @@ def require_memory(
     box: Sequence[float] | None = None,
     layered: bool = False,
 ) -> None:
-    """Refuse a mesh whose factorisation does not fit in memory.
-
-    Parameters
-    ----------
-    unknowns : int
-        Degrees of freedom.
-    dimension : int
-        2 or 3.
-    order : int
-        Polynomial order of the displacement.
-    box : sequence of float, optional
-        As of `memory_needed`.
-    layered : bool
-        As of `memory_needed`.
-
-    Raises
-    ------
-    ModelError
-        It takes more than is free.
-    """
+    """Refuse a mesh whose factorisation does not fit in memory."""
     needed = memory_needed(unknowns, dimension, order, box=box, layered=layered)
     free = memory_available()
     if needed > free:

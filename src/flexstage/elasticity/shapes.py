@@ -7,27 +7,11 @@ from netgen.occ import ArcOfCircle, Face, Segment, TopoDS_Shape, Wire, gp_Pnt
 
 from flexstage.elasticity.unit import METRE
 
-__all__ = ["face", "turns_left"]
-
 _NOTHING = 1e-12  # a segment shorter than this [m] is a repeated point
 
 
 def turns_left(points: Sequence[tuple[float, float]], bulges: Sequence[float] = ()) -> bool:
-    """Tell whether a closed line runs counter-clockwise.
-
-    Parameters
-    ----------
-    points : sequence of tuple of float
-        Its corners [m].
-    bulges : sequence of float
-        Tangent of a quarter of the angle of the arc after each corner; empty where all are
-        straight.
-
-    Returns
-    -------
-    bool
-        Whether the enclosed area lies to the left.
-    """
+    """Tell whether a closed line runs counter-clockwise."""
     area = 0.0
     bent = bulges or (0.0,) * len(points)
     for (ax, ay), (bx, by), bulge in zip(points, (*points[1:], points[0]), bent, strict=True):

@@ -4,8 +4,6 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COMPONENTS", "von_mises", "von_mises_of"]
-
 #: Order of the six components of a stress.
 COMPONENTS: tuple[tuple[int, int], ...] = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
@@ -30,18 +28,7 @@ def von_mises(stress: ng.CoefficientFunction) -> ng.CoefficientFunction:
 
 
 def von_mises_of(components: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the equivalent stress of von Mises of stress components [Pa].
-
-    Parameters
-    ----------
-    components : numpy.ndarray
-        xx, yy, zz, yz, xz, xy in the last axis [Pa], shape (..., 6).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (...).
-    """
+    """Return the equivalent stress of von Mises of stress components [Pa]."""
     xx, yy, zz, yz, xz, xy = np.moveaxis(components, -1, 0)
     normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
     return np.sqrt(0.5 * normal + 3.0 * (yz**2 + xz**2 + xy**2))

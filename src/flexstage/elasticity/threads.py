@@ -9,8 +9,6 @@ from pathlib import Path
 
 import ngsolve as ng
 
-__all__ = ["free_cores", "parallel"]
-
 _WATCHED = 0.1  # shortest time over which the use of the cores is counted [s]
 _KEPT = 1.0  # what was counted is asked for again after this time [s]
 _OLD = 5.0  # what the cores did over a longer time than this does not tell what they do now [s]
@@ -64,11 +62,6 @@ _watch = _Watch()
 
 def free_cores() -> int:
     """Return how many cores are idle, or used by this process itself: at least one.
-
-    Returns
-    -------
-    int
-        Their number; all that the process may run on where the system does not tell their use.
 
     Notes
     -----

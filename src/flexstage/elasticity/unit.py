@@ -1,7 +1,5 @@
 """The unit that meshes are made in."""
 
-__all__ = ["METRE"]
-
 #: One metre in the unit of geometry and mesh, the millimetre: the tolerances of the geometry
 #: kernel are absolute, and made for it. Everything else is SI.
 METRE = 1e3

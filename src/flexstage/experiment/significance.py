@@ -6,29 +6,19 @@ from dataclasses import dataclass
 from flexstage.characteristic import Characteristic
 from flexstage.errors import ModelError
 
-__all__ = ["Difference", "difference"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """How far one figure is above another.
-
-    Parameters
-    ----------
-    value : float
-        The difference, in the unit of the figures.
-    percent : float or None
-        The same in percent of the reference; None where that is 0.
-    expanded : float or None
-        Expanded uncertainty of the difference at 95 %; None where neither figure has one.
-    significant : bool or None
-        Whether the difference is larger than that; None where it cannot be said.
-    """
+    """How far one figure is above another."""
 
     value: float
+    """The difference, in the unit of the figures."""
     percent: float | None
+    """The same in percent of the reference; None where that is 0."""
     expanded: float | None
+    """Expanded uncertainty of the difference at 95 %; None where neither figure has one."""
     significant: bool | None
+    """Whether the difference is larger than that; None where it cannot be said."""
 
 
 def difference(figure: Characteristic, reference: Characteristic) -> Difference:
@@ -38,23 +28,6 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
     freedom after Welch and Satterthwaite (JCGM 100:2008, G.4). A figure without uncertainty counts
     as exact beside one that has one: of a model the verdict then asks whether the measurement
     contradicts it, not by how much the model itself may be off.
-
-    Parameters
-    ----------
-    figure : Characteristic
-        The figure, as a measured one.
-    reference : Characteristic
-        What it is compared with, as that of a model.
-
-    Returns
-    -------
-    Difference
-        The difference, and the verdict.
-
-    Raises
-    ------
-    ModelError
-        They are not of the same quantity.
 
     Examples
     --------

@@ -15,45 +15,34 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.export.build_model import dynamic_model
     from flexstage.export.control_object import control_system
-    from flexstage.export.diagram import diagram_files, diagram_svg, stage_diagram
-    from flexstage.export.drawing import drawing_svg, dxf_files, offset_contours, plate_contours
-    from flexstage.export.drive_models import usual_hysteresis
+    from flexstage.export.diagram.files import diagram_files
+    from flexstage.export.diagram.stage_diagram import stage_diagram
+    from flexstage.export.drawing.dxf import dxf_files
     from flexstage.export.fields import field_files
-    from flexstage.export.fmu import fmu_files
-    from flexstage.export.matlab import matlab_files
+    from flexstage.export.fmu.fmu_file import fmu_files
+    from flexstage.export.matlab.files import matlab_files
     from flexstage.export.modal_file import universal_files
-    from flexstage.export.model import DynamicModel, ModelDrive, ModelMemory, ModelProbe
-    from flexstage.export.realtime import realtime_files
-    from flexstage.export.simulink import simulink_files
-    from flexstage.export.source import c_variables, render_source
+    from flexstage.export.model import DynamicModel
+    from flexstage.export.realtime.files import realtime_files
+    from flexstage.export.simulink.files import simulink_files
     from flexstage.export.step import step_files
-    from flexstage.export.tables import table_files
+    from flexstage.export.tables.files import table_files
 
 __all__ = [
     "DynamicModel",
-    "ModelDrive",
-    "ModelMemory",
-    "ModelProbe",
-    "c_variables",
     "control_system",
     "diagram_files",
-    "diagram_svg",
-    "drawing_svg",
     "dxf_files",
     "dynamic_model",
     "field_files",
     "fmu_files",
     "matlab_files",
-    "offset_contours",
-    "plate_contours",
     "realtime_files",
-    "render_source",
     "simulink_files",
     "stage_diagram",
     "step_files",
     "table_files",
     "universal_files",
-    "usual_hysteresis",
 ]
 
 import_on_use(__name__)

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour, inner_notch
 from flexstage.system import MechanicalSystem
-
-__all__ = ["BodyCells", "body_cells"]
-
-Array = NDArray[np.float64]
 
 # The part of a notch, from the neck on, that is drawn as bending; the rest is its body's.
 _BENT = 0.8
@@ -22,55 +19,32 @@ _PARTS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyCells:
-    """The plate of a stage in tetrahedra over its whole thickness.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    points : numpy.ndarray
-        Corners at rest [m], shape (n, 3): from z = -thickness/2 to thickness/2.
-    cells : numpy.ndarray
-        Corners of each tetrahedron, the fourth on the side that the first three turn left about,
-        shape (m, 4).
-    region : numpy.ndarray
-        Index into `regions` of each cell, shape (m,).
-    point_region : numpy.ndarray
-        The same of each corner, shape (n,); corners stay apart where two regions meet.
-    regions : tuple of str
-        Names of the regions: bodies without their notches, and halves of notches.
-    body : numpy.ndarray
-        Index of the body that each region is a part of, shape (r,).
-    hinge : numpy.ndarray
-        Index of the hinge that each region is a part of, -1 for bodies, shape (r,).
-    """
+    """The plate of a stage in tetrahedra over its whole thickness."""
 
     stage: Stage
+    """The stage."""
     points: Array
+    """Corners at rest [m], shape (n, 3): from z = -thickness/2 to thickness/2."""
     cells: NDArray[np.intp]
+    """Corners of each tetrahedron, the fourth on the side that the first three turn left about,
+    shape (m, 4).
+    """
     region: NDArray[np.intp]
+    """Index into `regions` of each cell, shape (m,)."""
     point_region: NDArray[np.intp]
+    """The same of each corner, shape (n,); corners stay apart where two regions meet."""
     regions: tuple[str, ...]
+    """Names of the regions: bodies without their notches, and halves of notches."""
     body: NDArray[np.intp]
+    """Index of the body that each region is a part of, shape (r,)."""
     hinge: NDArray[np.intp]
+    """Index of the hinge that each region is a part of, -1 for bodies, shape (r,)."""
 
     def displacement(self, system: MechanicalSystem, q: Array) -> Array:
         """Return how the corners move.
 
         Bodies move as rigid ones. A notch is drawn as a bar of constant stiffness between its two
         bodies, v of third order along it, which is only a picture.
-
-        Parameters
-        ----------
-        system : MechanicalSystem
-            A model of the stage; bodies that it does not name stand still.
-        q : numpy.ndarray
-            Its coordinates, shape (r,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacement [m], shape (n, 3).
         """
         found = np.zeros_like(self.points)
         motion = {b.name: (b.centre, b.matrix @ q) for b in system.bodies}
@@ -87,18 +61,7 @@ class BodyCells:
         return found
 
     def hinge_values(self, values: dict[str, float]) -> Array:
-        """Return a number of each hinge in the cells of its notch.
-
-        Parameters
-        ----------
-        values : dict
-            The number by hinge.
-
-        Returns
-        -------
-        numpy.ndarray
-            The numbers, 0 in bodies and in hinges that have none, shape (m,).
-        """
+        """Return a number of each hinge in the cells of its notch."""
         by_hinge = np.array([*(values.get(h.name, 0.0) for h in self.stage.hinges), 0.0])
         return by_hinge[self.hinge][self.region]
 
@@ -147,22 +110,6 @@ def body_cells(stage: Stage) -> BodyCells:
 
     Three make a prism over a triangle. They are not written as wedges, since programs differ in
     which way round a wedge is right side out.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    BodyCells
-        Its cells. Arcs are drawn by chords that are within 2 um of them, so that the area is within
-        some 1e-4 of that of the description.
-
-    Raises
-    ------
-    StageError
-        A hinge does not grow from its bodies.
     """
     index = {b.name: i for i, b in enumerate(stage.bodies)}
     outlines: list[tuple[str, int, int, Loop, tuple[Loop | Circle, ...], float]] = []

@@ -19,10 +19,9 @@ from flexstage.hysteresis import Creep, DriveModel, HysteresisModel, Sensor
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.stage import PiezoStack, Stage
-from flexstage.system import DrivePort, MechanicalSystem, Modes, modes
+from flexstage.system import MechanicalSystem, Modes, modes
 from flexstage.system.imposed import imposed_shape
-
-__all__ = ["dynamic_model"]
+from flexstage.system.mechanical import DrivePort
 
 # s; far beyond, powers of the step over a period overflow.
 _STEPS = (1e-12, 1e6)

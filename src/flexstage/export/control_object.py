@@ -11,8 +11,6 @@ from flexstage.system import MechanicalSystem, StateSpace, state_space
 if TYPE_CHECKING:
     import control
 
-__all__ = ["control_system", "linear_part", "rest_shape", "state_names"]
-
 
 def linear_part(model: DynamicModel) -> StateSpace:
     r"""Return the equations from the free displacements of all drives to the true motion.
@@ -20,16 +18,6 @@ def linear_part(model: DynamicModel) -> StateSpace:
     With creep the lags l of each drive follow, :math:`f = w + a \sum_i l_i`, and each mode moves by
     :math:`\eta'' + 2\zeta\omega\eta' + \omega^2\eta = \omega^2 g (f + t f')`; t is 0 but where the
     displacement is imposed, and there the second state is :math:`\eta' - \omega^2 t g f`.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        A stage with its drives; amplifier, hysteresis or gain, and sensors are left out.
-
-    Returns
-    -------
-    StateSpace
-        Modes, then lags of the drives in order. Inputs are free displacements [m], or forces [N].
 
     Examples
     --------
@@ -76,19 +64,7 @@ def linear_part(model: DynamicModel) -> StateSpace:
 
 
 def rest_shape(model: DynamicModel) -> Array:
-    """Return the states of `linear_part` at rest for a unit of each input.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    numpy.ndarray
-        States, one column an input, shape (n, m): equal to ``-inv(A) B``, without the loss of
-        digits of so stiff an inverse.
-    """
+    """Return the states of `linear_part` at rest for a unit of each input."""
     form = linear_part(model)
     k = model.omega.size
     at = 2 * k
@@ -104,18 +80,7 @@ def rest_shape(model: DynamicModel) -> Array:
 
 
 def state_names(model: DynamicModel) -> tuple[str, ...]:
-    """Return name and unit of each state of `linear_part`.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    tuple of str
-        The names, shape (n,).
-    """
+    """Return name and unit of each state of `linear_part`."""
     k = model.omega.size
     names = [f"mode {i + 1} [kg^0.5 m]" for i in range(k)]
     names += [f"mode {i + 1} rate [kg^0.5 m/s]" for i in range(k)]

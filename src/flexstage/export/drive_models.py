@@ -20,16 +20,6 @@ from flexstage.hysteresis.model import Array
 from flexstage.stage import Drive, PiezoStack, Stage
 from flexstage.system import MechanicalSystem
 
-__all__ = [
-    "USUAL_LOOP_WIDTH",
-    "Hysteresis",
-    "amplifier_of",
-    "bare_drive",
-    "models_by_drive",
-    "scale_of",
-    "usual_hysteresis",
-]
-
 #: Width of the loop of a usual multilayer stack over its stroke [1]: data sheets of stacks under
 #: voltage control state 10 to 15 %.
 USUAL_LOOP_WIDTH = 0.125
@@ -42,23 +32,6 @@ _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e
 
 def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> BoucWen:
     """Return a Bouc-Wen model with the stroke of a stack and a usual width of its loop.
-
-    Parameters
-    ----------
-    stack : PiezoStack
-        The stack, with its voltage range.
-    width : float
-        Width of the loop over the stroke [1], from 0.01 to 0.2.
-
-    Returns
-    -------
-    BoucWen
-        From voltage [V] to free displacement [m].
-
-    Raises
-    ------
-    ModelError
-        The stack has no voltage range, or no loop of this family is as wide.
 
     Notes
     -----
@@ -109,25 +82,7 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> B
 
 
 def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisModel | DriveModel]:
-    """Return the model of each stack.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    given : Mapping or str
-        A model by drive or axis; ``usual`` for `usual_hysteresis` of every stack, ``none``.
-
-    Returns
-    -------
-    dict
-        The models by name of the drive.
-
-    Raises
-    ------
-    ModelError
-        A name is neither a stack nor an axis of one, or the word is another.
-    """
+    """Return the model of each stack."""
     stacks = {d.name: d for d in stage.drives if isinstance(d, PiezoStack)}
     if isinstance(given, str):
         if given not in ("usual", "none"):
@@ -150,29 +105,7 @@ def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisMode
 def scale_of(
     system: MechanicalSystem, stack: PiezoStack, model: HysteresisModel | DriveModel, static: Array
 ) -> float:
-    """Return the free displacement over what a model gives.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The stage.
-    stack : PiezoStack
-        The stack.
-    model : HysteresisModel or DriveModel
-        Its model.
-    static : numpy.ndarray
-        Reading of each probe at rest for a unit of free displacement, shape (p,).
-
-    Returns
-    -------
-    float
-        1, but for a model of the reading of an axis.
-
-    Raises
-    ------
-    ModelError
-        The model has other units than V and a length, or no axis is moved by the stack.
-    """
+    """Return the free displacement over what a model gives."""
     if not isinstance(model, DriveModel):
         return 1.0
     if model.input_unit not in ("V", "") or model.output_unit not in _LENGTHS:
@@ -193,27 +126,7 @@ def scale_of(
 def amplifier_of(
     drive: Drive, bandwidth_hz: float | None, current_limit: float | None
 ) -> Amplifier | None:
-    """Return the amplifier of a drive.
-
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    bandwidth_hz : float or None
-        Bandwidth [Hz]; None for no amplifier.
-    current_limit : float or None
-        Largest current [A]; None for none.
-
-    Returns
-    -------
-    Amplifier or None
-        The amplifier of a stack, with its range of voltage; None for other drives.
-
-    Raises
-    ------
-    ModelError
-        A current limit is given without bandwidth, or for a stack without capacitance.
-    """
+    """Return the amplifier of a drive."""
     if not isinstance(drive, PiezoStack) or bandwidth_hz is None:
         if current_limit is not None and bandwidth_hz is None:
             raise ModelError("a current limit belongs to an amplifier: give its bandwidth too")
@@ -238,24 +151,7 @@ def bare_drive(
     amplifier: Amplifier | None,
     creep: Creep | None,
 ) -> ModelDrive:
-    """Return a drive up to its free displacement; what it moves is filled in later.
-
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    model : HysteresisModel or None
-        Its hysteresis.
-    amplifier : Amplifier or None
-        Its amplifier.
-    creep : Creep or None
-        Its creep.
-
-    Returns
-    -------
-    ModelDrive
-        The drive, without weights.
-    """
+    """Return a drive up to its free displacement; what it moves is filled in later."""
     gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
         allowed, unit = drive.voltage_range, "V"

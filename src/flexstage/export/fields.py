@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.body_cells import BodyCells, body_cells
 from flexstage.export.file_names import file_names
@@ -24,10 +25,6 @@ from flexstage.system import Analysis, DriveCondition
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
-
-__all__ = ["field_files"]
-
-Array = NDArray[np.float64]
 
 _MOST_FRAMES = 360
 

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-__all__ = ["file_name", "file_names"]
-
 # No system takes a name of more than 255 bytes, and endings are put behind it.
 _CHARACTERS, _BYTES = 60, 180
 # What Windows keeps for devices, whatever follows behind a dot.
@@ -14,19 +12,6 @@ _DEVICES = frozenset(
 
 def file_name(name: str, fallback: str = "stage") -> str:
     """Return a name that a file can have on every system.
-
-    Parameters
-    ----------
-    name : str
-        Any name.
-    fallback : str
-        What is returned where nothing of the name is left.
-
-    Returns
-    -------
-    str
-        The same with every character that is special to some system replaced by a dash, and none of
-        these at the beginning, where programs take it for an option.
 
     Examples
     --------
@@ -40,18 +25,6 @@ def file_name(name: str, fallback: str = "stage") -> str:
 
 def file_names(names: Iterable[str], fallback: str = "axis") -> list[str]:
     """Return a name that a file can have for each name, no two alike in any case of letters.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Any names.
-    fallback : str
-        What is taken where nothing of a name is left.
-
-    Returns
-    -------
-    list of str
-        A name for each, in their order.
 
     Examples
     --------

@@ -3,8 +3,6 @@
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
-__all__ = ["modes_behind_lines", "read_at_rest"]
-
 
 @compiled
 def modes_behind_lines(
@@ -17,28 +15,7 @@ def modes_behind_lines(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes along straight lines of a displacement that acts by its rate too.
-
-    Parameters
-    ----------
-    w : numpy.ndarray
-        Displacement at the samples, shape (n + 1,); the modes are at the first of them.
-    transition : numpy.ndarray
-        From (z, z') to (z, z'), shape (4, k).
-    moments : numpy.ndarray
-        What the derivatives of a force do, 3 rows at least, shape (m, k).
-    by_rate : numpy.ndarray
-        Time by which the rate acts on a mode [samples], shape (k,).
-    z : numpy.ndarray
-        Deflections, updated, shape (k,).
-    v : numpy.ndarray
-        Their rates [per sample], updated, shape (k,).
-    reader : numpy.ndarray
-        Weights of z in the first k columns and of z' in the others, one row a reading,
-        shape (p, 2 k).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step modes along straight lines of a displacement that acts by its rate too."""
     k = z.size
     for n in range(w.size - 1):
         rise = w[n + 1] - w[n]
@@ -61,21 +38,7 @@ def modes_behind_lines(
 
 @compiled
 def read_at_rest(w: float, reader: Array, lags: Array, feedthrough: Array, y: Array) -> None:
-    """Add what probes read of a drive that rests, in the order in which a step adds it.
-
-    Parameters
-    ----------
-    w : float
-        Its free displacement.
-    reader : numpy.ndarray
-        Weights of the deflections of the modes, shape (p, k).
-    lags : numpy.ndarray
-        Weights of the lags, shape (p, m).
-    feedthrough : numpy.ndarray
-        Weights of w itself, shape (p,).
-    y : numpy.ndarray
-        Readings, added to, shape (p,).
-    """
+    """Add what probes read of a drive that rests, in the order in which a step adds it."""
     for p in range(y.size):
         total = y[p]
         for i in range(reader.shape[1]):

@@ -27,12 +27,10 @@ from flexstage.system import (
     FrequencyResponse,
     MechanicalSystem,
     Modes,
-    default_frequencies_hz,
     frequency_response,
     modes,
 )
-
-__all__ = ["frf_file", "modal_file", "universal_files"]
+from flexstage.system.response import default_frequencies_hz
 
 
 def universal_files(
@@ -109,29 +107,6 @@ def modal_file(
 ) -> bytes:
     """Return modes of a stage as a universal file.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        A model of it.
-    found : Modes
-        Modes of that model.
-    time_stamp : str
-        Date and time of the heading, ISO 8601.
-
-    Returns
-    -------
-    bytes
-        Data sets as text: heading (151), units (164, metre and newton), points (2411), outlines of
-        the bodies with their half notches (82), and each mode (55) with its frequency, viscous
-        damping ratio and unit modal mass, in six directions at each point.
-
-    Raises
-    ------
-    ModelError
-        The modes are not of this system, or the time stamp is none.
-
     Notes
     -----
     Validity: points move with their bodies as rigid ones. Out of the plane there is the motion of
@@ -165,30 +140,6 @@ def frf_file(
     stage: Stage, responses: Iterable[FrequencyResponse], *, time_stamp: str = NO_TIME
 ) -> bytes:
     """Return frequency responses of a stage as a universal file.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    responses : iterable of FrequencyResponse
-        Responses of its probes to its drives.
-    time_stamp : str
-        Date and time of the heading, ISO 8601.
-
-    Returns
-    -------
-    bytes
-        Data sets as text: heading (151), units (164), points (2411), outlines (82), and each
-        response (58), complex in double precision: displacement of the probe's point over the force
-        of the drive on the point that it pushes, or over its free displacement.
-
-    Raises
-    ------
-    ModelError
-        There is no response, one has fewer than two frequencies or is of no displacement, or the
-        time stamp is none.
-    StageError
-        A response is of a drive or probe that the stage does not have.
 
     Notes
     -----

@@ -7,16 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.stage import Circle, Stage
 from flexstage.stage.contour import body_contour
 from flexstage.stage.mass import mass_properties
 from flexstage.system import MechanicalSystem
-
-__all__ = ["ModalPoints", "direction_code", "modal_points"]
-
-Array = NDArray[np.float64]
 
 _OUTLINE = 5e-5  # a chord lies within this of its arc [m]
 _ALONG = 1e-9  # a direction is that of an axis [rad]
@@ -24,44 +20,21 @@ _ALONG = 1e-9  # a direction is that of an axis [rad]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModalPoints:
-    """Points of a stage, numbered from 1.
-
-    Parameters
-    ----------
-    position : numpy.ndarray
-        The points [m], shape (n, 3).
-    body : tuple of str
-        Body that each moves with.
-    what : tuple of str
-        What each is; one that is several things has them all.
-    lines : tuple of tuple
-        Name and numbers of the points of each closed line.
-    numbers : dict
-        Number of a point by kind (``probe``, ``drive``, ``reaction`` or ``centre``) and name.
-    """
+    """Points of a stage, numbered from 1."""
 
     position: Array
+    """The points [m], shape (n, 3)."""
     body: tuple[str, ...]
+    """Body that each moves with."""
     what: tuple[str, ...]
+    """What each is; one that is several things has them all."""
     lines: tuple[tuple[str, tuple[int, ...]], ...]
+    """Name and numbers of the points of each closed line."""
     numbers: dict[tuple[str, str], int]
+    """Number of a point by kind (``probe``, ``drive``, ``reaction`` or ``centre``) and name."""
 
     def shape(self, system: MechanicalSystem, q: Array) -> Array:
-        """Return how the points move, each with its body as a rigid one.
-
-        Parameters
-        ----------
-        system : MechanicalSystem
-            A model of the stage; bodies that it does not name stand still.
-        q : numpy.ndarray
-            Its coordinates, shape (r,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacement along x, y, z [m] and rotation about them [rad], shape (n, 6). Out of the
-            plane there is what the system reads of a body, where it does, and no tilt.
-        """
+        """Return how the points move, each with its body as a rigid one."""
         found = np.zeros((len(self.body), 6))
         lifts = {p.name: float(p.vector @ q) for p in system.probes}
         owner = np.array(self.body)
@@ -75,13 +48,7 @@ class ModalPoints:
         return found
 
     def table(self) -> bytes:
-        """Return the points as a table.
-
-        Returns
-        -------
-        bytes
-            CSV: number, body, what it is, position [m].
-        """
+        """Return the points as a table."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\r\n")
         rows.writerow(("point", "body", "what", "x [m]", "y [m]", "z [m]"))
@@ -93,16 +60,6 @@ class ModalPoints:
 
 def direction_code(angle: float) -> int:
     """Return the number that universal files have for a direction in the plane.
-
-    Parameters
-    ----------
-    angle : float
-        From the x axis to the left [rad].
-
-    Returns
-    -------
-    int
-        1 along x, 2 along y, negative the other way; 0 for any other direction.
 
     Examples
     --------
@@ -119,18 +76,7 @@ def direction_code(angle: float) -> int:
 
 
 def modal_points(stage: Stage) -> ModalPoints:
-    """Return the points of a stage: probes, drives, centres of mass, outlines with their notches.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    ModalPoints
-        Probes and drives first; a point of one body that is both has one number.
-    """
+    """Return the points of a stage: probes, drives, centres of mass, outlines with notches."""
     position: list[tuple[float, float]] = []
     body: list[str] = []
     what: list[str] = []

@@ -16,8 +16,6 @@ from flexstage.hysteresis.model import Array, samples
 from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem
 
-__all__ = ["DynamicModel", "ModelDrive", "ModelMemory", "ModelProbe"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelDrive:
@@ -28,96 +26,81 @@ class ModelDrive:
     i answers w by ``z'' + 2 zeta omega z' + omega^2 z = omega^2 (w + t_i w')``, of unit static
     gain; each lag of the creep by ``tau l' + l = w``. What the probes read of this drive is
     ``mode_weights @ [z, z'] + lag_weights @ l + feedthrough w``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the drive.
-    kind : str
-        ``piezo``, ``screw`` or ``force``.
-    unit : str
-        Unit of the command: V, m or N.
-    gain : float
-        Free displacement or force over voltage, where there is no hysteresis [m/V, 1].
-    hysteresis : HysteresisModel or None
-        From voltage [V] to free displacement [m]; None for the gain alone.
-    amplifier : Amplifier or None
-        From command to voltage; None where the command is the voltage.
-    creep : Creep or None
-        Creep of the free displacement; None for none.
-    input_range : tuple of float or None
-        Lowest and highest command [unit]; None where nobody has said.
-    mode_weights : numpy.ndarray
-        Weights of the deflections in the first k columns [1] and of their rates in the others [s],
-        one row a probe, shape (p, 2 k).
-    lag_weights : numpy.ndarray
-        Weights of the lags of the creep [1], shape (p, m).
-    feedthrough : numpy.ndarray
-        Weights of w itself [1], shape (p,): of an imposed displacement, and of modes left out.
-    rate_time : numpy.ndarray
-        Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0.
-    stiffness : float or None
-        Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force.
-    modal_gain : numpy.ndarray
-        Deflection of each mode, of unit modal mass, for a unit of w at rest, shape (k,): without
-        creep and with `DynamicModel.probe_shapes`, the weights of the deflections are
-        ``probe_shapes * modal_gain``.
     """
 
     name: str
+    """Name of the drive."""
     kind: str
+    """``piezo``, ``screw`` or ``force``."""
     unit: str
+    """Unit of the command: V, m or N."""
     gain: float
+    """Free displacement or force over voltage, where there is no hysteresis [m/V, 1]."""
     hysteresis: HysteresisModel | None
+    """From voltage [V] to free displacement [m]; None for the gain alone."""
     amplifier: Amplifier | None
+    """From command to voltage; None where the command is the voltage."""
     creep: Creep | None
+    """Creep of the free displacement; None for none."""
     input_range: tuple[float, float] | None
+    """Lowest and highest command [unit]; None where nobody has said."""
     mode_weights: Array
+    """Weights of the deflections in the first k columns [1] and of their rates in the others [s],
+    one row a probe, shape (p, 2 k).
+    """
     lag_weights: Array
+    """Weights of the lags of the creep [1], shape (p, m)."""
     feedthrough: Array
+    """Weights of w itself [1], shape (p,): of an imposed displacement, and of modes left out."""
     rate_time: Array
+    """Times t_i [s], shape (k,): 2 zeta/omega where the displacement is imposed, else 0."""
     stiffness: float | None
+    """Stiffness of the drive [N/m]; None where it is rigid, 0 for a pure force."""
     modal_gain: Array
+    """Deflection of each mode, of unit modal mass, for a unit of w at rest, shape (k,): without
+    creep and with `DynamicModel.probe_shapes`, the weights of the deflections are ``probe_shapes
+    * modal_gain``.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelProbe:
-    """One output of a stage.
-
-    Parameters
-    ----------
-    name : str
-        Name of the probe.
-    unit : str
-        Unit of the reading.
-    sensor : Sensor or None
-        The sensor, without its noise; None for the true motion.
-    """
+    """One output of a stage."""
 
     name: str
+    """Name of the probe."""
     unit: str
+    """Unit of the reading."""
     sensor: Sensor | None = None
+    """The sensor, without its noise; None for the true motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelMemory:
-    """What a dynamic model remembers.
-
-    Parameters
-    ----------
-    amplifiers, hysteresis, lags, deflections, rates : dict
-        By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-        [m] and rates [m/s] of the modes.
-    sensors : dict
-        State of the sensor by probe.
-    """
+    """What a dynamic model remembers."""
 
     amplifiers: dict[str, Array]
+    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+    [m] and rates [m/s] of the modes.
+    """
     hysteresis: dict[str, Array]
+    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+    [m] and rates [m/s] of the modes.
+    """
     lags: dict[str, Array]
+    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+    [m] and rates [m/s] of the modes.
+    """
     deflections: dict[str, Array]
+    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+    [m] and rates [m/s] of the modes.
+    """
     rates: dict[str, Array]
+    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
+    [m] and rates [m/s] of the modes.
+    """
     sensors: dict[str, Array] = field(default_factory=dict)
+    """State of the sensor by probe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,41 +112,28 @@ class DynamicModel:
 
     Validity: that of the mechanical system and of the hysteresis models; small motion; sensors
     without noise.
-
-    Parameters
-    ----------
-    name : str
-        Name of the stage.
-    title : str
-        One line that says what it is.
-    step : float
-        Step between samples [s].
-    omega : numpy.ndarray
-        Angular frequencies of the modes, drives in place [rad/s], shape (k,).
-    damping_ratio : numpy.ndarray
-        Damping ratios [1], shape (k,).
-    drives : tuple of ModelDrive
-        The inputs.
-    probes : tuple of ModelProbe
-        The outputs.
-    probe_shapes : numpy.ndarray
-        Reading of each probe for the modes of unit modal mass, shape (p, k).
-    system : MechanicalSystem
-        Where modes and weights come from.
-    notes : tuple of str
-        Where the model stops being valid, and what was chosen for it.
     """
 
     name: str
+    """Name of the stage."""
     title: str
+    """One line that says what it is."""
     step: float
+    """Step between samples [s]."""
     omega: Array
+    """Angular frequencies of the modes, drives in place [rad/s], shape (k,)."""
     damping_ratio: Array
+    """Damping ratios [1], shape (k,)."""
     drives: tuple[ModelDrive, ...]
+    """The inputs."""
     probes: tuple[ModelProbe, ...]
+    """The outputs."""
     probe_shapes: Array
+    """Reading of each probe for the modes of unit modal mass, shape (p, k)."""
     system: MechanicalSystem
+    """Where modes and weights come from."""
     notes: tuple[str, ...] = ()
+    """Where the model stops being valid, and what was chosen for it."""
 
     __repr__ = short_repr
 

@@ -16,8 +16,6 @@ from flexstage.stage.contour import body_contour
 if TYPE_CHECKING:
     from netgen.occ import TopoDS_Shape
 
-__all__ = ["step_files"]
-
 _SAME_SIZE = 1e-9  # relative, of an area before and after faces are joined
 _ON_FACE = 1e-5  # a point lies on a face [mm]
 
@@ -81,7 +79,7 @@ def _solids(stage: Stage, names: list[str]) -> "list[TopoDS_Shape]":
     """Return the solids; the names of solids and faces are added to a list."""
     from netgen.occ import Fuse, Z
 
-    from flexstage.elasticity import METRE
+    from flexstage.elasticity.unit import METRE
 
     parts, total = [], 0.0
     for body in stage.bodies:
@@ -131,7 +129,7 @@ def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]", names: lis
     """Name the faces on both sides of each neck, which other programs load and refine."""
     from netgen.occ import Pnt, Vertex
 
-    from flexstage.elasticity import METRE
+    from flexstage.elasticity.unit import METRE
 
     boxes = [f.bounding_box for f in faces]
     for hinge in hinges:

@@ -4,29 +4,12 @@ import datetime
 
 from flexstage.errors import ModelError
 
-__all__ = ["NO_TIME", "read_time"]
-
 #: Stands where no time is given, so that the same stage gives the same bytes.
 NO_TIME = "1970-01-01T00:00:00"
 
 
 def read_time(time_stamp: str) -> datetime.datetime:
     """Read a time stamp.
-
-    Parameters
-    ----------
-    time_stamp : str
-        Date and time, ISO 8601.
-
-    Returns
-    -------
-    datetime.datetime
-        The time.
-
-    Raises
-    ------
-    ModelError
-        It is none.
 
     Examples
     --------

@@ -7,18 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.export.time_stamp import read_time
-
-__all__ = [
-    "DISPLACEMENT",
-    "FORCE",
-    "frequency_function",
-    "heading",
-    "mode_shape",
-    "point_list",
-    "si_units",
-    "trace_lines",
-]
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13
@@ -27,8 +17,6 @@ _FRF = 4  # a function that is a response over a reference
 _NAMES = {DISPLACEMENT: ("displacement", "m"), FORCE: ("force", "N")}
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _LONGEST = 250  # points of a line
-
-Array = NDArray[np.float64]
 
 
 def _set(number: int, lines: Sequence[str]) -> str:
@@ -53,27 +41,7 @@ def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> li
 
 
 def heading(name: str, description: str, program: str, time_stamp: str) -> str:
-    """Write data set 151, the heading of the file.
-
-    Parameters
-    ----------
-    name, description : str
-        The model, and what it is.
-    program : str
-        The program that writes it.
-    time_stamp : str
-        Date and time, ISO 8601.
-
-    Returns
-    -------
-    str
-        The data set.
-
-    Raises
-    ------
-    ModelError
-        The time stamp is none.
-    """
+    """Write data set 151, the heading of the file."""
     at = read_time(time_stamp)
     # months by their English names, whatever language the machine speaks
     when = f"{at:%d}-{_MONTHS[at.month - 1]}-{at:%y} {at:%H:%M:%S}  "
@@ -90,33 +58,14 @@ def heading(name: str, description: str, program: str, time_stamp: str) -> str:
 
 
 def si_units() -> str:
-    """Write data set 164: metre and newton.
-
-    Returns
-    -------
-    str
-        The data set.
-    """
+    """Write data set 164: metre and newton."""
     one = f"{1.0:25.17E}".replace("E", "D")
     none = f"{273.15:25.17E}".replace("E", "D")
     return _set(164, (f"{1:10d}{'SI: metre, newton':<20}{2:10d}", 3 * one, none))
 
 
 def point_list(numbers: Sequence[int], positions: Array) -> str:
-    """Write data set 2411, points in double precision.
-
-    Parameters
-    ----------
-    numbers : sequence of int
-        Number of each point, from 1.
-    positions : numpy.ndarray
-        The points [m], shape (n, 3).
-
-    Returns
-    -------
-    str
-        The data set.
-    """
+    """Write data set 2411, points in double precision."""
     lines = []
     for number, position in zip(numbers, positions.tolist(), strict=True):
         lines.append(f"{number:10d}{1:10d}{1:10d}{11:10d}")
@@ -125,22 +74,7 @@ def point_list(numbers: Sequence[int], positions: Array) -> str:
 
 
 def trace_lines(first: int, name: str, points: Sequence[int]) -> str:
-    """Write data sets 82: a line through points, in parts of 250 at most.
-
-    Parameters
-    ----------
-    first : int
-        Number of the first part.
-    name : str
-        What it is.
-    points : sequence of int
-        Numbers of the points in their order.
-
-    Returns
-    -------
-    str
-        The data sets.
-    """
+    """Write data sets 82: a line through points, in parts of 250 at most."""
     written = []
     # each part begins where the one before it ends
     for k, start in enumerate(range(0, max(len(points) - 1, 1), _LONGEST - 1)):
@@ -160,29 +94,7 @@ def mode_shape(
     points: Sequence[int],
     shape: Array,
 ) -> str:
-    """Write data set 55: a normal mode of unit modal mass at points, in six directions.
-
-    Parameters
-    ----------
-    titles : sequence of str
-        Five lines of text at most.
-    number : int
-        Number of the mode, from 1.
-    frequency_hz : float
-        Its frequency [Hz].
-    damping_ratio : float
-        Its viscous damping ratio [1].
-    points : sequence of int
-        Numbers of the points.
-    shape : numpy.ndarray
-        Displacement along x, y, z [m] and rotation about them [rad] for one unit of the mode
-        [kg^0.5 m], shape (n, 6).
-
-    Returns
-    -------
-    str
-        The data set.
-    """
+    """Write data set 55: a normal mode of unit modal mass at points, in six directions."""
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     # structural, normal mode, six directions, displacement, real numbers, six of them
     lines.append("".join(f"{code:10d}" for code in (1, 2, 3, DISPLACEMENT, 2, 6)))
@@ -203,29 +115,7 @@ def frequency_function(
     frequency_hz: Array,
     value: NDArray[np.complex128],
 ) -> str:
-    """Write data set 58: a frequency response function, complex, in double precision.
-
-    Parameters
-    ----------
-    titles : sequence of str
-        Five lines of text at most.
-    number : int
-        Number of the function, from 1.
-    response, reference : tuple
-        Name, number of the point, and direction: 1 to 3 along x, y, z, negative the other way, 0
-        for another one.
-    denominator : int
-        Kind of quantity of the reference: `FORCE` or `DISPLACEMENT`.
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,); six digits of them are written.
-    value : numpy.ndarray
-        The response, shape (k,).
-
-    Returns
-    -------
-    str
-        The data set.
-    """
+    """Write data set 58: a frequency response function, complex, in double precision."""
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     places = "".join(
         f" {_plain(name, 10)}{point:10d}{direction:4d}"

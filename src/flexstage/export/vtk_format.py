@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 import flexstage
 from flexstage.errors import ModelError
 
-__all__ = ["PackedCells", "Values", "collection_file", "grid_file", "packed_cells"]
-
 # cell types of the format by their corners: triangle, tetrahedron, wedge
 _CELLS = {3: 5, 4: 10, 6: 13}
 
@@ -23,81 +21,35 @@ _HEAD = '<?xml version="1.0"?>\n'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Values:
-    """Numbers at points, in cells, or of the whole grid.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The numbers, shape (n,) or (n, components).
-    unit : str
-        Their unit; empty for numbers of something.
-    components : tuple of str
-        Names of the components; none for a number or a vector.
-    """
+    """Numbers at points, in cells, or of the whole grid."""
 
     values: NDArray
+    """The numbers, shape (n,) or (n, components)."""
     unit: str = ""
+    """Their unit; empty for numbers of something."""
     components: tuple[str, ...] = field(default=())
+    """Names of the components; none for a number or a vector."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedCells:
-    """Cells and what is in them, written already: many grids can share them.
-
-    Parameters
-    ----------
-    count : int
-        Number of cells.
-    cells, values : str
-        Their corners, and the values in them, as the format has them.
-    """
+    """Cells and what is in them, written already: many grids can share them."""
 
     count: int
+    """Number of cells."""
     cells: str
+    """Their corners, and the values in them, as the format has them."""
     values: str
+    """Their corners, and the values in them, as the format has them."""
 
     def and_values(self, in_cells: Mapping[str, Values]) -> "PackedCells":
-        """Return the same cells with more values.
-
-        Parameters
-        ----------
-        in_cells : Mapping
-            Values by name, one row a cell.
-
-        Returns
-        -------
-        PackedCells
-            Cells and values.
-
-        Raises
-        ------
-        ModelError
-            Values are not one row a cell.
-        """
+        """Return the same cells with more values."""
         _require_rows("cell", self.count, in_cells)
         return replace(self, values=self.values + _arrays(in_cells))
 
 
 def packed_cells(cells: NDArray[np.integer], in_cells: Mapping[str, Values]) -> PackedCells:
-    """Write triangles, tetrahedra or wedges.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray
-        Corners of each cell, shape (m, 3) for triangles, (m, 4) for tetrahedra, (m, 6) for wedges.
-    in_cells : Mapping
-        Values by name, one row a cell.
-
-    Returns
-    -------
-    PackedCells
-        Cells and values.
-
-    Raises
-    ------
-    ModelError
-        Values are not one row a cell.
-    """
+    """Write triangles, tetrahedra or wedges."""
     count, corners = cells.shape
     parts = {
         "connectivity": Values(values=cells.ravel()),
@@ -115,30 +67,7 @@ def grid_file(
     about: Mapping[str, Values],
     remark: str,
 ) -> bytes:
-    """Write an unstructured grid.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        Corners [m], shape (n, 3).
-    cells : PackedCells
-        Its cells and the values in them.
-    at_points, about : Mapping
-        Values by name: one row a point, and those of the whole grid. A unit goes with the values
-        as the toolkit's own label.
-    remark : str
-        One line that says what it is, for people who open the file in an editor.
-
-    Returns
-    -------
-    bytes
-        The file, ``.vtu``.
-
-    Raises
-    ------
-    ModelError
-        Values are not one row a point.
-    """
+    """Write an unstructured grid."""
     _require_rows("point", len(points), at_points)
     text = [
         f"{_HEAD}<!-- {_comment(remark)} -->",
@@ -156,22 +85,7 @@ def grid_file(
 
 
 def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str) -> bytes:
-    """Write a list of grids, one for each time.
-
-    Parameters
-    ----------
-    files : sequence of str
-        Names of the files.
-    times : sequence of float
-        Time of each.
-    remark : str
-        One line that says what it is.
-
-    Returns
-    -------
-    bytes
-        The file, ``.pvd``.
-    """
+    """Write a list of grids, one for each time."""
     sets = "".join(
         f'<DataSet timestep="{time:.10g}" group="" part="0" file="{escape(name)}"/>\n'
         for name, time in zip(files, times, strict=True)

@@ -13,8 +13,6 @@ from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
-__all__ = ["LADDERS", "Refinement", "Step", "estimate", "refine"]
-
 #: Meshes of rising accuracy, by model: order, then element size at the necks.
 LADDERS: Mapping[str, tuple[MeshSettings, ...]] = {
     "plane": tuple(
@@ -32,49 +30,32 @@ _BEST_RATE, _WORST_RATE = 0.15, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One mesh on the way.
-
-    Parameters
-    ----------
-    settings : MeshSettings
-        How fine it was.
-    unknowns : int
-        Its unknowns.
-    seconds : float
-        Time that it took [s].
-    values : Mapping
-        Value of each quantity and axis.
-    """
+    """One mesh on the way."""
 
     settings: MeshSettings
+    """How fine it was."""
     unknowns: int
+    """Its unknowns."""
     seconds: float
+    """Time that it took [s]."""
     values: Mapping[tuple[str, str], float]
+    """Value of each quantity and axis."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refinement:
-    """A model that was refined, with what was found on the way.
-
-    Parameters
-    ----------
-    model : StageModel
-        The last model.
-    analysis : Analysis
-        Its analysis; each characteristic carries the estimate of its error as its uncertainty.
-    steps : tuple of Step
-        The meshes, coarsest first.
-    quantity : str
-        The quantity that was asked for.
-    accuracy : float
-        The relative accuracy that was asked for [1].
-    """
+    """A model that was refined, with what was found on the way."""
 
     model: StageModel
+    """The last model."""
     analysis: Analysis
+    """Its analysis; each characteristic carries the estimate of its error as its uncertainty."""
     steps: tuple[Step, ...]
+    """The meshes, coarsest first."""
     quantity: str
+    """The quantity that was asked for."""
     accuracy: float
+    """The relative accuracy that was asked for [1]."""
 
     __repr__ = short_repr
 
@@ -91,18 +72,6 @@ def estimate(steps: Sequence[Step], quantity: str) -> float:
     the rate r of the last two: what is still to come is :math:`|d_k|\,r/(1-r)`. r counts as 0.15 at
     least, as a lucky step must not make an estimate small, and as 0.5 where only one change is
     known or the changes do not shrink; the estimate is the last change itself then.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        The meshes, coarsest first.
-    quantity : str
-        The quantity.
-
-    Returns
-    -------
-    float
-        The estimate [1]; infinite from one mesh alone.
     """
     if len(steps) < 2:
         return math.inf

@@ -9,31 +9,9 @@ from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
 from flexstage.material import Material
 
-__all__ = ["Bodies"]
-
 
 class Bodies(Continuum):
     """A part in three dimensions whose regions are of different materials.
-
-    Parameters
-    ----------
-    mesh : ngsolve.Mesh
-        The mesh, curved to `order`, in three dimensions.
-    materials : Mapping
-        The material of each region, by its name.
-    order : int
-        Polynomial order of the displacement.
-    held : str
-        Regular expression of the boundaries that are held.
-    held_components : Mapping
-        Regular expression of the boundaries that are held in one direction, by ``x``, ``y``, ``z``.
-    shift : float
-        As of `Continuum` [rad^2/s^2].
-
-    Raises
-    ------
-    ModelError
-        A region has no material, or what `Continuum` raises.
 
     Notes
     -----

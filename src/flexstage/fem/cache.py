@@ -17,8 +17,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Cache", "default_directory", "open_cache"]
-
 Entry = Mapping[str, NDArray]
 _LOG = logging.getLogger(__name__)
 
@@ -38,14 +36,7 @@ _ABANDONED = 3600.0  # a file that was being written so long ago belongs to a de
 
 
 def default_directory() -> Path:
-    """Return where caches are kept.
-
-    Returns
-    -------
-    pathlib.Path
-        ``$FLEXSTAGE_CACHE`` if it is set, else the platform's place for caches, where
-        ``$XDG_CACHE_HOME`` is respected.
-    """
+    """Return where caches are kept."""
     if named := os.environ.get("FLEXSTAGE_CACHE"):
         return Path(named)
     if base := os.environ.get("XDG_CACHE_HOME"):
@@ -64,15 +55,6 @@ class Cache:
     name at once, complete and on disk, so that processes that share a directory, or die at any
     moment, leave it sound. Where a directory cannot be written the cache does without, and says so
     once in the log.
-
-    Parameters
-    ----------
-    directory : pathlib.Path
-        Where the files are; made at the first write.
-    limit : int
-        Largest size of the directory [bytes]; the entries that were not used for longest give way.
-    memory : int
-        Largest size of what is kept in memory as well [bytes].
     """
 
     def __init__(self, directory: Path, *, limit: int = LIMIT, memory: int = _MEMORY) -> None:
@@ -86,19 +68,7 @@ class Cache:
         self._silent = False
 
     def load(self, key: str) -> Entry | None:
-        """Return the arrays of a key.
-
-        Parameters
-        ----------
-        key : str
-            Its key, 64 hexadecimal digits.
-
-        Returns
-        -------
-        Mapping or None
-            The arrays by name, not to be written to; None where there are none, or the file is
-            damaged.
-        """
+        """Return the arrays of a key."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -116,15 +86,7 @@ class Cache:
         return entry
 
     def store(self, key: str, entry: Entry) -> None:
-        """Keep the arrays of a key.
-
-        Parameters
-        ----------
-        key : str
-            Its key, 64 hexadecimal digits.
-        entry : Mapping
-            The arrays by name: floats, integers or bytes.
-        """
+        """Keep the arrays of a key."""
         data = _encode(entry, key)
         self._remember(key, entry)
         try:
@@ -232,18 +194,7 @@ _OPEN: dict[Path, Cache] = {}
 
 
 def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
-    """Return a cache.
-
-    Parameters
-    ----------
-    cache : Cache or pathlib.Path or str or bool or None
-        A cache; a directory; True for the `default_directory`; False or None for no cache.
-
-    Returns
-    -------
-    Cache or None
-        The cache; a directory has one in a process.
-    """
+    """Return a cache."""
     if cache is None or cache is False:
         return None
     if isinstance(cache, Cache):

@@ -1,21 +1,8 @@
 """Small flat cells that elements are divided into: triangles and wedges."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = [
-    "lattice",
-    "lattice_size",
-    "loops",
-    "merged",
-    "sizes",
-    "triangles",
-    "turned",
-    "wedges",
-]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from flexstage.arrays import Array, Integers
 
 # Corners nearer than this [m] are one; the mesher's tolerance is a hundred times as large, and
 # rounding moves a corner by a millionth of it.
@@ -23,33 +10,12 @@ _SAME = 1e-9
 
 
 def lattice(n: int) -> list[tuple[float, float]]:
-    """Return points of a triangle whose edges are divided evenly.
-
-    Parameters
-    ----------
-    n : int
-        Parts of each edge.
-
-    Returns
-    -------
-    list of tuple of float
-        Points of the reference triangle (0, 0), (1, 0), (0, 1), row by row.
-    """
+    """Return points of a triangle whose edges are divided evenly."""
     return [(i / n, j / n) for j in range(n + 1) for i in range(n + 1 - j)]
 
 
 def lattice_size(n: int) -> int:
     """Return the number of points of `lattice`.
-
-    Parameters
-    ----------
-    n : int
-        Parts of each edge.
-
-    Returns
-    -------
-    int
-        Their number.
 
     Examples
     --------
@@ -59,19 +25,8 @@ def lattice_size(n: int) -> int:
     return (n + 1) * (n + 2) // 2
 
 
-def triangles(n: int) -> Indices:
-    """Return the triangles between the points of `lattice`.
-
-    Parameters
-    ----------
-    n : int
-        Parts of each edge.
-
-    Returns
-    -------
-    numpy.ndarray
-        Indices of their corners, shape (n^2, 3).
-    """
+def triangles(n: int) -> Integers:
+    """Return the triangles between the points of `lattice`."""
     start = [j * (n + 1) - j * (j - 1) // 2 for j in range(n + 2)]
     found = []
     for j in range(n):
@@ -83,43 +38,14 @@ def triangles(n: int) -> Indices:
     return np.array(found, dtype=np.intp)
 
 
-def wedges(base: Indices, count: int, layers: int) -> Indices:
-    """Return wedges over triangles, in layers.
-
-    Parameters
-    ----------
-    base : numpy.ndarray
-        Corners of the triangles in the lowest layer, shape (m, 3).
-    count : int
-        Number of points of a layer.
-    layers : int
-        Number of layers.
-
-    Returns
-    -------
-    numpy.ndarray
-        Indices of their corners, shape (m layers, 6).
-    """
+def wedges(base: Integers, count: int, layers: int) -> Integers:
+    """Return wedges over triangles, in layers."""
     levels = [np.hstack((base + k * count, base + (k + 1) * count)) for k in range(layers)]
     return np.concatenate(levels)
 
 
-def sizes(points: Array, cells: Indices) -> Array:
-    """Return area of triangles or volume of wedges between level planes.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        The points [m], shape (n, 3).
-    cells : numpy.ndarray
-        Corners of the cells, shape (m, 3) or (m, 6).
-
-    Returns
-    -------
-    numpy.ndarray
-        Area [m^2], positive of triangles that turn left about +z, or volume [m^3], positive of
-        wedges whose first face looks outwards; shape (m,).
-    """
+def sizes(points: Array, cells: Integers) -> Array:
+    """Return area of triangles or volume of wedges between level planes."""
     a, b, c = (points[cells[:, i]] for i in range(3))
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     if cells.shape[1] == 3:
@@ -127,41 +53,15 @@ def sizes(points: Array, cells: Indices) -> Array:
     return area * (a - points[cells[:, 3]])[:, 2]
 
 
-def turned(points: Array, cells: Indices) -> Indices:
-    """Order the corners of cells so that none has a negative size.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        The points [m], shape (n, 3).
-    cells : numpy.ndarray
-        Corners of the cells, shape (m, 3) or (m, 6).
-
-    Returns
-    -------
-    numpy.ndarray
-        The same cells.
-    """
+def turned(points: Array, cells: Integers) -> Integers:
+    """Order the corners of cells so that none has a negative size."""
     wrong = sizes(points, cells) < 0.0
     order = [0, 2, 1] if cells.shape[1] == 3 else [0, 2, 1, 3, 5, 4]
     return np.where(wrong[:, None], cells[:, order], cells)
 
 
-def merged(points: Array, apart: Indices) -> tuple[Array, Indices]:
-    """Keep points that lie in one place once.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        The points [m], shape (n, 3).
-    apart : numpy.ndarray
-        Group of each point; points of different groups stay apart, shape (n,).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The points that are kept [m], and which of them each point is, shape (n,).
-    """
+def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
+    """Keep points that lie in one place once."""
     key = np.column_stack((apart, np.rint(points / _SAME).astype(np.int64)))
     order = np.lexsort(key.T)
     key = key[order]
@@ -172,19 +72,8 @@ def merged(points: Array, apart: Indices) -> tuple[Array, Indices]:
     return points[order[new]], corner
 
 
-def loops(cells: Indices) -> tuple[Indices, ...]:
-    """Chain the edges that one triangle alone has.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray
-        Corners of triangles that turn left, shape (m, 3).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Closed lines of corners, the triangles to their left; the first is not repeated as last.
-    """
+def loops(cells: Integers) -> tuple[Integers, ...]:
+    """Chain the edges that one triangle alone has."""
     edges = np.concatenate((cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]))
     size = int(cells.max()) + 1
     forth, back = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]

@@ -7,7 +7,9 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum
+from flexstage.elasticity.unit import METRE
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.names import MOUNTING, either, notch_region
@@ -17,10 +19,6 @@ from flexstage.fem.quality import sound_mesh
 from flexstage.fem.substructure import BODY, Reading, Substructure
 from flexstage.fem.traction import edge_means, neck_rows
 from flexstage.stage import mass_properties
-
-__all__ = ["LOADS", "Condensed", "Recovery", "condense", "recover"]
-
-Array = NDArray[np.float64]
 
 #: Loads inside a body: forces and moment on its mean motion, one kelvin, one kelvin by metre.
 LOADS = ("x", "y", "rotation", "temperature", "temperature gradient x", "temperature gradient y")
@@ -32,46 +30,37 @@ class Condensed:
 
     The coordinates are the motions of its interfaces (3 for each neck, then 1 for each patch), its
     modes with held interfaces, and its responses to loads inside it with held interfaces.
-
-    Parameters
-    ----------
-    stiffness, mass : numpy.ndarray
-        Of the coordinates, shape (r, r).
-    loads : numpy.ndarray
-        Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
-        reading. So the first three rows are the mean displacement x, y of the body at its centre
-        of mass and its rotation too, and the last ones the readings.
-    stress : numpy.ndarray
-        Components xx, yy, zz, xy of the stress on the surface of the notches, shape (m, 4, r).
-    neck : numpy.ndarray
-        Number of the neck of each of these places, shape (m,).
-    point : numpy.ndarray
-        Number of the point of each place, shape (m,).
-    seam : numpy.ndarray
-        1 or -1 of places at the left or right end of the neck itself, which the other half of the
-        notch has too; 0 elsewhere; shape (m,).
-    interfaces : int
-        Number of coordinates that are motions of interfaces.
-    inertia : tuple of float
-        Mass [kg], centre x, y [m] and moment of inertia about it [kg m^2].
-    elements, unknowns : int
-        Of the mesh.
-    held : str
-        What holds the body, in words.
     """
 
     stiffness: Array
+    """Of the coordinates, shape (r, r)."""
     mass: Array
+    """Of the coordinates, shape (r, r)."""
     loads: Array
+    """Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
+    reading. So the first three rows are the mean displacement x, y of the body at its centre of
+    mass and its rotation too, and the last ones the readings.
+    """
     stress: Array
+    """Components xx, yy, zz, xy of the stress on the surface of the notches, shape (m, 4, r)."""
     neck: NDArray[np.int64]
+    """Number of the neck of each of these places, shape (m,)."""
     point: NDArray[np.int64]
+    """Number of the point of each place, shape (m,)."""
     seam: NDArray[np.int64]
+    """1 or -1 of places at the left or right end of the neck itself, which the other half of the
+    notch has too; 0 elsewhere; shape (m,).
+    """
     interfaces: int
+    """Number of coordinates that are motions of interfaces."""
     inertia: tuple[float, float, float, float]
+    """Mass [kg], centre x, y [m] and moment of inertia about it [kg m^2]."""
     elements: int
+    """Of the mesh."""
     unknowns: int
+    """Of the mesh."""
     held: str
+    """What holds the body, in words."""
 
     @property
     def motion(self) -> Array:
@@ -96,18 +85,12 @@ class Condensed:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recovery:
-    """The way back from the coordinates of a body to the displacement on its mesh.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The body on its mesh, relative to its own point of reference.
-    basis : numpy.ndarray
-        Displacement for each coordinate, shape (n, r).
-    """
+    """The way back from the coordinates of a body to the displacement on its mesh."""
 
     continuum: Continuum
+    """The body on its mesh, relative to its own point of reference."""
     basis: Array
+    """Displacement for each coordinate, shape (n, r)."""
 
 
 def condense(part: Substructure) -> Condensed:
@@ -123,23 +106,6 @@ def condense(part: Substructure) -> Condensed:
 
     and `flexstage.fem.constrained.Constrained` solves it, floating bodies as well as held ones.
 
-    Parameters
-    ----------
-    part : Substructure
-        The body.
-
-    Returns
-    -------
-    Condensed
-        Its matrices, for the `REFERENCE` material.
-
-    Raises
-    ------
-    StageError
-        The body falls to pieces, or a fixed one has nothing to be held by.
-    ModelError
-        The mesher failed, or the body hangs on nothing.
-
     Notes
     -----
     R. J. Guyan, AIAA J. 3 (1965) 380, and R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313,
@@ -150,20 +116,7 @@ def condense(part: Substructure) -> Condensed:
 
 
 def recover(part: Substructure, condensed: Condensed) -> Recovery:
-    """Return to the displacements of a body that was condensed before.
-
-    Parameters
-    ----------
-    part : Substructure
-        The body.
-    condensed : Condensed
-        The same, condensed, perhaps by another process.
-
-    Returns
-    -------
-    Recovery
-        The way back to displacements.
-    """
+    """Return to the displacements of a body that was condensed before."""
     again, recovery = _condense(part)
     # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
     # the loads move them.
@@ -261,22 +214,7 @@ def _seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
 
 
 def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
-    """Return the stress of many displacements of a plane part at the points of its notches.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part.
-    points : NeckPoints
-        The points.
-    u : numpy.ndarray
-        Displacements, shape (n, r).
-
-    Returns
-    -------
-    numpy.ndarray
-        Components xx, yy, zz, xy [Pa], shape (m, 4, r).
-    """
+    """Return the stress of many displacements of a plane part at the points of its notches."""
     r = u.shape[1]
     if not len(points.places):
         return np.zeros((0, 4, r))

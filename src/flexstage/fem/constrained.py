@@ -8,13 +8,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.traction import shaped
-
-__all__ = ["Constrained"]
-
-Array = NDArray[np.float64]
 
 _STEPS = 60
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
@@ -33,22 +31,6 @@ class Constrained:
               \begin{bmatrix}\lambda\\ a\end{bmatrix}
               = \begin{bmatrix} q - P K^+ f\\ -R^T f\end{bmatrix},
               \quad u = K^+ f + X\lambda + R a
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The body, in its plane.
-    P : numpy.ndarray
-        Rows for its necks and patches, see `flexstage.fem.traction.shaped`, shape (m, n).
-    blocks : sequence of tuple of int
-        For each neck the numbers of its rows without resultant.
-    floating : bool
-        Whether nothing holds it.
-
-    Raises
-    ------
-    ModelError
-        Its interfaces do not hold it, or two of them are the same.
     """
 
     def __init__(
@@ -98,18 +80,7 @@ class Constrained:
             )
 
     def mean_motion(self, at: tuple[float, float]) -> Array:
-        """Return the mean motion of the body: the rigid one nearest to its own in mean square.
-
-        Parameters
-        ----------
-        at : tuple of float
-            The point whose displacement is given [m].
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacement x, y and rotation for each unknown, shape (3, n).
-        """
+        """Return the mean motion of the body: the rigid one nearest to its own in mean square."""
         motion: Array = np.zeros((3, self.continuum.size))
         motion += np.linalg.solve(self.rigid.T @ self.weighted, self.weighted.T)
         motion[0] -= at[1] * motion[2]
@@ -117,18 +88,7 @@ class Constrained:
         return motion
 
     def loose(self, load: Array) -> Array:
-        """Return the response to the balanced part of loads, free of rigid motions.
-
-        Parameters
-        ----------
-        load : numpy.ndarray
-            Loads, one a column, shape (n, k).
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacements, shape (n, k); of a body that is held, the response to all of the load.
-        """
+        """Return the response to the balanced part of loads, free of rigid motions."""
         rigid, weighted = self._balance
         u = np.zeros_like(load)
         u[self._free] = self._factor.solve((load - weighted @ (rigid.T @ load))[self._free])
@@ -142,53 +102,19 @@ class Constrained:
         return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
 
     def interface_shapes(self) -> tuple[Array, Array]:
-        """Return displacements for unit motions of the interfaces, and the stiffness.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Shapes (n, m) and (m, m).
-        """
+        """Return displacements for unit motions of the interfaces, and the stiffness."""
         m = len(self.P)
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
 
     def held(self, load: Array) -> Array:
-        """Return the response to loads with the interfaces held.
-
-        Parameters
-        ----------
-        load : numpy.ndarray
-            Loads, one a column, shape (n, k).
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacements, shape (n, k).
-        """
+        """Return the response to loads with the interfaces held."""
         u = self.loose(load)
         force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held, by simultaneous iteration.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit
-            modal mass, shape (n, count).
-
-        Raises
-        ------
-        ConvergenceError
-            The iteration did not end.
-        """
+        """Return the lowest modes with the interfaces held, by simultaneous iteration."""
         mass_times = self.continuum.mass_times
         size = self.continuum.size
         if not count or not len(self.P):
@@ -209,20 +135,7 @@ class Constrained:
         raise ConvergenceError("the modes of a body with held interfaces were not found")
 
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
-        """Return responses to loads with held interfaces, less the part that modes have in them.
-
-        Parameters
-        ----------
-        loads : numpy.ndarray
-            Loads, one a row, shape (k, n).
-        squares, modes : numpy.ndarray
-            Modes with held interfaces.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Displacements, shape (n, k), and their stiffness, shape (k, k).
-        """
+        """Return responses to loads with held interfaces, less the part that modes have in them."""
         whole = self.held(loads.T)
         share = modes.T @ loads.T
         rest = share / squares[:, None]

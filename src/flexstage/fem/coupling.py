@@ -8,16 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.fem.condensation import LOADS, Condensed
 from flexstage.fem.cutting import Placed
 from flexstage.fem.model import STANDARD_GRAVITY
 from flexstage.fem.substructure import REFERENCE
 from flexstage.stage import Stage
-
-__all__ = ["Joint", "join", "lowest"]
-
-Array = NDArray[np.float64]
 
 # what a load does inside the bodies, of all that it does, below which it is rounding
 _NOTHING = 1e-10
@@ -26,35 +23,26 @@ _SAME = 1e-8  # what is left of a response that others make up
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Joint:
-    """The bodies of a stage, joined.
-
-    Parameters
-    ----------
-    K, M : numpy.ndarray
-        Stiffness and mass, shape (n, n).
-    coordinates : tuple of str
-        Name and unit of each coordinate.
-    drives : dict
-        Elongation of each drive, shape (n,).
-    probes : dict
-        Reading of each probe, shape (n,).
-    bodies : dict
-        Centre [m] of each body and its motion there, shape (3, n).
-    loads : dict
-        Force on the coordinates, shape (n,), and unit of each load.
-    shares : tuple
-        For each body which coordinates move it, shape (c,), and its own coordinates for them,
-        shape (r, c).
-    """
+    """The bodies of a stage, joined."""
 
     K: Array
+    """Stiffness and mass, shape (n, n)."""
     M: Array
+    """Stiffness and mass, shape (n, n)."""
     coordinates: tuple[str, ...]
+    """Name and unit of each coordinate."""
     drives: dict[str, Array]
+    """Elongation of each drive, shape (n,)."""
     probes: dict[str, Array]
+    """Reading of each probe, shape (n,)."""
     bodies: dict[str, tuple[tuple[float, float], Array]]
+    """Centre [m] of each body and its motion there, shape (3, n)."""
     loads: dict[str, tuple[Array, str]]
+    """Force on the coordinates, shape (n,), and unit of each load."""
     shares: tuple[tuple[NDArray[np.intp], Array], ...]
+    """For each body which coordinates move it, shape (c,), and its own coordinates for them, shape
+    (r, c).
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,20 +77,6 @@ def _scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
 
 def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]) -> Joint:
     """Join condensed bodies.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    placed : sequence of Placed
-        Its bodies as substructures.
-    condensed : sequence of Condensed
-        The same, condensed.
-
-    Returns
-    -------
-    Joint
-        The stage, drives removed.
 
     Notes
     -----
@@ -306,27 +280,7 @@ def _drives(
 
 
 def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the lowest modes of a stage and its static responses to drives, probes and loads.
-
-    Parameters
-    ----------
-    joint : Joint
-        The stage.
-    count : int
-        Number of modes.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Frequencies of the new coordinates [rad/s], shape (r,), of which the first `count` are
-        natural frequencies; what they move, with unit modal mass, shape (n, r); and which of them
-        are modes, shape (r,).
-
-    Raises
-    ------
-    ModelError
-        The mass matrix is not positive definite.
-    """
+    """Return the lowest modes of a stage and its static responses to drives, probes and loads."""
     # columns of unit mass: metres, radians and modes become comparable
     size = 1.0 / np.sqrt(np.diag(joint.M))
     try:

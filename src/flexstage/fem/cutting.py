@@ -9,58 +9,35 @@ from typing import Literal
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import Neck, Patch, Reading, Substructure
-from flexstage.hinges import PlaneState, Profile, Vertex, plane_state
+from flexstage.hinges import Profile, plane_state
+from flexstage.hinges.compliance import PlaneState
+from flexstage.hinges.profile import Vertex
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.outline import Point
-
-__all__ = ["Placed", "cut_free", "notch_states"]
 
 _DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """A substructure at its place in a stage.
-
-    Parameters
-    ----------
-    body : Body
-        The body that it is.
-    part : Substructure
-        The substructure.
-    origin : tuple of float
-        Where its reference point lies [m].
-    hinges : tuple of int
-        Number of the hinge of each of its necks.
-    patches : tuple
-        The drives' names and sides (0 pushed, 1 reacting) of each of its patches.
-    readings : tuple
-        Each probe's name and sign of each of its readings.
-    """
+    """A substructure at its place in a stage."""
 
     body: Body
+    """The body that it is."""
     part: Substructure
+    """The substructure."""
     origin: Point
+    """Where its reference point lies [m]."""
     hinges: tuple[int, ...]
+    """Number of the hinge of each of its necks."""
     patches: tuple[tuple[tuple[str, int], ...], ...]
+    """The drives' names and sides (0 pushed, 1 reacting) of each of its patches."""
     readings: tuple[tuple[tuple[str, float], ...], ...]
+    """Each probe's name and sign of each of its readings."""
 
 
 def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[PlaneState, ...]:
-    """Choose plane stress or plane strain for every notch.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    plane : str
-        ``stress`` or ``strain`` for all notches, or ``auto`` by width against neck.
-
-    Returns
-    -------
-    tuple of str
-        One for each hinge.
-    """
+    """Choose plane stress or plane strain for every notch."""
     return tuple(
         plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges
@@ -76,24 +53,6 @@ def cut_free(
     supports: Supports = "rigid",
 ) -> tuple[Placed, ...]:
     """Cut a stage at its necks.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    settings : MeshSettings
-        How fine its bodies are meshed.
-    plane : str
-        ``stress`` or ``strain`` for all notches, or ``auto`` by width against neck.
-    modes : int
-        Number of modes with held interfaces of each body.
-    supports : str
-        ``rigid`` where a drive that reacts on a fixed body stands on the ground.
-
-    Returns
-    -------
-    tuple of Placed
-        Its bodies, in order.
 
     Examples
     --------

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from netgen.occ import Glue, TopoDS_Shape
 
-from flexstage.elasticity import METRE, face
+from flexstage.elasticity import face
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import StageError
 from flexstage.fem.names import (
     MOUNTING,
@@ -19,8 +20,6 @@ from flexstage.fem.names import (
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour, inner_notch
 
-__all__ = ["Patch", "StageFaces", "patches", "stage_faces"]
-
 Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
 
@@ -32,64 +31,36 @@ STRAINED = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch:
-    """Where a drive touches a body.
-
-    Parameters
-    ----------
-    drive : str
-        Name of the drive.
-    which : int
-        0 on the pushed body, 1 on the reacting one.
-    body : str
-        Name of the body.
-    at : tuple of float
-        The point [m].
-    ends : tuple of tuple of float or None
-        Ends of the straight stretch of its edge on which the force is spread [m]; None where the
-        point lies on no straight edge, and the force is spread in a disc.
-    """
+    """Where a drive touches a body."""
 
     drive: str
+    """Name of the drive."""
     which: int
+    """0 on the pushed body, 1 on the reacting one."""
     body: str
+    """Name of the body."""
     at: Point
+    """The point [m]."""
     ends: tuple[Point, Point] | None
+    """Ends of the straight stretch of its edge on which the force is spread [m]; None where the
+    point lies on no straight edge, and the force is spread in a disc.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StageFaces:
-    """Faces of a stage, or of some of its bodies with their half notches.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The faces, glued; regions and edges are named as in `flexstage.fem.names`.
-    patches : tuple of Patch
-        Where drives touch them.
-    held : str
-        What holds the fixed bodies, in words; empty where none is fixed.
-    """
+    """Faces of a stage, or of some of its bodies with their half notches."""
 
     shape: TopoDS_Shape
+    """The faces, glued; regions and edges are named as in `flexstage.fem.names`."""
     patches: tuple[Patch, ...]
+    """Where drives touch them."""
     held: str
+    """What holds the fixed bodies, in words; empty where none is fixed."""
 
 
 def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[Patch, ...]:
-    """Return the patches of a drive on some bodies.
-
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    bodies : iterable of Body
-        The bodies.
-
-    Returns
-    -------
-    tuple of Patch
-        Those of its two patches that lie on one of the bodies.
-    """
+    """Return the patches of a drive on some bodies."""
     by_name = {b.name: b for b in bodies}
     found = []
     for which, name in enumerate((drive.pushes, drive.reacts)):
@@ -160,25 +131,7 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
 
 
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
-    """Return the faces of a stage: one for each body and one for each half notch.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    bodies : iterable of str, optional
-        Only these bodies, each with the half notches that it owns.
-
-    Returns
-    -------
-    StageFaces
-        The faces.
-
-    Raises
-    ------
-    StageError
-        Bodies or notches overlap, a body falls to pieces, or, of a whole stage, nothing holds one.
-    """
+    """Return the faces of a stage: one for each body and one for each half notch."""
     if bodies is None:
         _require_held(stage)
     kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]

@@ -7,23 +7,14 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 import scipy.sparse.linalg as spl
-from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
-__all__ = [
-    "MotionRatio",
-    "afford",
-    "interface_modes",
-    "interface_motion",
-    "interface_ratio",
-    "interface_stiffness",
-]
-
-Array = NDArray[np.float64]
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _STEPS = 60
 
@@ -46,18 +37,7 @@ def _check(continuum: Continuum, boundary: str) -> None:
 
 
 def afford(continuum: Continuum) -> None:
-    """Refuse a mesh that is too large for the memory, while its stiffness is not factorised yet.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part, in three dimensions.
-
-    Raises
-    ------
-    ModelError
-        It is too large.
-    """
+    """Refuse a mesh that is too large for the memory, while its stiffness is not factorised yet."""
     if continuum._solver is None:
         low, high = continuum.mesh.ngmesh.bounding_box
         sides = [high[c] - low[c] for c in range(3)]
@@ -71,25 +51,6 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
 
     with the six rigid motions R about a point. The same rows are the loads of unit forces and
     moments at that point that leave the interface free to deform.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part.
-    boundary : str
-        Regular expression of the boundaries that make up the interface.
-    at : sequence of float
-        The point [m], shape (3,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Displacements [m] and rotations [rad] for each degree of freedom, shape (6, n).
-
-    Raises
-    ------
-    ModelError
-        Nothing has such a name, or the part is plane.
     """
     _check(continuum, boundary)
     fields = _rigid_fields(at)
@@ -121,32 +82,6 @@ def interface_stiffness(
     A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
     free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
     as a rigid motion is. The part between rigid interfaces is always the stiffer.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part. For rigid interfaces both must be among its held boundaries; for mean ones nothing
-        may be held, and a `shift` must be given, of any size below its lowest natural frequency.
-    moving, held : str
-        Regular expressions of the boundaries that make up the two interfaces.
-    at : sequence of float
-        The point whose displacement and rotation are meant [m], shape (3,).
-    rigid : bool
-        Whether the interfaces are rigid.
-
-    Returns
-    -------
-    numpy.ndarray
-        Forces [N] and moments about the point [N m] over displacements [m] and rotations [rad],
-        shape (6, 6).
-
-    Raises
-    ------
-    ModelError
-        Nothing has such a name, the part is plane, it is not held as it must be, or the memory is
-        not enough.
-    ConvergenceError
-        The shift is too large.
 
     Examples
     --------
@@ -210,22 +145,16 @@ def _rigid_stiffness(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionRatio:
-    """How an interface of a part moves while two others are pushed apart, or together.
-
-    Parameters
-    ----------
-    direction : numpy.ndarray
-        Unit vector from the second of the two to the first, along which they move, shape (3,).
-    motion : numpy.ndarray
-        Displacement [1] and rotation [rad/m] of the third one, about its centroid, for each metre
-        that the two move apart, shape (6,).
-    stiffness : float
-        Force over the distance by which the two move apart [N/m].
-    """
+    """How an interface of a part moves while two others are pushed apart, or together."""
 
     direction: Array
+    """Unit vector from the second of the two to the first, along which they move, shape (3,)."""
     motion: Array
+    """Displacement [1] and rotation [rad/m] of the third one, about its centroid, for each metre
+    that the two move apart, shape (6,).
+    """
     stiffness: float
+    """Force over the distance by which the two move apart [N/m]."""
 
     @property
     def ratio(self) -> float:
@@ -237,33 +166,6 @@ def interface_ratio(
     continuum: Continuum, apart: tuple[str, str], output: str, held: str, *, rigid: bool = True
 ) -> MotionRatio:
     """Return how an interface moves while two others are pushed apart by opposite forces.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part, as of `interface_stiffness`; rigid interfaces are all four of them.
-    apart : tuple of str
-        Regular expressions of the two interfaces, the ends of a drive; the forces act along the
-        line through their centroids.
-    output : str
-        Regular expression of the one whose motion is wanted.
-    held : str
-        Regular expression of the one that is held.
-    rigid : bool
-        Whether the interfaces are rigid.
-
-    Returns
-    -------
-    MotionRatio
-        The motion.
-
-    Raises
-    ------
-    ModelError
-        As of `interface_stiffness`; or the centroids of the two coincide, or interfaces touch that
-        are rigid.
-    ConvergenceError
-        The shift is too large.
 
     Examples
     --------
@@ -361,29 +263,6 @@ def interface_modes(
     The mean motion of each interface is kept at nothing by forces that are spread over it; the
     interface itself may deform. With P the mean motions and :math:`A = (K + sM)^{-1}`,
     the operator that is iterated is :math:`A - A P^T (P A P^T)^{-1} P A`.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The part, with a shift.
-    held : sequence of str
-        Regular expressions of the boundaries of each interface.
-    count : int
-        How many.
-    tolerance : float
-        Relative tolerance of the eigenvalues.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count).
-
-    Raises
-    ------
-    ModelError
-        Nothing has such a name, nothing is held and there is no shift, or the memory is not enough.
-    ConvergenceError
-        The iteration did not end.
     """
     for name in held:
         _check(continuum, name)

@@ -11,24 +11,11 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import plane_model
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
 
-__all__ = ["bar_buckling_load", "two_notch_bars"]
-
 Point = tuple[float, float]
 
 
 def two_notch_bars(stage: Stage) -> tuple[str, ...]:
-    """Return the bodies that guide others as bars between two notches on one line.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    tuple of str
-        Their names: guide legs and links.
-    """
+    """Return the bodies that guide others as bars between two notches on one line."""
     found = []
     for body in stage.bodies:
         hinges = [h for h in stage.hinges if body.name in h.bodies]
@@ -55,25 +42,6 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
     a platform between its legs can; the block is pressed down until they buckle. Half of that is
     the load of one bar. By a rigid bar of length L between two hinges of stiffness k it would be
     2 k/L.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    body : str
-        Name of the bar, one of `two_notch_bars`.
-    settings : MeshSettings, optional
-        How fine the mesh is; order 4 with elements of 0.8 necks where not given.
-
-    Returns
-    -------
-    float
-        The load [N].
-
-    Raises
-    ------
-    ModelError
-        The body is no bar between two notches, or it does not buckle.
 
     Notes
     -----

@@ -7,15 +7,13 @@ import ngsolve as ng
 from netgen.meshing import IdentificationType
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 
-from flexstage.elasticity import METRE
 from flexstage.elasticity.memory import require_memory
 from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.names import surface_edge
 from flexstage.stage import Stage
-
-__all__ = ["MIDDLE", "MeshSettings", "plane_mesh", "prism_mesh"]
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
 MIDDLE = "middle"
@@ -25,19 +23,6 @@ MIDDLE = "middle"
 class MeshSettings:
     """How fine a mesh is.
 
-    Parameters
-    ----------
-    order : int
-        Polynomial order of the displacement, 1 to 8.
-    neck_size : float
-        Largest element along the surface of a notch, in neck thicknesses [1].
-    grading : float
-        How fast elements grow away from the necks, 0.1 (slowly) to 1 [1].
-    size : float
-        Largest element, in plate thicknesses [1].
-    layers : int
-        Layers of prisms through half the thickness; of a plane mesh it says nothing.
-
     Raises
     ------
     ModelError
@@ -45,10 +30,15 @@ class MeshSettings:
     """
 
     order: int = 4
+    """Polynomial order of the displacement, 1 to 8."""
     neck_size: float = 0.8
+    """Largest element along the surface of a notch, in neck thicknesses [1]."""
     grading: float = 0.6
+    """How fast elements grow away from the necks, 0.1 (slowly) to 1 [1]."""
     size: float = 2.0
+    """Largest element, in plate thicknesses [1]."""
     layers: int = 1
+    """Layers of prisms through half the thickness; of a plane mesh it says nothing."""
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -109,27 +99,7 @@ def _outline(face: TopoDS_Shape) -> tuple[float, ...]:
 
 
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
-    """Mesh the plane of a stage with curved triangles.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    faces : StageFaces
-        Its faces.
-    settings : MeshSettings
-        How fine.
-
-    Returns
-    -------
-    ngsolve.Mesh
-        The mesh, in millimetres, with regions and boundaries named as in `flexstage.fem.names`.
-
-    Raises
-    ------
-    ModelError
-        The mesher failed, or the memory does not suffice.
-    """
+    """Mesh the plane of a stage with curved triangles."""
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
     mesh = _generate(faces.shape, 2, settings.size * stage.thickness, settings.grading)
@@ -142,26 +112,6 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
 
     The plane z = 0 is the middle of the plate; whatever a stage does is symmetric about it or the
     opposite, so that two half models hold the whole answer.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    faces : StageFaces
-        Its faces.
-    settings : MeshSettings
-        How fine.
-
-    Returns
-    -------
-    ngsolve.Mesh
-        The mesh, in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the
-        edges that they grow from.
-
-    Raises
-    ------
-    ModelError
-        The mesher failed, did not make prisms, or the memory does not suffice.
     """
     _afford(stage, faces, settings, 3)
     _refine(stage, faces, settings)

@@ -14,17 +14,8 @@ from netgen.meshing import MeshingParameters, MeshingStep
 from netgen.occ import OCCGeometry
 from numpy.typing import NDArray
 
-__all__ = [
-    "SMALLEST",
-    "MeshTask",
-    "MesherError",
-    "first_hits",
-    "generate",
-    "thickness_below",
-    "unfold",
-]
+from flexstage.arrays import Array
 
-Array = NDArray[np.float64]
 #: Smallest element that thinness asks for, in sizes of the part.
 SMALLEST = 2e-3
 _OPPOSED = -0.85  # a wall ends where the surface looks back within 32 degrees: no wedge is thin
@@ -43,29 +34,22 @@ class MesherError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTask:
-    """What is to be meshed and how, in millimetres; the words are those of `PartMesh`.
-
-    Parameters
-    ----------
-    geometry : netgen.occ.OCCGeometry
-        The solids; sizes at faces stand in them.
-    diagonal : float
-        Of the box about them.
-    order : int
-        Order to which the elements will be curved.
-    largest : float
-        Largest element.
-    thin, grading, curvature : float
-        As of `PartMesh`.
-    """
+    """What is to be meshed and how, in millimetres; the words are those of `PartMesh`."""
 
     geometry: OCCGeometry
+    """The solids; sizes at faces stand in them."""
     diagonal: float
+    """Of the box about them."""
     order: int
+    """Order to which the elements will be curved."""
     largest: float
+    """Largest element."""
     thin: float
+    """As of `PartMesh`."""
     grading: float
+    """As of `PartMesh`."""
     curvature: float
+    """As of `PartMesh`."""
 
 
 def generate(task: MeshTask) -> object | None:
@@ -75,21 +59,6 @@ def generate(task: MeshTask) -> object | None:
     as long as that shows thinner places: from each triangle rays go inwards to where the surface
     looks back at them. A few elements that curving would fold can be straightened; where many are,
     the mesh is made anew with more elements to a radius.
-
-    Parameters
-    ----------
-    task : MeshTask
-        What and how.
-
-    Returns
-    -------
-    netgen.meshing.Mesh or None
-        The mesh; None where curving folds many elements of every one that was tried.
-
-    Raises
-    ------
-    MesherError
-        The mesher failed.
     """
     at, sizes = np.zeros((0, 3)), np.zeros(0)
     thinnest = np.inf
@@ -141,18 +110,6 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     The curved shape is written as the straight one and a hierarchical polynomial displacement: what
     edges and faces add beyond the corners can then be taken back element by element, and neighbours
     still fit.
-
-    Parameters
-    ----------
-    mesh : ngsolve.Mesh
-        The mesh, curved.
-    order : int
-        To which order.
-
-    Returns
-    -------
-    bool
-        False where they are too many.
     """
     rule = ng.IntegrationRule(ng.ET.TET, 2 * order)
     bad = _folded(mesh, rule)
@@ -182,20 +139,7 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
 
 
 def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
-    """Return where the body behind a meshed surface is thinner than a limit.
-
-    Parameters
-    ----------
-    surface : netgen.meshing.Mesh
-        Triangles, with their normals outwards.
-    limit : float
-        The limit, in the mesh's unit.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Places on the surface, shape (k, 3), and the thickness below each, shape (k,).
-    """
+    """Return where the body behind a meshed surface is thinner than a limit."""
     points = surface.Coordinates()  # type: ignore[attr-defined]
     corners = np.array(
         [[p.nr - 1 for p in e.vertices[:3]] for e in surface.Elements2D()]  # type: ignore[attr-defined]
@@ -210,26 +154,7 @@ def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
 
 
 def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limit: float) -> Array:
-    """Return how far rays go to the first triangle that looks back at them.
-
-    Parameters
-    ----------
-    triangles : numpy.ndarray
-        Corners, shape (t, 3, 3).
-    normal : numpy.ndarray
-        Unit normals of the triangles, shape (t, 3).
-    starts : numpy.ndarray
-        Where rays start, some side by side with one direction, shape (n, s, 3).
-    rays : numpy.ndarray
-        Unit directions, shape (n, 3).
-    limit : float
-        What lies beyond is not looked for.
-
-    Returns
-    -------
-    numpy.ndarray
-        The distances, infinity where there is none within the limit, shape (n, s).
-    """
+    """Return how far rays go to the first triangle that looks back at them."""
     a, ab, ac = (
         triangles[:, 0],
         triangles[:, 1] - triangles[:, 0],

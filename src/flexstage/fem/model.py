@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, AttachedMass, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import AttachedMass, Continuum
+from flexstage.elasticity.unit import METRE
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.necks import NeckPoints, neck_points, neck_stress
@@ -24,20 +25,8 @@ from flexstage.fem.projection import project
 from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
-from flexstage.system import (
-    STANDARD_GRAVITY,
-    AxisPort,
-    BodyPort,
-    DrivePort,
-    LoadPort,
-    MechanicalSystem,
-    ProbePort,
-    StressMap,
-)
-
-__all__ = ["Half", "StageModel", "assemble"]
-
-Array = NDArray[np.float64]
+from flexstage.system import STANDARD_GRAVITY, MechanicalSystem, StressMap
+from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,45 +35,30 @@ class Half:
 
     A stage in its plane has one. In three dimensions it has two: motion in the plane, which is
     symmetric about the middle of the plate, and motion out of it, which is the opposite.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The continuum.
-    basis : numpy.ndarray
-        Displacement of the continuum for each coordinate of the system, shape (n, r).
-    out_of_plane : bool
-        Whether it is the motion out of the plane.
-    points : NeckPoints
-        Where the stress of the notches is looked for.
     """
 
     continuum: Continuum
+    """The continuum."""
     basis: Array
+    """Displacement of the continuum for each coordinate of the system, shape (n, r)."""
     out_of_plane: bool
+    """Whether it is the motion out of the plane."""
     points: NeckPoints
+    """Where the stress of the notches is looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StageModel:
-    """A finite-element model of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        The system that it was projected on.
-    halves : tuple of Half
-        The continua behind it.
-    mesh_settings : MeshSettings
-        How fine the mesh is.
-    """
+    """A finite-element model of a stage."""
 
     stage: Stage
+    """The stage."""
     system: MechanicalSystem
+    """The system that it was projected on."""
     halves: tuple[Half, ...]
+    """The continua behind it."""
     mesh_settings: MeshSettings
+    """How fine the mesh is."""
 
     __repr__ = short_repr
 
@@ -168,32 +142,7 @@ def assemble(
     choices: Mapping[str, str],
     supports: Supports,
 ) -> StageModel:
-    """Project continua of a stage on one system.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    faces : StageFaces
-        Its faces.
-    continua : sequence of tuple
-        Each continuum, the number of its modes, and whether it moves out of the plane.
-    settings : MeshSettings
-        How fine the mesh is.
-    name : str
-        Name of the model: ``plane`` or ``solid``.
-    validity : tuple of str
-        Where it stops being valid.
-    choices : Mapping
-        Choices that change its figures.
-    supports : str
-        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
-
-    Returns
-    -------
-    StageModel
-        The model.
-    """
+    """Project continua of a stage on one system."""
     masses = mass_properties(stage)
     halves: list[_HalfSystem] = []
     for i, (continuum, count, out) in enumerate(continua):

@@ -6,15 +6,13 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum
 from flexstage.elasticity.stress import COMPONENTS
 from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.fem.names import exactly, surface_edge
 from flexstage.stage import Stage
-
-__all__ = ["NeckPoints", "neck_points", "neck_stress"]
-
-Array = NDArray[np.float64]
 
 # along an element's edge; its ends lie on vertices, where the elements beside it are averaged
 _ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -22,24 +20,16 @@ _ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NeckPoints:
-    """Points on the surfaces of the notches, each once for every element that touches it.
-
-    Parameters
-    ----------
-    hinges : tuple of str
-        Names of the hinges.
-    places : numpy.ndarray
-        Points of the mesh, shape (m,).
-    position : numpy.ndarray
-        Where they are [m], shape (m, 3).
-    owner : numpy.ndarray
-        Index into `hinges`, shape (m,).
-    """
+    """Points on the surfaces of the notches, each once for every element that touches it."""
 
     hinges: tuple[str, ...]
+    """Names of the hinges."""
     places: NDArray[np.void]
+    """Points of the mesh, shape (m,)."""
     position: Array
+    """Where they are [m], shape (m, 3)."""
     owner: NDArray[np.intp]
+    """Index into `hinges`, shape (m,)."""
 
     @property
     def point(self) -> NDArray[np.intp]:
@@ -50,20 +40,7 @@ class NeckPoints:
 
 
 def neck_points(continuum: Continuum, stage: Stage) -> NeckPoints:
-    """Return the points at which the stress of the notches is looked for.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum.
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    NeckPoints
-        Points along every element's edge or face on the surface of a notch.
-    """
+    """Return the points at which the stress of the notches is looked for."""
     rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in _ALONG])}
     if continuum.dimension == 3:
         rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in _ALONG for t in _ALONG])}
@@ -96,24 +73,7 @@ def _rule(points: list[tuple[float, float, float]]) -> ng.IntegrationRule:
 def neck_stress(
     continuum: Continuum, points: NeckPoints, u: Array, temperature: float = 0.0
 ) -> Array:
-    """Return the stress at the points of the notches.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum.
-    points : NeckPoints
-        The points.
-    u : numpy.ndarray
-        Displacements, shape (n,) or (n, r).
-    temperature : float
-        Uniform change of temperature that goes with them [K].
-
-    Returns
-    -------
-    numpy.ndarray
-        Components xx, yy, zz, yz, xz, xy [Pa], shape (m, 6) or (m, 6, r).
-    """
+    """Return the stress at the points of the notches."""
     if not points.owner.size:
         return np.zeros((0, 6, *u.shape[1:]))
     if u.ndim == 2:

@@ -14,13 +14,11 @@ import ngsolve as ng
 from netgen.meshing import NgException
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 
-from flexstage.elasticity import METRE
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError, StageError
 from flexstage.fem.part_face import PartFace, box_of, face_of
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.material import Material
-
-__all__ = ["Part", "PartFace", "read_step"]
 
 _NEAR = 1e-6  # faces at one level, and flat faces, to this part of the part's size
 _NO_NAME = {"", "NONE", "none"}  # what programs write where a face has none
@@ -29,47 +27,20 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """One solid, or several that are joined where they touch.
-
-    Parameters
-    ----------
-    source : str
-        Where it comes from, for messages.
-    shape : netgen.occ.TopoDS_Shape
-        The solids, in millimetres; every face has a name.
-    bodies : tuple of str
-        Names of the solids, which are the regions of its mesh.
-    faces : tuple of PartFace
-        Its faces.
-    """
+    """One solid, or several that are joined where they touch."""
 
     source: str
+    """Where it comes from, for messages."""
     shape: TopoDS_Shape
+    """The solids, in millimetres; every face has a name."""
     bodies: tuple[str, ...]
+    """Names of the solids, which are the regions of its mesh."""
     faces: tuple[PartFace, ...]
+    """Its faces."""
 
     @classmethod
     def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
-        """Name the solids and faces of a shape and measure them.
-
-        Parameters
-        ----------
-        shape : netgen.occ.TopoDS_Shape
-            One solid, or solids that share faces (as `netgen.occ.Glue` makes them), in
-            millimetres.
-        source : str
-            Where it comes from, for messages.
-
-        Returns
-        -------
-        Part
-            The part.
-
-        Raises
-        ------
-        StageError
-            It has no solid, or one without volume.
-        """
+        """Name the solids and faces of a shape and measure them."""
         solids = list(shape.solids)
         if not solids:
             raise StageError(
@@ -105,18 +76,7 @@ class Part:
         return box_of(self.shape)
 
     def mass(self, material: Material | Mapping[str, Material]) -> float:
-        """Return its mass [kg].
-
-        Parameters
-        ----------
-        material : Material or Mapping
-            What it is made of, or that of each body by name.
-
-        Returns
-        -------
-        float
-            The mass [kg].
-        """
+        """Return its mass [kg]."""
         of = [material] * len(self.bodies)
         if not isinstance(material, Material):
             of = [material[name] for name in self.bodies]
@@ -126,13 +86,7 @@ class Part:
     # ------------------------------------------------------------------ bodies
 
     def require_joined(self) -> None:
-        """Refuse an assembly that is not in one piece.
-
-        Raises
-        ------
-        StageError
-            Some of its solids share no face with the others.
-        """
+        """Refuse an assembly that is not in one piece."""
         joined = {self.bodies[0]}
         joints = [set(f.bodies) for f in self.faces if len(f.bodies) > 1]
         for _ in self.bodies:
@@ -149,23 +103,7 @@ class Part:
     # ------------------------------------------------------------------ faces
 
     def face_at(self, point: Sequence[float]) -> str:
-        """Return the name of the face that is nearest to a point.
-
-        Parameters
-        ----------
-        point : sequence of float
-            The point [m], shape (3,).
-
-        Returns
-        -------
-        str
-            The name.
-
-        Raises
-        ------
-        StageError
-            Two faces with different names are equally near: the point lies on their edge.
-        """
+        """Return the name of the face that is nearest to a point."""
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
         found = sorted(
             (f.Distance(vertex), face.name)
@@ -182,26 +120,7 @@ class Part:
         return found[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
-        """Return the names of the plane faces at one end of the part.
-
-        Parameters
-        ----------
-        axis : str
-            ``x``, ``y`` or ``z``: the direction that they are normal to.
-        end : str
-            ``min`` or ``max``: of all plane faces that look outwards along the axis, those that
-            lie lowest or highest.
-
-        Returns
-        -------
-        tuple of str
-            The names, in the order of the file.
-
-        Raises
-        ------
-        StageError
-            The axis or the end is another word, or the part has no plane face that looks there.
-        """
+        """Return the names of the plane faces at one end of the part."""
         if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
             raise StageError(
                 f"faces are selected by an axis x, y or z and an end min or max, got {axis!r} "
@@ -221,23 +140,7 @@ class Part:
         return tuple(dict.fromkeys(level))
 
     def boundary(self, names: str | Sequence[str]) -> str:
-        """Return the regular expression that stands for faces in a mesh.
-
-        Parameters
-        ----------
-        names : str or sequence of str
-            Names of faces.
-
-        Returns
-        -------
-        str
-            The expression.
-
-        Raises
-        ------
-        StageError
-            The part has no face of a name.
-        """
+        """Return the regular expression that stands for faces in a mesh."""
         given = (names,) if isinstance(names, str) else tuple(names)
         known = {f.name for f in self.faces}
         for name in given:
@@ -252,23 +155,6 @@ class Part:
 
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
-
-        Parameters
-        ----------
-        settings : PartMesh, optional
-            How fine.
-        limit : float, optional
-            Computing time after which the mesher is given up [s].
-
-        Returns
-        -------
-        ngsolve.Mesh
-            The mesh, in millimetres, with the part's faces as boundaries and its bodies as regions.
-
-        Raises
-        ------
-        ModelError
-            The mesher failed, or sizes are given for a face that the part has not.
 
         Examples
         --------
@@ -287,28 +173,7 @@ class Part:
 
 
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
-    """Read a part from a STEP file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; whatever its unit of length, the geometry kernel turns it into millimetres.
-    solid : int or str or sequence of these, optional
-        Of several solids those to take, by number, counted from 0, or by name; ``all`` keeps all of
-        them. Several are joined where they touch.
-
-    Returns
-    -------
-    Part
-        The part; faces and solids that have no name in the file are called ``face1``, ...,
-        ``body1``, ... in its order.
-
-    Raises
-    ------
-    StageError
-        There is no such file, it is no STEP file or not whole, it holds no solid, one without
-        volume, several and none is chosen, or several that overlap.
-    """
+    """Read a part from a STEP file."""
     path = Path(path)
     shape = _load(path)
     solids = list(shape.solids)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import StageError
 from flexstage.fem.bodies import Bodies
 from flexstage.fem.interface import (
@@ -23,9 +23,6 @@ from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
 from flexstage.progress import share, tell
 
-__all__ = ["INTERFACES", "InterfaceResult", "PartAnalysis", "analyse_part", "named_faces"]
-
-Array = NDArray[np.float64]
 #: Kinds of interfaces.
 INTERFACES = ("rigid", "mean")
 _RIGID_MOTIONS = 6
@@ -40,83 +37,48 @@ _LEAST, _PATIENCE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InterfaceResult:
-    """A part with one kind of interfaces.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Natural frequencies, rigid motions left out [Hz], shape (k,).
-    stiffness : numpy.ndarray or None
-        Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
-        shape (6, 6).
-    ratio : MotionRatio or None
-        How the output moves when two faces are pushed apart.
-    """
+    """A part with one kind of interfaces."""
 
     frequency_hz: Array
+    """Natural frequencies, rigid motions left out [Hz], shape (k,)."""
     stiffness: Array | None = None
+    """Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
+    shape (6, 6).
+    """
     ratio: MotionRatio | None = None
+    """How the output moves when two faces are pushed apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartAnalysis:
-    """A part, held or free.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-    materials : Mapping
-        What each of its bodies is made of.
-    order : int
-        Polynomial order of the displacement.
-    elements, unknowns : int
-        Elements and unknowns of the mesh.
-    expected : PartEstimate
-        What they were expected to be, and to cost.
-    held : tuple of str
-        Faces that are held; empty for a free part.
-    moved : tuple of str
-        Faces whose stiffness was asked for.
-    at : tuple of float
-        The point about which the stiffness is [m].
-    results : Mapping
-        The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
-        one, ``free``.
-    """
+    """A part, held or free."""
 
     part: Part
+    """The part."""
     materials: Mapping[str, Material]
+    """What each of its bodies is made of."""
     order: int
+    """Polynomial order of the displacement."""
     elements: int
+    """Elements and unknowns of the mesh."""
     unknowns: int
+    """Elements and unknowns of the mesh."""
     expected: PartEstimate
+    """What they were expected to be, and to cost."""
     held: tuple[str, ...]
+    """Faces that are held; empty for a free part."""
     moved: tuple[str, ...]
+    """Faces whose stiffness was asked for."""
     at: tuple[float, ...]
+    """The point about which the stiffness is [m]."""
     results: Mapping[str, InterfaceResult]
+    """The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
+    one, ``free``.
+    """
 
 
 def named_faces(part: Part, text: str) -> tuple[str, ...]:
     """Return the faces that a text names.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-    text : str
-        Names with commas between; ``x-min``, ``z-max`` and so on stand for the plane faces at that
-        end of the part.
-
-    Returns
-    -------
-    tuple of str
-        Their names.
-
-    Raises
-    ------
-    StageError
-        There is no such face.
 
     Examples
     --------
@@ -163,46 +125,6 @@ def analyse_part(
     expect: Callable[[PartEstimate], None] | None = None,
 ) -> PartAnalysis:
     """Analyse a part.
-
-    Parameters
-    ----------
-    part : Part
-        The part; its bodies are joined where they share faces.
-    material : Material or Mapping
-        What it is made of, or that of each body by name.
-    hold : sequence of str
-        Names of the faces that are held; none for a part that floats.
-    move : sequence of str
-        Names of the faces whose stiffness is wanted.
-    at : sequence of float, optional
-        The point about which it is meant [m]; their centroid where not given.
-    ratio : tuple of sequence of str, optional
-        Names of the faces of two ends that are pushed apart, and of those whose motion by it is
-        wanted.
-    interfaces : sequence of str
-        ``rigid``: held, moved and pushed faces move as if stiff plates were welded to them;
-        ``mean``: they may deform, and it is their mean motion that counts.
-    mesh : PartMesh, optional
-        How fine; the displacement has the order of the mesh.
-    modes : int
-        Number of natural frequencies.
-    force : bool
-        Go on even where the memory seems not to suffice.
-    expect : callable, optional
-        Is told what the mesh will be and cost, before it is made.
-
-    Returns
-    -------
-    PartAnalysis
-        The result.
-
-    Raises
-    ------
-    StageError
-        A face does not exist, is named for two purposes, or is to be moved while none is held; a
-        body touches no other; or the interfaces are of another kind.
-    ModelError
-        The mesher failed, or the memory does not suffice.
 
     Notes
     -----

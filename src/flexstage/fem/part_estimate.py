@@ -8,17 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from flexstage.elasticity import METRE
+from flexstage.arrays import Array
 from flexstage.elasticity.memory import memory_available, memory_needed
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.mesher import SMALLEST, first_hits
 from flexstage.fem.part import Part
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.fem.part_surface import PartSurface, part_surface
 
-__all__ = ["PartEstimate", "estimate_part", "require_room"]
-
-Array = NDArray[np.float64]
 _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face
 _ON_EDGES = 1500  # places on edges, about, at most
@@ -44,39 +42,23 @@ _MESH = 2.0e3  # memory of an element: assumed [byte]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartEstimate:
-    """What a mesh of a part is expected to be and to cost.
-
-    Parameters
-    ----------
-    elements : float
-        Tetrahedra [1].
-    unknowns : float
-        Degrees of freedom [1].
-    memory : float
-        At the most at one time [byte].
-    seconds : float
-        CPU time of one core [s].
-    meshing : float
-        The part of it that the mesher takes [s].
-    largest : float
-        Largest element [m].
-    """
+    """What a mesh of a part is expected to be and to cost."""
 
     elements: float
+    """Tetrahedra [1]."""
     unknowns: float
+    """Degrees of freedom [1]."""
     memory: float
+    """At the most at one time [byte]."""
     seconds: float
+    """CPU time of one core [s]."""
     meshing: float
+    """The part of it that the mesher takes [s]."""
     largest: float
+    """Largest element [m]."""
 
     def words(self) -> str:
-        """Return it in words.
-
-        Returns
-        -------
-        str
-            One line.
-        """
+        """Return it in words."""
         time = f"{self.seconds:.2g} s"
         if self.seconds > 90.0:
             minutes = self.seconds / 60.0
@@ -89,30 +71,20 @@ class PartEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Places:
-    """Places on the surface of a part, and what the size of elements there goes by [m].
-
-    Parameters
-    ----------
-    area : numpy.ndarray
-        What each stands for [m^2], shape (n,).
-    wall : numpy.ndarray
-        Thickness of the part behind it, shape (n,).
-    radius : numpy.ndarray
-        Least radius of curvature there, shape (n,).
-    face : numpy.ndarray
-        Number of its face, shape (n,).
-    length : numpy.ndarray
-        Length of the edge on which each place on an edge is, shape (e,).
-    apart : numpy.ndarray
-        Distances of places on the surface from all, those on edges last, shape (n, n + e).
-    """
+    """Places on the surface of a part, and what the size of elements there goes by [m]."""
 
     area: Array
+    """What each stands for [m^2], shape (n,)."""
     wall: Array
+    """Thickness of the part behind it, shape (n,)."""
     radius: Array
+    """Least radius of curvature there, shape (n,)."""
     face: NDArray[np.intp]
+    """Number of its face, shape (n,)."""
     length: Array
+    """Length of the edge on which each place on an edge is, shape (e,)."""
     apart: Array
+    """Distances of places on the surface from all, those on edges last, shape (n, n + e)."""
 
 
 def _places(part: Part, surface: PartSurface) -> _Places:
@@ -238,20 +210,6 @@ def estimate_part(part: Part, settings: PartMesh, *, factorisations: int = 1) ->
     the radius of curvature, the wall behind, the length of edges, and growth with the distance from
     where they are small. Counts follow by integration to the middle of the walls.
 
-    Parameters
-    ----------
-    part : Part
-        The part.
-    settings : PartMesh
-        How fine; the displacement has the order of the mesh.
-    factorisations : int
-        How many stiffness matrices are factorised, one after the other.
-
-    Returns
-    -------
-    PartEstimate
-        What to expect.
-
     Notes
     -----
     Validity: of 20 meshes from 12 000 unknowns on it said 0.6 to 1.6 of the elements, 0.7 to 1.5 of
@@ -290,22 +248,7 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
 
 
 def require_room(part: Part, settings: PartMesh, expected: PartEstimate) -> None:
-    """Refuse a mesh that will not fit in memory, before it is made.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-    settings : PartMesh
-        How fine.
-    expected : PartEstimate
-        What it will need.
-
-    Raises
-    ------
-    ModelError
-        It takes more than is free; the size that would fit is in the message.
-    """
+    """Refuse a mesh that will not fit in memory, before it is made."""
     free = memory_available()
     if expected.memory <= free:
         return

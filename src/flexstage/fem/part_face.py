@@ -7,9 +7,7 @@ from pathlib import Path
 
 from netgen.occ import TopoDS_Shape
 
-from flexstage.elasticity import METRE
-
-__all__ = ["PartFace", "box_of", "face_of"]
+from flexstage.elasticity.unit import METRE
 
 # kinds of surface by their number in the text form of a shape (Open CASCADE, "BRep Format")
 _KINDS = (
@@ -20,52 +18,30 @@ _KINDS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartFace:
-    """A face of a part.
-
-    Parameters
-    ----------
-    name : str
-        Its name, which the boundary of the mesh bears too; faces may share one.
-    kind : str
-        ``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ...
-    area : float
-        Its area [m^2].
-    centre : tuple of float
-        Its centroid [m].
-    normal : tuple of float or None
-        Outward unit normal of a plane; None of any other.
-    low, high : tuple of float
-        Corners of the box about it [m].
-    bodies : tuple of str
-        Names of the solids that it bounds: of two that are joined there, or of one.
-    forward : bool
-        Whether the normal of its surface, by its coordinates, looks out of the first of them.
-    """
+    """A face of a part."""
 
     name: str
+    """Its name, which the boundary of the mesh bears too; faces may share one."""
     kind: str
+    """``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ..."""
     area: float
+    """Its area [m^2]."""
     centre: tuple[float, ...]
+    """Its centroid [m]."""
     normal: tuple[float, ...] | None
+    """Outward unit normal of a plane; None of any other."""
     low: tuple[float, ...]
+    """Corners of the box about it [m]."""
     high: tuple[float, ...]
+    """Corners of the box about it [m]."""
     bodies: tuple[str, ...]
+    """Names of the solids that it bounds: of two that are joined there, or of one."""
     forward: bool
+    """Whether the normal of its surface, by its coordinates, looks out of the first of them."""
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the lowest and the highest corner of the box about a shape.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The shape, in millimetres.
-
-    Returns
-    -------
-    tuple
-        The two corners [m].
-    """
+    """Return the lowest and the highest corner of the box about a shape."""
     low, high = shape.bounding_box
     return (
         (low.x / METRE, low.y / METRE, low.z / METRE),
@@ -74,20 +50,7 @@ def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
-    """Measure a face.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The face, with a name, in millimetres.
-    bodies : tuple of str
-        The solids that it bounds.
-
-    Returns
-    -------
-    PartFace
-        What it is.
-    """
+    """Measure a face."""
     kind, forward = _kind(shape)
     normal = None
     if kind == "plane":

@@ -15,48 +15,33 @@ from typing import Any
 import ngsolve as ng
 from netgen.occ import OCCGeometry, TopoDS_Shape
 
-from flexstage.elasticity import METRE
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesher
-
-__all__ = ["PartMesh", "diagonal", "mesh_shape"]
 
 _LOST = 0.01  # part of the volume that a mesh may lack
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartMesh:
-    """How fine a mesh of a part is.
-
-    Parameters
-    ----------
-    order : int
-        Order to which the elements are curved; the displacement's order is given apart, and should
-        be no less [1].
-    size : float, optional
-        Largest element [m]; a quarter of the diagonal of the part where not given.
-    thin : float
-        Largest element where the part is thin, in local thicknesses; 0 does not look for thin
-        places [1].
-    grading : float
-        How fast elements grow, 0.1 (slowly) to 1 [1].
-    curvature : float
-        Elements to a radius of curvature, 0.2 to 20 [1].
-    sizes : Mapping
-        Largest element at faces, by their names [m].
-
-    Raises
-    ------
-    ModelError
-        A figure is out of its range.
-    """
+    """How fine a mesh of a part is."""
 
     order: int = 3
+    """Order to which the elements are curved; the displacement's order is given apart, and should
+    be no less [1].
+    """
     size: float | None = None
+    """Largest element [m]; a quarter of the diagonal of the part where not given."""
     thin: float = 1.5
+    """Largest element where the part is thin, in local thicknesses; 0 does not look for thin places
+    [1].
+    """
     grading: float = 0.5
+    """How fast elements grow, 0.1 (slowly) to 1 [1]."""
     curvature: float = 1.0
+    """Elements to a radius of curvature, 0.2 to 20 [1]."""
     sizes: Mapping[str, float] = field(default_factory=dict)
+    """Largest element at faces, by their names [m]."""
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -72,34 +57,12 @@ class PartMesh:
                 raise ModelError(f"a mesh size must be positive [m], got {value!r}")
 
     def largest(self, diagonal: float) -> float:
-        """Return the largest element of a part.
-
-        Parameters
-        ----------
-        diagonal : float
-            Diagonal of the box about it [m].
-
-        Returns
-        -------
-        float
-            The size [m].
-        """
+        """Return the largest element of a part."""
         return self.size if self.size is not None else 0.25 * diagonal
 
 
 def diagonal(shape: TopoDS_Shape) -> float:
-    """Return the diagonal of the box about a shape.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The shape.
-
-    Returns
-    -------
-    float
-        The diagonal, in the unit of the shape.
-    """
+    """Return the diagonal of the box about a shape."""
     low, high = shape.bounding_box
     return math.dist((low.x, low.y, low.z), (high.x, high.y, high.z))
 
@@ -108,27 +71,6 @@ def mesh_shape(
     shape: TopoDS_Shape, settings: PartMesh, source: str, *, limit: float | None = None
 ) -> ng.Mesh:
     """Mesh solids with curved tetrahedra.
-
-    Parameters
-    ----------
-    shape : netgen.occ.TopoDS_Shape
-        The solids, in millimetres.
-    settings : PartMesh
-        How fine.
-    source : str
-        What they are called in messages.
-    limit : float, optional
-        Computing time after which the mesher is given up [s], where the system can do so.
-
-    Returns
-    -------
-    ngsolve.Mesh
-        The mesh, in millimetres.
-
-    Raises
-    ------
-    ModelError
-        The mesher failed.
 
     Notes
     -----

@@ -4,37 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from netgen.occ import OCCGeometry
-from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE
+from flexstage.arrays import Array, Integers
+from flexstage.elasticity.unit import METRE
 from flexstage.fem.part import Part
-
-__all__ = ["PartSurface", "part_surface"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartSurface:
-    """Triangles of the faces of a part.
-
-    Parameters
-    ----------
-    triangles : numpy.ndarray
-        Their corners, outwards counter-clockwise [m], shape (t, 3, 3).
-    face : numpy.ndarray
-        Number of the part's face that each belongs to, shape (t,).
-    lines : numpy.ndarray
-        Both ends of the pieces of its edges [m], shape (e, 2, 3).
-    edge : numpy.ndarray
-        Number of the edge that each belongs to, shape (e,).
-    """
+    """Triangles of the faces of a part."""
 
     triangles: Array
-    face: Numbers
+    """Their corners, outwards counter-clockwise [m], shape (t, 3, 3)."""
+    face: Integers
+    """Number of the part's face that each belongs to, shape (t,)."""
     lines: Array
-    edge: Numbers
+    """Both ends of the pieces of its edges [m], shape (e, 2, 3)."""
+    edge: Integers
+    """Number of the edge that each belongs to, shape (e,)."""
 
     @property
     def area_vectors(self) -> Array:
@@ -44,18 +31,7 @@ class PartSurface:
 
 
 def part_surface(part: Part) -> PartSurface:
-    """Return the surface of a part as triangles.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-
-    Returns
-    -------
-    PartSurface
-        The triangles; coarse where it is flat, and within about 1 % of the area of curved faces.
-    """
+    """Return the surface of a part as triangles."""
     # what the library's own viewer draws; it has no other way to the kernel's triangles
     shown = OCCGeometry(part.shape)._visualizationData()
     triangles = np.array(shown["vertices"], dtype=float).reshape(-1, 3, 3) / METRE

@@ -10,33 +10,18 @@ from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
 from flexstage.fem.quality import sound_mesh
-from flexstage.hinges import Leaf, PlaneState, plane_state
-from flexstage.hinges.compliance import PLANE_RULE
+from flexstage.hinges import Leaf, plane_state
+from flexstage.hinges.compliance import PLANE_RULE, PlaneState
 from flexstage.progress import tell
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
-
-__all__ = ["plane_model", "strained_notches"]
 
 #: Modes that are kept besides the static responses.
 MODES = 16
 
 
 def strained_notches(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[str, str]:
-    """Choose the regions in plane strain.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    plane : str
-        ``stress`` or ``strain`` for all notches, or ``auto`` by width against neck.
-
-    Returns
-    -------
-    tuple of str
-        Regular expression of these regions, empty for none, and the choice in words.
-    """
+    """Choose the regions in plane strain."""
     chosen = {
         h.name: plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges
@@ -127,20 +112,7 @@ def plane_model(
 
 
 def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
-    """Return what holds for every finite-element model of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    held : str
-        What holds the fixed bodies, in words.
-
-    Returns
-    -------
-    tuple of str
-        Sentences.
-    """
+    """Return what holds for every finite-element model of a stage."""
     ratio = 100.0 * ModalDamping(ratio=0.01).ratio
     sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
     corners = (

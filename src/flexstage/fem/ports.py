@@ -6,44 +6,21 @@ from typing import Literal
 
 import ngsolve as ng
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, AttachedMass, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import AttachedMass, Continuum
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.geometry import Patch
 from flexstage.fem.names import body_region, either, exactly, notch_region, patch_edge
 from flexstage.stage import Drive, Probe, Stage
-
-__all__ = [
-    "Supports",
-    "attached_masses",
-    "body_motion",
-    "body_regions",
-    "drive_vector",
-    "probe_vector",
-]
-
-Array = NDArray[np.float64]
 
 #: Whether the fixed bodies give way under the drives that react on them.
 Supports = Literal["rigid", "elastic"]
 
 
 def body_regions(stage: Stage, body: str) -> str:
-    """Return the expression of the regions of a body with its half notches.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    body : str
-        Name of the body.
-
-    Returns
-    -------
-    str
-        The regular expression.
-    """
+    """Return the expression of the regions of a body with its half notches."""
     own = [body_region(body)]
     for hinge in stage.hinges:
         own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
@@ -51,24 +28,7 @@ def body_regions(stage: Stage, body: str) -> str:
 
 
 def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
-    """Return displacement and rotation of a body in the plane, about a point.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum, its middle plane at z = 0.
-    stage : Stage
-        The stage.
-    body : str
-        Name of the body.
-    at : tuple of float
-        The point [m].
-
-    Returns
-    -------
-    numpy.ndarray
-        x, y [m] and rotation [rad], shape (3, n): the rigid motion nearest to the body's.
-    """
+    """Return displacement and rotation of a body in the plane, about a point."""
     centre = at if continuum.dimension == 2 else (*at, 0.0)
     _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
@@ -110,25 +70,6 @@ def drive_vector(
 
     The bars are means over the patches. Where the reacting patch lies beside the line of action
     the rotation of its body carries it there, as force and reaction share one line.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum.
-    stage : Stage
-        The stage.
-    drive : Drive
-        The drive.
-    patches : iterable of Patch
-        Patches of all drives.
-    supports : str
-        ``rigid`` where a drive that reacts on a fixed body stands on the ground, ``elastic`` where
-        that body gives way under it.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n,).
     """
     along = (math.cos(drive.direction), math.sin(drive.direction))
     aside = (-along[1], along[0])
@@ -152,20 +93,6 @@ def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
 
     It is the displacement of the point that it names. Where the body has no material there, such
     as in its aperture, what it reads rides on the body and follows its mean motion.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum.
-    stage : Stage
-        The stage.
-    probe : Probe
-        The probe.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n,).
     """
     along = (math.cos(probe.direction), math.sin(probe.direction))
     reading = _reading(continuum, stage, probe.body, probe.at, along)
@@ -193,20 +120,7 @@ def _reading(
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
-    """Return what is mounted on the bodies of a stage and is not of the plate.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The stage as a continuum.
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    list of AttachedMass
-        Each rides on the mean motion of its body.
-    """
+    """Return what is mounted on the bodies of a stage and is not of the plate."""
     riders = []
     for body in stage.bodies:
         if body.fixed:

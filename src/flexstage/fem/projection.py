@@ -5,12 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.progress import share, tell
-
-__all__ = ["project"]
-
-Array = NDArray[np.float64]
 
 # what is left of a response once the others are taken out of it, below which it is rounding
 _DEPENDENT = 1e-12
@@ -28,24 +25,6 @@ def project(
     locked afterwards act through their own static responses, which is what residual attachment
     modes are for (R. H. MacNeal, Computers & Structures 1 (1971) 581; S. Rubin, AIAA J. 13 (1975)
     995).
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The continuum.
-    loads : numpy.ndarray
-        Loads, one a column, shape (n, k).
-    count : int
-        Number of modes.
-    attached : sequence of AttachedMass
-        What rides on it.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Frequencies of all coordinates [rad/s], shape (r,), of which the first `count` are natural
-        frequencies; displacements of the coordinates, shape (n, r), with unit modal mass; and
-        which of them are modes, shape (r,).
     """
     with share(0.0, 0.3):
         continuum.factorise()

@@ -9,8 +9,6 @@ from flexstage.fem.geometry import StageFaces
 from flexstage.fem.mesh import MeshSettings, plane_mesh
 from flexstage.stage import Stage
 
-__all__ = ["sound_mesh", "worst_shape"]
-
 #: Below it an element is a sliver that spoils the figures of its neighbourhood [1].
 SLIVER = 0.15
 _TRIES = 4
@@ -21,16 +19,6 @@ def worst_shape(mesh: ng.Mesh) -> float:
 
     The shape is :math:`2\det J/|J|^2` with the map J from the equilateral triangle, at its worst
     point: 1 for an equilateral element, 0 for one without area, negative for one turned over.
-
-    Parameters
-    ----------
-    mesh : ngsolve.Mesh
-        The mesh, of triangles, curved or not.
-
-    Returns
-    -------
-    float
-        The shape [1].
     """
     jacobian = ng.specialcf.JacobianMatrix(2)
     places = mesh.MapToAllElements(ng.IntegrationRule(ng.ET.TRIG, 4), ng.VOL)
@@ -45,25 +33,6 @@ def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
 
     Now and then the mesher closes a gap between fine and coarse elements with a sliver. A slower
     grading leaves it more room.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    faces : StageFaces
-        Its faces.
-    settings : MeshSettings
-        How fine.
-
-    Returns
-    -------
-    ngsolve.Mesh
-        The first mesh without a sliver of some tries, or else the best.
-
-    Raises
-    ------
-    ModelError
-        The mesher failed.
     """
     best = plane_mesh(stage, faces, settings)
     shape = worst_shape(best)

@@ -13,9 +13,10 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, von_mises_of
-from flexstage.elasticity.stress import COMPONENTS
+from flexstage.arrays import Array, Integers
+from flexstage.elasticity.stress import COMPONENTS, von_mises_of
 from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem.cells import (
     lattice,
@@ -31,40 +32,28 @@ from flexstage.fem.mesh import MIDDLE
 from flexstage.fem.model import Half, StageModel
 from flexstage.fem.names import body_region, exactly, notch_region
 
-__all__ = ["Sample", "Sampler"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
 # Where the stress has the opposite sign below the middle plane: yz and xz.
 _ODD = np.array([0, 0, 0, 1, 1, 0], dtype=bool)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sample:
-    """A field at the corners of small cells.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        The corners at rest [m], shape (n, 3).
-    cells : numpy.ndarray
-        Corners of each cell: of triangles, counter-clockwise, shape (m, 3), or of wedges, whose
-        first three have their normal outwards, shape (m, 6).
-    region : numpy.ndarray
-        Index of the region of each cell into `Sampler.regions`, shape (m,).
-    displacement : numpy.ndarray
-        Displacement [m], shape (n, 3).
-    stress : numpy.ndarray or None
-        Components xx, yy, zz, yz, xz, xy, averaged over the elements about a corner [Pa],
-        shape (n, 6); None where it was not asked for.
-    """
+    """A field at the corners of small cells."""
 
     points: Array
-    cells: Indices
-    region: Indices
+    """The corners at rest [m], shape (n, 3)."""
+    cells: Integers
+    """Corners of each cell: of triangles, counter-clockwise, shape (m, 3), or of wedges, whose
+    first three have their normal outwards, shape (m, 6).
+    """
+    region: Integers
+    """Index of the region of each cell into `Sampler.regions`, shape (m,)."""
     displacement: Array
+    """Displacement [m], shape (n, 3)."""
     stress: Array | None
+    """Components xx, yy, zz, yz, xz, xy, averaged over the elements about a corner [Pa], shape (n,
+    6); None where it was not asked for.
+    """
 
     @property
     def magnitude(self) -> Array:
@@ -73,30 +62,13 @@ class Sample:
 
     @property
     def von_mises(self) -> Array:
-        """Equivalent stress of von Mises [Pa], shape (n,).
-
-        Raises
-        ------
-        ModelError
-            The stress was not asked for.
-        """
+        """Equivalent stress of von Mises [Pa], shape (n,)."""
         if self.stress is None:
             raise ModelError("the field was sampled without its stress: ask for it")
         return von_mises_of(self.stress)
 
     def moved(self, factor: float = 1.0) -> Array:
-        """Return where the corners go to.
-
-        Parameters
-        ----------
-        factor : float
-            By how much the motion is exaggerated [1].
-
-        Returns
-        -------
-        numpy.ndarray
-            The displaced corners [m], shape (n, 3).
-        """
+        """Return where the corners go to."""
         return self.points + factor * self.displacement
 
 
@@ -105,33 +77,15 @@ class _Cells:
     """Corners of the cells, each once, and which place of the mesh each corner is."""
 
     points: Array
-    cells: Indices
-    region: Indices
-    corner: Indices  # the corner that each mapped place is, mirrored places after the others
+    cells: Integers
+    region: Integers
+    corner: Integers  # the corner that each mapped place is, mirrored places after the others
     below: NDArray[np.bool_]  # whether a place is mirrored
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampler:
     """Divides the elements of a stage's mesh into small cells, and reads fields at their corners.
-
-    Parameters
-    ----------
-    model : StageModel
-        The model.
-    divisions : int
-        Parts of each edge of an element, 1 to 32.
-    extent : str
-        ``plane`` for triangles: of a plane model all of it, of one in three dimensions its middle
-        plane; ``whole`` for all that there is: wedges over the whole thickness in three dimensions,
-        the half below the middle plane mirrored from the one that is meshed.
-    seams : bool
-        Whether corners stay apart where two regions meet, so that stress is averaged in each alone.
-
-    Raises
-    ------
-    ModelError
-        The number of divisions is out of its range.
 
     Notes
     -----
@@ -150,9 +104,17 @@ class Sampler:
     """
 
     model: StageModel
+    """The model."""
     divisions: int = 4
+    """Parts of each edge of an element, 1 to 32."""
     extent: Literal["plane", "whole"] = "plane"
+    """``plane`` for triangles: of a plane model all of it, of one in three dimensions its middle
+    plane; ``whole`` for all that there is: wedges over the whole thickness in three dimensions,
+    the half below the middle plane mirrored from the one that is meshed.
+    """
     seams: bool = False
+    """Whether corners stay apart where two regions meet, so that stress is averaged in each alone.
+    """
 
     def __post_init__(self) -> None:
         if not 1 <= self.divisions <= 32:
@@ -231,33 +193,14 @@ class Sampler:
         return float(sizes(self._cells.points, self._cells.cells).sum())
 
     @cached_property
-    def outline(self) -> tuple[Indices, ...]:
-        """Closed lines of corners about the triangles, material to the left.
-
-        Raises
-        ------
-        ModelError
-            The cells are wedges.
-        """
+    def outline(self) -> tuple[Integers, ...]:
+        """Closed lines of corners about the triangles, material to the left."""
         if self.solid:
             raise ModelError("wedges have no outline: sample the middle plane")
         return loops(self._cells.cells)
 
     def read(self, q: Array, *, stress: bool = True) -> Sample:
-        """Return displacement and stress at the corners.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates of the system, shape (r,).
-        stress : bool
-            Whether the stress is wanted.
-
-        Returns
-        -------
-        Sample
-            The field.
-        """
+        """Return displacement and stress at the corners."""
         cells = self._cells
         total = np.zeros((cells.below.size, 3))
         parts = np.zeros((cells.below.size, 6)) if stress else None
@@ -276,26 +219,7 @@ class Sampler:
         )
 
     def neck_peak(self, q: Array, hinge: str) -> tuple[Array, float]:
-        """Return where the surface of a notch bears most, and how much.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates of the system, shape (r,).
-        hinge : str
-            Name of its hinge.
-
-        Returns
-        -------
-        tuple
-            The point [m], shape (3,), and its equivalent stress [Pa]: the one that the system gives
-            as the largest of this hinge.
-
-        Raises
-        ------
-        ModelError
-            There is no such hinge.
-        """
+        """Return where the surface of a notch bears most, and how much."""
         stress, points = self.model.system.stress, self.model.halves[0].points
         if stress is None or stress.point is None or hinge not in stress.hinges:
             raise ModelError(f"the model has no hinge '{hinge}'")

@@ -11,8 +11,6 @@ from flexstage.fem.ports import Supports
 from flexstage.progress import tell
 from flexstage.stage import Stage
 
-__all__ = ["solid_model"]
-
 #: Modes that are kept besides the static responses, in the plane and out of it.
 MODES = (12, 8)
 

@@ -3,58 +3,46 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.elasticity.buckling import buckling
-from flexstage.elasticity.large_displacement import follow_drive, stress_stiffening
+from flexstage.elasticity.large_displacement import follow_drive
+from flexstage.elasticity.loaded import stress_stiffening
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.model import Half, StageModel
 from flexstage.fem.ports import Supports, body_motion, drive_vector
 from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
-from flexstage.system import Analysis, AxisAnalysis, axis_mode
+from flexstage.system import Analysis, AxisAnalysis
+from flexstage.system.characteristics import axis_mode
 
-__all__ = ["FiniteStroke", "follow_stroke", "with_stroke"]
-
-Array = NDArray[np.float64]
 _STEPS = 7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FiniteStroke:
-    """Motion of a platform over the stroke of a drive, with finite displacements.
-
-    Parameters
-    ----------
-    axis : str
-        Name of the axis.
-    displacement : numpy.ndarray
-        Elongation of the drive, from nothing to the stroke [m], shape (k,).
-    force : numpy.ndarray
-        Force that it takes [N], shape (k,).
-    along : numpy.ndarray
-        Motion of the platform along the axis [m], shape (k,).
-    across : numpy.ndarray
-        Its motion to the left of it [m], shape (k,).
-    rotation : numpy.ndarray
-        Its rotation [rad], shape (k,).
-    frequency_hz : float
-        Natural frequency of the axis' mode at full stroke, drives removed [Hz].
-    buckling_factor : float
-        Smallest factor of the load of the full stroke at which the stage buckles, the drive held
-        at its length [1]; infinite where it does not.
-    """
+    """Motion of a platform over the stroke of a drive, with finite displacements."""
 
     axis: str
+    """Name of the axis."""
     displacement: Array
+    """Elongation of the drive, from nothing to the stroke [m], shape (k,)."""
     force: Array
+    """Force that it takes [N], shape (k,)."""
     along: Array
+    """Motion of the platform along the axis [m], shape (k,)."""
     across: Array
+    """Its motion to the left of it [m], shape (k,)."""
     rotation: Array
+    """Its rotation [rad], shape (k,)."""
     frequency_hz: float
+    """Natural frequency of the axis' mode at full stroke, drives removed [Hz]."""
     buckling_factor: float
+    """Smallest factor of the load of the full stroke at which the stage buckles, the drive held at
+    its length [1]; infinite where it does not.
+    """
 
     __repr__ = short_repr
 
@@ -164,20 +152,7 @@ def _frequency_at(model: StageModel, half: Half, axis: AxisAnalysis, u: Array) -
 
 
 def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[FiniteStroke, ...]]:
-    """Add what finite displacements say to an analysis: straightness and buckling of each axis.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis of the model.
-    model : StageModel
-        The model, in its plane.
-
-    Returns
-    -------
-    tuple
-        The analysis with more characteristics, and the paths.
-    """
+    """Add what finite displacements say to an analysis: straightness and buckling of each axis."""
     rows = list(analysis.characteristics)
     validity = list(analysis.validity)
     paths: list[FiniteStroke] = []

@@ -6,13 +6,12 @@ from functools import lru_cache
 from importlib import metadata, resources
 
 from flexstage.fem.mesh import MeshSettings
-from flexstage.hinges import PlaneState, Profile
+from flexstage.hinges import Profile
+from flexstage.hinges.compliance import PlaneState
 from flexstage.hinges.profile import Vertex
 from flexstage.material import Material
 from flexstage.stage import Body, Circle, Force, Hinge, Loop, Probe, Stage
 from flexstage.stage.outline import Point
-
-__all__ = ["BODY", "REFERENCE", "Neck", "Patch", "Reading", "Substructure"]
 
 #: Name of the body in the stage that a substructure is meshed as.
 BODY = "body"
@@ -34,65 +33,42 @@ REFERENCE = Material(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neck:
-    """A neck at which a body was cut from its neighbour.
-
-    Parameters
-    ----------
-    at : tuple of float
-        Centre of the neck [m].
-    direction : float
-        Direction of the hinge [rad].
-    which : int
-        0 where the body is the first of the hinge's bodies, 1 where it is the second.
-    profile : Profile
-        The notch.
-    contour : tuple of Vertex
-        Its contour.
-    plane : str
-        ``stress`` or ``strain``.
-    """
+    """A neck at which a body was cut from its neighbour."""
 
     at: Point
+    """Centre of the neck [m]."""
     direction: float
+    """Direction of the hinge [rad]."""
     which: int
+    """0 where the body is the first of the hinge's bodies, 1 where it is the second."""
     profile: Profile
+    """The notch."""
     contour: tuple[Vertex, ...]
+    """Its contour."""
     plane: PlaneState
+    """``stress`` or ``strain``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch:
-    """Where a drive touches a body.
-
-    Parameters
-    ----------
-    at : tuple of float
-        The point [m].
-    direction : float
-        Direction of the drive [rad].
-    half_width : float
-        Half of the width over which its force is spread [m].
-    """
+    """Where a drive touches a body."""
 
     at: Point
+    """The point [m]."""
     direction: float
+    """Direction of the drive [rad]."""
     half_width: float
+    """Half of the width over which its force is spread [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Where the motion of a body is read.
-
-    Parameters
-    ----------
-    at : tuple of float
-        The point [m].
-    direction : float
-        The direction that is read [rad].
-    """
+    """Where the motion of a body is read."""
 
     at: Point
+    """The point [m]."""
     direction: float
+    """The direction that is read [rad]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,75 +76,42 @@ class Substructure:
     """A body with its half notches, relative to a point of its own and without names.
 
     Two bodies with equal substructures are condensed to the same matrices, wherever they are.
-
-    Parameters
-    ----------
-    outline : Loop
-        Outline of the body, without the half notches.
-    holes : tuple of Loop or Circle
-        Its openings.
-    mounting_holes : tuple of Circle
-        Its holes for bolts.
-    held : bool
-        Whether it is a fixed body, which is held by these holes.
-    necks : tuple of Neck
-        Where it was cut from its neighbours.
-    patches : tuple of Patch
-        Where drives touch it.
-    readings : tuple of Reading
-        Where it is read.
-    poissons_ratio : float
-        Poisson's ratio of its material [1].
-    thickness : float
-        Thickness that the size of its elements is measured by [m].
-    mesh : MeshSettings
-        How fine it is meshed.
-    modes : int
-        Number of modes with held interfaces.
     """
 
     outline: Loop
+    """Outline of the body, without the half notches."""
     holes: tuple[Loop | Circle, ...]
+    """Its openings."""
     mounting_holes: tuple[Circle, ...]
+    """Its holes for bolts."""
     held: bool
+    """Whether it is a fixed body, which is held by these holes."""
     necks: tuple[Neck, ...]
+    """Where it was cut from its neighbours."""
     patches: tuple[Patch, ...]
+    """Where drives touch it."""
     readings: tuple[Reading, ...]
+    """Where it is read."""
     poissons_ratio: float
+    """Poisson's ratio of its material [1]."""
     thickness: float
+    """Thickness that the size of its elements is measured by [m]."""
     mesh: MeshSettings
+    """How fine it is meshed."""
     modes: int
+    """Number of modes with held interfaces."""
 
     def key(self) -> str:
-        """Return a hash of all that its condensation depends on, the software included.
-
-        Returns
-        -------
-        str
-            SHA-256, 64 hexadecimal digits.
-        """
+        """Return a hash of all that its condensation depends on, the software included."""
         # the text of a float is that of no other float
         return hashlib.sha256(f"{_software()} {self!r}".encode()).hexdigest()
 
     def material(self) -> Material:
-        """Return the material that it is condensed with.
-
-        Returns
-        -------
-        Material
-            `REFERENCE` with its own Poisson's ratio.
-        """
+        """Return the material that it is condensed with."""
         return replace(REFERENCE, poissons_ratio=self.poissons_ratio)
 
     def stage(self) -> Stage:
-        """Return a stage of which it is a body, for the mesher.
-
-        Returns
-        -------
-        Stage
-            The body `BODY`, its hinges, drives and probes named by their number; the body at their
-            other ends has no meaning.
-        """
+        """Return a stage of which it is a body, for the mesher."""
         nothing = Body(name=_REST, outline=Loop(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))))
         body = Body(
             name=BODY,

@@ -10,6 +10,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
 from flexstage.fem.cache import Cache, open_cache
@@ -20,24 +21,12 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
-from flexstage.hinges import PlaneState
-from flexstage.hinges.compliance import PLANE_RULE
+from flexstage.hinges.compliance import PLANE_RULE, PlaneState
 from flexstage.progress import tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
-from flexstage.system import (
-    AxisPort,
-    BodyPort,
-    DrivePort,
-    LoadPort,
-    MechanicalSystem,
-    ProbePort,
-    StressMap,
-)
-
-__all__ = ["BodyField", "SuperelementModel", "superelement_model"]
-
-Array = NDArray[np.float64]
+from flexstage.system import MechanicalSystem, StressMap
+from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
 
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16
@@ -45,58 +34,38 @@ MODES, KEPT = 3, 16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyField:
-    """Displacement of one body on its mesh.
-
-    Parameters
-    ----------
-    body : str
-        Name of the body.
-    origin : tuple of float
-        Where the origin of its mesh lies in the plane of the stage [m].
-    continuum : Continuum
-        The body with its half notches as a continuum, of the `REFERENCE` material.
-    displacement : ngsolve.GridFunction
-        Its displacement [m].
-    """
+    """Displacement of one body on its mesh."""
 
     body: str
+    """Name of the body."""
     origin: tuple[float, float]
+    """Where the origin of its mesh lies in the plane of the stage [m]."""
     continuum: Continuum
+    """The body with its half notches as a continuum, of the `REFERENCE` material."""
     displacement: ng.GridFunction
+    """Its displacement [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SuperelementModel:
-    """A stage of condensed bodies.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        The stage in its lowest modes and its static responses to drives, probes and loads.
-    placed : tuple of Placed
-        Its bodies as substructures.
-    condensed : tuple of Condensed
-        The same, condensed.
-    joint : Joint
-        The bodies, joined, in the motions of their interfaces.
-    basis : numpy.ndarray
-        Coordinates of `joint` for each coordinate of `system`, shape (n, r).
-    mesh_settings : MeshSettings
-        How fine the bodies are meshed.
-    built : tuple of str
-        Bodies that were meshed and condensed for it; the others were found in the cache.
-    """
+    """A stage of condensed bodies."""
 
     stage: Stage
+    """The stage."""
     system: MechanicalSystem
+    """The stage in its lowest modes and its static responses to drives, probes and loads."""
     placed: tuple[Placed, ...]
+    """Its bodies as substructures."""
     condensed: tuple[Condensed, ...]
+    """The same, condensed."""
     joint: Joint
+    """The bodies, joined, in the motions of their interfaces."""
     basis: Array
+    """Coordinates of `joint` for each coordinate of `system`, shape (n, r)."""
     mesh_settings: MeshSettings
+    """How fine the bodies are meshed."""
     built: tuple[str, ...]
+    """Bodies that were meshed and condensed for it; the others were found in the cache."""
 
     __repr__ = short_repr
 
@@ -111,14 +80,7 @@ class SuperelementModel:
         return sum(c.elements for c in self.condensed)
 
     def interface_system(self) -> MechanicalSystem:
-        """Return the system whose coordinates are the motions of the interfaces.
-
-        Returns
-        -------
-        MechanicalSystem
-            The same stage, with three coordinates for each neck, one for each patch of a drive,
-            the modes of the bodies and the inner responses to loads; larger than `system`.
-        """
+        """Return the system whose coordinates are the motions of the interfaces."""
         identity = np.eye(len(self.joint.coordinates))
         return _system(
             self.stage,
@@ -130,20 +92,7 @@ class SuperelementModel:
         )
 
     def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
-        """Return the displacement on the meshes of bodies, which are made anew for it.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates of `system`, shape (r,).
-        bodies : iterable of str, optional
-            Names of the bodies; all where not given.
-
-        Returns
-        -------
-        list of BodyField
-            One for each body, in the order of the stage.
-        """
+        """Return the displacement on the meshes of bodies, which are made anew for it."""
         wanted = None if bodies is None else set(bodies)
         found = []
         joined = self.basis @ q

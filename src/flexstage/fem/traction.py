@@ -7,36 +7,19 @@ from functools import lru_cache
 import ngsolve as ng
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
-from numpy.typing import NDArray
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.arrays import Array
+from flexstage.elasticity import Continuum
+from flexstage.elasticity.unit import METRE
 from flexstage.fem.names import exactly, neck_edge
 from flexstage.fem.substructure import Neck
-
-__all__ = ["edge_means", "neck_rows", "shaped"]
-
-Array = NDArray[np.float64]
 
 # Tractions without resultant go up to this degree; a neck is often one element wide.
 _HIGHEST = 6
 
 
 def edge_means(continuum: Continuum, necks: Sequence[Neck]) -> list[Array]:
-    """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
-
-    Parameters
-    ----------
-    continuum : Continuum
-        The body, its necks named by their number.
-    necks : sequence of Neck
-        Its necks.
-
-    Returns
-    -------
-    list of numpy.ndarray
-        For each neck the means for each unknown of one component, up to the power p of the order
-        of the mesh, shape (p + 1, n / 2).
-    """
+    """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement."""
     mesh = continuum.mesh
     scalar = ng.H1(mesh, order=continuum.order)
     names = [exactly(neck_edge(str(i))) for i in range(len(necks))]
@@ -90,21 +73,7 @@ def _weights(degree: int) -> tuple[Array, Array, Array]:
 
 
 def neck_rows(neck: Neck, means: Array) -> tuple[Array, Array, Array]:
-    """Return means of the displacement over a neck.
-
-    Parameters
-    ----------
-    neck : Neck
-        The neck.
-    means : numpy.ndarray
-        From `edge_means`, shape (p + 1, n / 2).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The means that do work with the tractions of a beam, along, across and the rotation, shape
-        (3, n); those with normal and with shear tractions that have no resultant, shapes (k, n).
-    """
+    """Return means of the displacement over a neck."""
     c, s = math.cos(neck.direction), math.sin(neck.direction)
     tables = _weights(means.shape[0] - 1)
     turns = 2.0 / neck.profile.neck_thickness
@@ -127,20 +96,6 @@ def shaped(P: Array, X: Array, blocks: Sequence[tuple[int, int]]) -> tuple[Array
     nothing, and a shear force moves all of the neck alike across and leaves its normal traction
     nothing. The tractions without resultant that make it so are a part of each:
     :math:`\lambda_e = -F_{ee}^{-1} F_{er} \lambda_r` with the flexibility F of the neck.
-
-    Parameters
-    ----------
-    P : numpy.ndarray
-        Rows of `neck_rows` for each neck in turn, and after them any others, shape (m, n).
-    X : numpy.ndarray
-        Responses to these rows as loads, shape (n, m).
-    blocks : sequence of tuple of int
-        For each neck the numbers of its normal and shear rows without resultant.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Rows, three for each neck and then the others, shape (k, n), and responses, shape (n, k).
     """
     flexibility = P @ X
     count = len(P)

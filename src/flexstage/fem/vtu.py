@@ -18,8 +18,6 @@ from flexstage.fem.model import StageModel
 from flexstage.fem.sampling import Sample, Sampler
 from flexstage.system import Analysis, DriveCondition
 
-__all__ = ["vtu_files"]
-
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
 _TRIANGLE, _WEDGE = 5, 13  # cell types of the format
 # of a symmetric tensor the format has xx, yy, zz, xy, yz, xz; ours is xx, yy, zz, yz, xz, xy
@@ -36,33 +34,6 @@ def vtu_files(
     drives: DriveCondition = "removed",
 ) -> dict[str, bytes]:
     """Return statics and modes of a finite-element model as files.
-
-    Parameters
-    ----------
-    model : StageModel
-        The model.
-    analysis : Analysis
-        Its analysis.
-    divisions : int, optional
-        Parts of each edge of an element; where not given, its order but 4 at most in the plane, and
-        2 in three dimensions.
-    drives : str
-        Condition of the drives for the modes.
-
-    Returns
-    -------
-    dict
-        Content by file name. ``static-AXIS.vtu`` for each axis at full stroke: ``displacement``
-        [m], ``von_mises`` [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``:
-        ``displacement`` as a part of the largest [1], with the frequency [Hz] as field data;
-        ``modes.pvd`` opens all modes, the number of each as its time. Every cell has its
-        ``region`` and its ``body``, numbers whose names stand in ``regions.csv``.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no modes in that condition of the drives, or the number of divisions is
-        out of its range.
 
     Notes
     -----

@@ -6,24 +6,9 @@ import numpy as np
 
 from flexstage.hinges.profile import Piece, Vertex
 
-__all__ = ["chords"]
-
 
 def chords(pieces: Sequence[Piece], number: int = 64) -> tuple[Vertex, ...]:
     """Return the vertices of a polyline inscribed in a contour.
-
-    Parameters
-    ----------
-    pieces : sequence of callable
-        The contour from the neck to the root.
-    number : int
-        Chords for each piece [1].
-
-    Returns
-    -------
-    tuple of Vertex
-        The corners, all of them on the contour. Of a quarter ellipse the chords cut off
-        0.4/number^2 of its area.
 
     Examples
     --------

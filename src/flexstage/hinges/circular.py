@@ -7,21 +7,10 @@ import numpy as np
 
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["RightCircular"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RightCircular(Profile):
     """Notch of half circles of one radius.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    radius : float
-        Radius R of the circle [m].
 
     Examples
     --------
@@ -32,25 +21,21 @@ class RightCircular(Profile):
     kind: ClassVar[str] = "circular"
 
     radius: Length
+    """Radius R of the circle [m]."""
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return 2.0 * self.radius
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.radius
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck [m]."""
         return self.radius
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the quarter circle from the neck to the root."""
-
         def quarter(u: Array) -> tuple[Array, Array, Array, Array]:
             angle = 0.5 * np.pi * u
             speed = np.full_like(u, 0.5 * np.pi * self.radius)
@@ -61,7 +46,6 @@ class RightCircular(Profile):
         return (quarter,)
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the quarter circle as one arc."""
         return (
             Vertex(0.0, 0.0, float(np.tan(np.pi / 8.0))),
             Vertex(self.radius, self.radius),

@@ -10,43 +10,29 @@ from flexstage.hinges import other_forms as other
 from flexstage.hinges.compliance import PlaneState, plane_moduli, plane_state
 from flexstage.hinges.profile import Profile
 
-__all__ = ["CLOSED_FORMS", "ClosedForm", "closed_form_compliance", "closed_forms"]
-
 _BEAM = "slender beam: too stiff where t/R is not small"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosedForm:
-    """A published formula for one compliance of one profile cut from both sides.
-
-    Parameters
-    ----------
-    name : str
-        What it is called in tables.
-    kind : str
-        The profile that it belongs to.
-    quantity : str
-        ``axial``, ``shear`` or ``rotation``.
-    function : callable
-        Takes the `arguments`, then modulus, Poisson's ratio if the form has one, and width.
-    arguments : tuple of str
-        Fields of the profile that it takes, in order.
-    equals : str, optional
-        The method whose quadrature it is the exact integral of; None for a fit or a limit.
-    takes_poisson : bool
-        Whether Poisson's ratio is one of its arguments.
-    validity : str
-        Where it holds.
-    """
+    """A published formula for one compliance of one profile cut from both sides."""
 
     name: str
+    """What it is called in tables."""
     kind: str
+    """The profile that it belongs to."""
     quantity: str
+    """``axial``, ``shear`` or ``rotation``."""
     function: Callable[..., float]
+    """Takes the `arguments`, then modulus, Poisson's ratio if the form has one, and width."""
     arguments: tuple[str, ...]
+    """Fields of the profile that it takes, in order."""
     equals: str | None = None
+    """The method whose quadrature it is the exact integral of; None for a fit or a limit."""
     takes_poisson: bool = False
+    """Whether Poisson's ratio is one of its arguments."""
     validity: str = _BEAM
+    """Where it holds."""
 
 
 _CIRCLE = ("neck_thickness", "radius")

@@ -14,17 +14,6 @@ from flexstage.hinges.ends import end_of_wedge, sharp_step
 from flexstage.hinges.profile import Array, Profile, increments
 from flexstage.hinges.wedge import densities
 
-__all__ = [
-    "METHODS",
-    "PLANE_RULE",
-    "QUADRATURES",
-    "HingeCompliance",
-    "PlaneState",
-    "compliance",
-    "plane_moduli",
-    "plane_state",
-]
-
 PlaneState = Literal["stress", "strain"]
 #: Methods that integrate along the contour: smooth in every dimension, and done in microseconds.
 QUADRATURES: tuple[str, ...] = ("euler-bernoulli", "timoshenko", "wedge")
@@ -49,22 +38,16 @@ ROOT_SPREAD = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeCompliance:
-    """A notch as a spring with two translations and one rotation.
-
-    Parameters
-    ----------
-    matrix : numpy.ndarray
-        Compliance about the neck, rows (u, v, theta), columns (N, V, M) [m/N, m/(N m), rad/N,
-        rad/(N m)], shape (3, 3).
-    method : str
-        How it was found.
-    plane : str
-        ``stress`` or ``strain``: whether the notch can contract along its width.
-    """
+    """A notch as a spring with two translations and one rotation."""
 
     matrix: Array
+    """Compliance about the neck, rows (u, v, theta), columns (N, V, M) [m/N, m/(N m), rad/N, rad/(N
+    m)], shape (3, 3).
+    """
     method: str
+    """How it was found."""
     plane: PlaneState
+    """``stress`` or ``strain``: whether the notch can contract along its width."""
 
     @property
     def stiffness(self) -> Array:
@@ -97,22 +80,7 @@ def plane_state(width: float, neck_thickness: float) -> PlaneState:
 
 
 def plane_moduli(modulus: float, poisson: float, plane: PlaneState) -> tuple[float, float]:
-    """Return the modulus and Poisson's ratio that a plane problem is solved with.
-
-    Parameters
-    ----------
-    modulus : float
-        Young's modulus E [Pa].
-    poisson : float
-        Poisson's ratio nu [1].
-    plane : str
-        ``stress`` or ``strain``.
-
-    Returns
-    -------
-    tuple of float
-        E and nu for plane stress; E/(1 - nu^2) and nu/(1 - nu) for plane strain.
-    """
+    """Return the modulus and Poisson's ratio that a plane problem is solved with."""
     if plane == "stress":
         return modulus, poisson
     return modulus / (1.0 - poisson**2), poisson / (1.0 - poisson)

@@ -6,8 +6,6 @@ import numpy as np
 
 from flexstage.hinges.profile import Profile
 
-__all__ = ["Concentration", "concentration"]
-
 _NEUBER = "H. Neuber, Kerbspannungslehre (1937), deep hyperbolic notch on both sides"
 _FILLET = "plane finite elements of corner-filleted notches, z = fillet radius / neck thickness"
 
@@ -32,24 +30,17 @@ _BENDING_SERIES = (1.0, 2 / 5, -17 / 175, 128 / 2625, -31168 / 1010625, 1437952 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Concentration:
-    """Stress concentration factors of a notch, on nominal beam stress at its neck.
-
-    Parameters
-    ----------
-    axial : tuple of float
-        Factor on N/(b t), at the left surface (the cut one of a one-sided notch) and the right [1].
-    bending : tuple of float
-        Factor on 6 M/(b t^2), left and right [1].
-    source : str
-        Where the factors come from.
-    validity : str
-        Where they hold.
-    """
+    """Stress concentration factors of a notch, on nominal beam stress at its neck."""
 
     axial: tuple[float, float]
+    """Factor on N/(b t), at the left surface (the cut one of a one-sided notch) and the right [1].
+    """
     bending: tuple[float, float]
+    """Factor on 6 M/(b t^2), left and right [1]."""
     source: str
+    """Where the factors come from."""
     validity: str
+    """Where they hold."""
 
 
 def concentration(profile: Profile) -> Concentration:

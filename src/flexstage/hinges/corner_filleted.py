@@ -8,23 +8,10 @@ import numpy as np
 from flexstage.errors import HingeError
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["CornerFilleted"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerFilleted(Profile):
     """Notch of constant thickness with a quarter circle at each end.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Thickness t of the flat part [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    notch_length : float
-        Length of the whole notch, fillets included [m].
-    fillet_radius : float
-        Radius of the fillets, the depth of the notch on a side [m].
 
     Raises
     ------
@@ -41,7 +28,9 @@ class CornerFilleted(Profile):
     kind: ClassVar[str] = "corner-filleted"
 
     notch_length: Length
+    """Length of the whole notch, fillets included [m]."""
     fillet_radius: Length
+    """Radius of the fillets, the depth of the notch on a side [m]."""
 
     def _check(self) -> None:
         if self.notch_length < 2.0 * self.fillet_radius:
@@ -52,26 +41,21 @@ class CornerFilleted(Profile):
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return self.notch_length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.fillet_radius
 
     @property
     def neck_radius(self) -> float:
-        """Radius of the fillets, where the stress is largest [m]."""
         return self.fillet_radius
 
     @property
     def flat_length(self) -> float:
-        """Length of the part of constant thickness [m]."""
         return self.notch_length - 2.0 * self.fillet_radius
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the flat half and the quarter circle."""
         half, r = 0.5 * self.flat_length, self.fillet_radius
 
         def flat(u: Array) -> tuple[Array, Array, Array, Array]:
@@ -86,7 +70,6 @@ class CornerFilleted(Profile):
         return (flat, fillet) if half > 0.0 else (fillet,)
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the flat half as a line and the fillet as an arc."""
         half, r = 0.5 * self.flat_length, self.fillet_radius
         arc = (Vertex(half, 0.0, float(np.tan(np.pi / 8.0))), Vertex(half + r, r))
         return (Vertex(0.0, 0.0), *arc) if half > 0.0 else arc

@@ -9,23 +9,10 @@ import numpy as np
 from flexstage.hinges.chords import chords
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["Elliptical"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elliptical(Profile):
     """Notch of half ellipses.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    half_length : float
-        Semi-axis of the ellipse along the hinge [m].
-    notch_depth : float
-        Semi-axis of the ellipse across the hinge, the depth of the notch on a side [m].
 
     Examples
     --------
@@ -37,25 +24,23 @@ class Elliptical(Profile):
     kind: ClassVar[str] = "elliptical"
 
     half_length: Length
+    """Semi-axis of the ellipse along the hinge [m]."""
     notch_depth: Length
+    """Semi-axis of the ellipse across the hinge, the depth of the notch on a side [m]."""
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return 2.0 * self.half_length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck [m]."""
         return self.half_length**2 / self.notch_depth
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the quarter ellipse from the neck to the root, by its eccentric angle."""
         # a long ellipse turns within the last b/a of it, so that end gets pieces of its own
         aspect = self.half_length / self.notch_depth
         number = int(np.clip(np.ceil(np.log2(aspect)) + 1.0, 0.0, 10.0))
@@ -79,5 +64,4 @@ class Elliptical(Profile):
         return arc
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the quarter ellipse as chords."""
         return chords((self._arc(0.0, 1.0),))

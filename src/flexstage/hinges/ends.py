@@ -27,8 +27,6 @@ import numpy as np
 
 from flexstage.hinges.profile import Array, Profile
 
-__all__ = ["end_of_wedge", "sharp_step"]
-
 # Of the strip's compliance in the segment these parts come off, one number each for every t/R.
 SEGMENT_AXIAL = 0.31
 SEGMENT_SHEAR = 0.64
@@ -58,22 +56,7 @@ _STEP = {
 
 
 def end_of_wedge(profile: Profile, nu: float, side: float) -> Array:
-    """Return what the end of the wedge solution adds: Poisson's part, less the overlap.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    nu : float
-        Poisson's ratio of the plane problem [1].
-    side : float
-        1 for the end in body b, -1 for that in body a.
-
-    Returns
-    -------
-    numpy.ndarray
-        Compliance about the neck, times E b, shape (3, 3).
-    """
+    """Return what the end of the wedge solution adds: Poisson's part, less the overlap."""
     height = profile.root_height
     offset = 0.5 * profile.depth if profile.one_sided else 0.0
     force, shear, moment = _forces(0.5 * profile.length, offset, side)
@@ -98,20 +81,7 @@ def end_of_wedge(profile: Profile, nu: float, side: float) -> Array:
 
 
 def sharp_step(profile: Profile, side: float) -> Array:
-    """Return what a sharp step at the root adds to the compliance of a notch.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch; the step is at the end of its part of constant thickness.
-    side : float
-        1 for the end in body b, -1 for that in body a.
-
-    Returns
-    -------
-    numpy.ndarray
-        Compliance about the neck, times E b, shape (3, 3).
-    """
+    """Return what a sharp step at the root adds to the compliance of a notch."""
     t = profile.neck_thickness
     ratio = t / profile.root_height
     powers = (1.0 - ratio) ** np.arange(1.0, 6.0)

@@ -25,15 +25,14 @@ from functools import lru_cache
 import ngsolve as ng
 import numpy as np
 
-from flexstage.elasticity import METRE, Continuum
+from flexstage.elasticity import Continuum
 from flexstage.elasticity.threads import parallel
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges.compliance import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
 from flexstage.hinges.profile import Array, Profile
 from flexstage.material import Material
-
-__all__ = ["SurfaceStress", "condensed_compliance", "condensed_stress_rows", "surface_stress"]
 
 # Order 5 with an element or two across the neck: within 0.05 % of order 8 on finer meshes. Stress
 # is a derivative, and wants more of both.
@@ -53,24 +52,19 @@ class SurfaceStress:
     """Stress along the surface of a notch, on nominal stress at its neck; left, then right.
 
     The left surface is the one that a one-sided notch is cut from.
-
-    Parameters
-    ----------
-    axial : tuple of float
-        Factor on N/(b t) at the neck; of a notch with a flat part, the largest of its surface [1].
-    bending : tuple of float
-        The same on 6 M/(b t^2) [1].
-    largest_axial, largest_bending : tuple of float
-        The same where it is largest along the surface, wherever that is [1].
-    largest_shear : tuple of float
-        Largest factor on V/(b t) of a shear force that has no moment about the neck [1].
     """
 
     axial: tuple[float, float]
+    """Factor on N/(b t) at the neck; of a notch with a flat part, the largest of its surface [1].
+    """
     bending: tuple[float, float]
+    """The same on 6 M/(b t^2) [1]."""
     largest_axial: tuple[float, float]
+    """The same where it is largest along the surface, wherever that is [1]."""
     largest_bending: tuple[float, float]
+    """The same where it is largest along the surface, wherever that is [1]."""
     largest_shear: tuple[float, float]
+    """Largest factor on V/(b t) of a shear force that has no moment about the neck [1]."""
 
 
 def condensed_compliance(
@@ -88,35 +82,6 @@ def condensed_compliance(
     With `root_widths` it holds the notch, what the two roots do to the bodies, and the bodies' own
     bending as strips over `reach`; without it, the notch alone, on blocks of the height of its
     root. The notch is in the given plane state, alone to its end; bodies are in plane stress.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    modulus : float
-        Young's modulus E [Pa].
-    poisson : float
-        Poisson's ratio nu [1].
-    width : float
-        Width b of the hinge [m].
-    plane : str
-        ``stress`` or ``strain``: the state of the notch.
-    root_widths : tuple of float, optional
-        Width of body a and of body b behind the root [m]; one below the height of the root counts
-        as that, and one above 100 of them as 100.
-    reach : float or tuple of float
-        How far into body a and body b their own bending counts, in heights of the root [1]. Use 0
-        beside bodies that are elastic themselves.
-
-    Returns
-    -------
-    HingeCompliance
-        The spring.
-
-    Raises
-    ------
-    HingeError
-        The notch is too slender, its neck below 0.005 of its length or height, or has no mesh.
 
     Notes
     -----
@@ -159,27 +124,6 @@ def surface_stress(
     root_width: float | None = None,
 ) -> SurfaceStress:
     """Return the stress along the surface of a notch, by plane finite elements.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    poisson : float
-        Poisson's ratio nu [1].
-    plane : str
-        ``stress`` or ``strain``: the state of the notch.
-    root_width : float, optional
-        Width of the bodies behind the roots [m]; that of the root where not given.
-
-    Returns
-    -------
-    SurfaceStress
-        Magnitudes of the stress along the surface, as factors.
-
-    Raises
-    ------
-    HingeError
-        The contour has a sharp corner at the end of its neck, where the stress is infinite.
 
     Notes
     -----
@@ -228,30 +172,6 @@ def condensed_stress_rows(
     root_width: float | None = None,
 ) -> Array:
     """Return what `flexstage.hinges.stress_rows` does, with factors by plane finite elements.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    width : float
-        Width b of the hinge [m].
-    poisson : float
-        Poisson's ratio nu [1].
-    plane : str
-        ``stress`` or ``strain``.
-    root_width : float, optional
-        Width of the bodies behind the roots [m]; that of the root where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Signed equivalent stress at each point for (N, V, M) about the neck [1/m^2, 1/m^2, 1/m^3],
-        shape (2, 3), or (4, 3) for a notch with a flat part.
-
-    Raises
-    ------
-    HingeError
-        The contour has a sharp corner.
 
     Examples
     --------

@@ -25,11 +25,10 @@ from netgen.occ import (
     gp_Vec,
 )
 
-from flexstage.elasticity import METRE, face
+from flexstage.elasticity import face
+from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges.profile import Array, Profile
-
-__all__ = ["HalfNotch", "half_mesh", "half_notch_on_block"]
 
 _Points = list[tuple[float, float]]
 
@@ -55,43 +54,21 @@ class _Curve(NamedTuple):
 
 
 class HalfNotch(NamedTuple):
-    """The half of a notch in body b and its block, in heights of the root.
-
-    Parameters
-    ----------
-    neck : float
-        Thickness of the neck [1].
-    root : float
-        Distance of the root from the neck [1].
-    middle : float
-        Distance of the block's middle from the hinge's line, to the left [1].
-    width : float
-        Width of the block [1].
-    end : float
-        Distance of the block's end from the neck [1].
-    """
+    """The half of a notch in body b and its block, in heights of the root."""
 
     neck: float
+    """Thickness of the neck [1]."""
     root: float
+    """Distance of the root from the neck [1]."""
     middle: float
+    """Distance of the block's middle from the hinge's line, to the left [1]."""
     width: float
+    """Width of the block [1]."""
     end: float
+    """Distance of the block's end from the neck [1]."""
 
     def as_beam(self, end: float, poisson: float) -> Array:
-        """Return the compliance about the neck of the block as a beam with shear, from the root on.
-
-        Parameters
-        ----------
-        end : float
-            Distance from the neck up to which it counts [1].
-        poisson : float
-            Poisson's ratio nu [1].
-
-        Returns
-        -------
-        numpy.ndarray
-            Times E b, shape (3, 3).
-        """
+        """The compliance about the neck of the block as a beam with shear, from the root on."""
         x, w, e = self.root, self.width, self.middle
         # integrals of 1, x and x^2
         i0, i1, i2 = end - x, (end**2 - x**2) / 2.0, (end**3 - x**3) / 3.0
@@ -107,22 +84,7 @@ class HalfNotch(NamedTuple):
 
 
 def half_notch_on_block(profile: Profile, width: float, length: float) -> HalfNotch:
-    """Return the measures of the half of a notch on a block.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    width : float
-        Width of the block, in heights of the root [1].
-    length : float
-        Its length, in its widths [1].
-
-    Returns
-    -------
-    HalfNotch
-        Rounded, so that a notch and its enlargement have one mesh.
-    """
+    """Return the measures of the half of a notch on a block."""
     height = profile.root_height
     root = round(0.5 * profile.length / height, 12)
     return HalfNotch(
@@ -135,28 +97,7 @@ def half_notch_on_block(profile: Profile, width: float, length: float) -> HalfNo
 
 
 def half_mesh(profile: Profile, half: HalfNotch, fineness: float) -> ng.Mesh:
-    """Mesh the half of a notch and its block.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    half : HalfNotch
-        Its measures.
-    fineness : float
-        Divides the size of the elements [1].
-
-    Returns
-    -------
-    ngsolve.Mesh
-        Regions ``notch`` and ``body``; edges ``neck``, ``left``, ``right`` (the surfaces of the
-        notch) and ``end``; points ``low`` and ``high`` at the ends of the neck. Not yet curved.
-
-    Raises
-    ------
-    HingeError
-        The mesher did not get through.
-    """
+    """Mesh the half of a notch and its block."""
     t, x0, e, w, x1 = half.neck, half.root, half.middle, half.width, half.end
     left = _contour(profile, 1.0)
     right = _contour(profile, -1.0)

@@ -12,8 +12,6 @@ from flexstage.hinges.profile import Profile
 from flexstage.hinges.stress import largest_rotation
 from flexstage.material import Material
 
-__all__ = ["hinge_figures"]
-
 #: Quantity, place on the diagonal of the compliance, unit of its stiffness.
 _QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
 
@@ -29,28 +27,6 @@ def hinge_figures(
     notch: Profile, material: Material, width: float, plane: str = "auto"
 ) -> dict[str, Any]:
     """Return what is known of a notch, by every method, as plain data.
-
-    Parameters
-    ----------
-    notch : Profile
-        The notch.
-    material : Material
-        What it is cut from.
-    width : float
-        Width of the hinge, the thickness of the plate [m].
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width against neck.
-
-    Returns
-    -------
-    dict
-        Sizes, ``stiffness`` (a row for each quantity and method), compliance, concentration of
-        stress, and largest rotation; SI units.
-
-    Raises
-    ------
-    HingeError
-        The plane state is none of these.
 
     Examples
     --------

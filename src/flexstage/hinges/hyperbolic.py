@@ -8,8 +8,6 @@ import numpy as np
 from flexstage.hinges.chords import chords
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["Hyperbolic"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hyperbolic(Profile):
@@ -23,17 +21,6 @@ class Hyperbolic(Profile):
     (N. Lobontiu, Compliant Mechanisms, 2003, section 2.2), with half length l and depth c. Cut from
     one side only, the contour of that side is the same.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    half_length : float
-        Distance l from the neck to the root [m].
-    notch_depth : float
-        Depth c of the notch at the root, on a side [m].
-
     Examples
     --------
     >>> notch = Hyperbolic(neck_thickness=0.5e-3, half_length=2e-3, notch_depth=1e-3)
@@ -44,21 +31,20 @@ class Hyperbolic(Profile):
     kind: ClassVar[str] = "hyperbolic"
 
     half_length: Length
+    """Distance l from the neck to the root [m]."""
     notch_depth: Length
+    """Depth c of the notch at the root, on a side [m]."""
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return 2.0 * self.half_length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck [m]."""
         return 0.5 * self.neck_thickness / self._asymptote() ** 2
 
     def _asymptote(self) -> float:
@@ -67,7 +53,6 @@ class Hyperbolic(Profile):
         return float(np.sqrt(d * (d + self.neck_thickness))) / self.half_length
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return half of the branch, by its hyperbolic angle."""
         half_neck, slope = 0.5 * self.neck_thickness, self._asymptote()
         end = float(np.arcsinh(slope * self.half_length / half_neck))
 
@@ -83,5 +68,4 @@ class Hyperbolic(Profile):
         return (branch,)
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return half of the branch as chords."""
         return chords(self.pieces())

@@ -2,18 +2,6 @@
 
 import numpy as np
 
-__all__ = [
-    "hyperbolic_axial",
-    "hyperbolic_rotation",
-    "lobontiu_axial",
-    "lobontiu_corner_filleted_axial",
-    "lobontiu_corner_filleted_rotation",
-    "lobontiu_rotation",
-    "lobontiu_shear",
-    "parabolic_axial",
-    "parabolic_rotation",
-]
-
 
 def lobontiu_rotation(neck_thickness: float, radius: float, modulus: float, width: float) -> float:
     r"""Rotation of a circular notch: N. Lobontiu 2003.
@@ -24,22 +12,6 @@ def lobontiu_rotation(neck_thickness: float, radius: float, modulus: float, widt
         + 6R(2R+t)^2\sqrt{t(4R+t)}\arctan\sqrt{1+\frac{4R}{t}}\right]
 
     N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges, CRC Press 2003, section 2.2.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----
@@ -58,22 +30,6 @@ def lobontiu_axial(neck_thickness: float, radius: float, modulus: float, width: 
         - \frac{\pi}{2}\right]
 
     N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges, CRC Press 2003, section 2.2.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----
@@ -100,24 +56,6 @@ def lobontiu_shear(
     is the deflection of the end by a force there; about the neck it is less by :math:`R^2` times
     the rotation, and shear deformation adds :math:`\tfrac65\tfrac EG` times the extension.
     N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges, CRC Press 2003, section 2.2.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    poisson : float
-        Poisson's ratio nu, or nu/(1 - nu) in plane strain [1].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Deflection at the neck by a shear force there [m/N].
 
     Notes
     -----
@@ -158,24 +96,6 @@ def lobontiu_corner_filleted_rotation(
     with the integral of N. Lobontiu's circular form: N. Lobontiu, J. S. N. Paine, E. Garcia,
     M. Goldfarb, Journal of Mechanical Design 123 (2001) 346.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    notch_length : float
-        Length l of the notch, fillets included [m].
-    fillet_radius : float
-        Radius r of the fillets [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
-
     Notes
     -----
     Validity: beam theory, an exact integral of it.
@@ -196,24 +116,6 @@ def lobontiu_corner_filleted_axial(
 
     N. Lobontiu, J. S. N. Paine, E. Garcia, M. Goldfarb, Journal of Mechanical Design 123 (2001)
     346.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    notch_length : float
-        Length l of the notch, fillets included [m].
-    fillet_radius : float
-        Radius r of the fillets [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----
@@ -236,24 +138,6 @@ def parabolic_rotation(
     N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
     written here in k.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
-
     Notes
     -----
     Validity: beam theory, an exact integral of it.
@@ -273,24 +157,6 @@ def parabolic_axial(
     N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
     written here in k.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
-
     Notes
     -----
     Validity: beam theory, an exact integral of it.
@@ -307,24 +173,6 @@ def hyperbolic_rotation(
     .. math:: C = \frac{24l}{Ebt^2(2c+t)}
 
     N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----
@@ -345,24 +193,6 @@ def hyperbolic_axial(
 
     N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
     written here with one logarithm.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----

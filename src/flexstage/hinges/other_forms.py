@@ -4,16 +4,6 @@ import numpy as np
 
 from flexstage.hinges.paros_weisbord import paros_weisbord_axial
 
-__all__ = [
-    "odonnell_leaf_rotation",
-    "schotborgh_axial",
-    "schotborgh_rotation",
-    "smith_axial",
-    "smith_rotation",
-    "wu_zhou_axial",
-    "wu_zhou_rotation",
-]
-
 
 def wu_zhou_rotation(neck_thickness: float, radius: float, modulus: float, width: float) -> float:
     r"""Rotation of a circular notch: Y. Wu and Z. Zhou 2002.
@@ -24,22 +14,6 @@ def wu_zhou_rotation(neck_thickness: float, radius: float, modulus: float, width
         + \frac{12s^4(2s+1)}{(4s+1)^{5/2}}\arctan\sqrt{4s+1}\right],\quad s = R/t
 
     Review of Scientific Instruments 73 (2002) 3101.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----
@@ -62,22 +36,6 @@ def wu_zhou_axial(neck_thickness: float, radius: float, modulus: float, width: f
         - \frac{\pi}{2}\right],\quad s = R/t
 
     Review of Scientific Instruments 73 (2002) 3101.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----
@@ -102,22 +60,6 @@ def schotborgh_rotation(
     W. O. Schotborgh, F. G. M. Kokkeler, H. Tragter, F. J. A. M. van Houten, Precision Engineering
     29 (2005) 41.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
-
     Notes
     -----
     Validity: t/R from 0.05 to 0.8; against plane finite elements -2.6 to +5.7 %.
@@ -137,22 +79,6 @@ def schotborgh_axial(neck_thickness: float, radius: float, modulus: float, width
 
     W. O. Schotborgh, F. G. M. Kokkeler, H. Tragter, F. J. A. M. van Houten, Precision Engineering
     29 (2005) 41.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----
@@ -176,24 +102,6 @@ def smith_rotation(
 
     with semi-axes l and c: S. T. Smith, V. G. Badami, J. S. Dale, Y. Xu, Review of Scientific
     Instruments 68 (1997) 1474.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----
@@ -219,24 +127,6 @@ def smith_axial(
     the circular form scaled along the hinge: S. T. Smith, V. G. Badami, J. S. Dale, Y. Xu, Review
     of Scientific Instruments 68 (1997) 1474.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    half_length : float
-        Half length l of the notch [m].
-    notch_depth : float
-        Depth c of the notch on a side [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
-
     Notes
     -----
     Validity: beam theory, an exact integral of it; the longer the ellipse, the better.
@@ -254,22 +144,6 @@ def odonnell_leaf_rotation(
 
     The first part is Euler's beam, the second the two roots: W. J. O'Donnell, Journal of Applied
     Mechanics 27 (1960) 461.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    leaf_length : float
-        Length l of the leaf [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----

@@ -8,23 +8,10 @@ import numpy as np
 from flexstage.hinges.chords import chords
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["Parabolic"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parabolic(Profile):
     """Notch whose depth grows with the square of the distance from the neck.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    half_length : float
-        Distance from the neck to the root [m].
-    notch_depth : float
-        Depth of the notch at the root, on a side [m].
 
     Examples
     --------
@@ -36,25 +23,23 @@ class Parabolic(Profile):
     kind: ClassVar[str] = "parabolic"
 
     half_length: Length
+    """Distance from the neck to the root [m]."""
     notch_depth: Length
+    """Depth of the notch at the root, on a side [m]."""
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return 2.0 * self.half_length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck [m]."""
         return self.half_length**2 / (2.0 * self.notch_depth)
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return half of the parabola."""
         half, d = self.half_length, self.notch_depth
 
         def parabola(u: Array) -> tuple[Array, Array, Array, Array]:
@@ -64,5 +49,4 @@ class Parabolic(Profile):
         return (parabola,)
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return half of the parabola as chords."""
         return chords(self.pieces())

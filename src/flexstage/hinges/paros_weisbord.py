@@ -2,14 +2,6 @@
 
 import numpy as np
 
-__all__ = [
-    "paros_weisbord_axial",
-    "paros_weisbord_rotation",
-    "paros_weisbord_shear",
-    "paros_weisbord_simplified_axial",
-    "paros_weisbord_simplified_rotation",
-]
-
 
 def paros_weisbord_rotation(
     neck_thickness: float, radius: float, modulus: float, width: float
@@ -24,22 +16,6 @@ def paros_weisbord_rotation(
         \quad \beta = \frac{t}{2R},\ \gamma = 1+\beta
 
     Machine Design 37 (1965) 151; here with the notch a full half circle.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
 
     Notes
     -----
@@ -71,22 +47,6 @@ def paros_weisbord_axial(
 
     Machine Design 37 (1965) 151; here with the notch a full half circle.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
-
     Notes
     -----
     Validity: beam theory, an exact integral of it. Against plane finite elements
@@ -112,22 +72,6 @@ def paros_weisbord_shear(
     J. M. Paros and L. Weisbord, Machine Design 37 (1965) 151, give the deflection of the end by a
     force there, which is this and the rotation's part :math:`R^2\alpha_z/M_z`.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Deflection at the neck by a shear force there [m/N].
-
     Notes
     -----
     Validity: bending of a beam, without shear deformation.
@@ -150,22 +94,6 @@ def paros_weisbord_simplified_rotation(
 
     J. M. Paros and L. Weisbord, Machine Design 37 (1965) 151.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Rotation by a moment [rad/(N m)].
-
     Notes
     -----
     Validity: t much smaller than R. Against plane finite elements 1.3 % too stiff at t/R = 0.05,
@@ -182,22 +110,6 @@ def paros_weisbord_simplified_axial(
     .. math:: \frac{\Delta x}{F_x} \approx \frac{1}{Eb}\left[\pi\sqrt{R/t} - 2.57\right]
 
     J. M. Paros and L. Weisbord, Machine Design 37 (1965) 151.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Neck thickness t [m].
-    radius : float
-        Radius R of the circles [m].
-    modulus : float
-        Young's modulus E, or E/(1 - nu^2) in plane strain [Pa].
-    width : float
-        Width b of the hinge [m].
-
-    Returns
-    -------
-    float
-        Extension by an axial force [m/N].
 
     Notes
     -----

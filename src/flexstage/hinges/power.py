@@ -10,25 +10,10 @@ from flexstage.errors import HingeError
 from flexstage.hinges.chords import chords
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
-__all__ = ["PowerFunction"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerFunction(Profile):
     """Notch of depth ``notch_depth * (x / half_length)**exponent``.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    half_length : float
-        Distance from the neck to the root [m].
-    notch_depth : float
-        Depth of the notch at the root, on a side [m].
-    exponent : float
-        The power n, 2 to 32 [1]; 2 is the parabola, and a large one comes near a leaf.
 
     Raises
     ------
@@ -47,8 +32,11 @@ class PowerFunction(Profile):
     kind: ClassVar[str] = "power"
 
     half_length: Length
+    """Distance from the neck to the root [m]."""
     notch_depth: Length
+    """Depth of the notch at the root, on a side [m]."""
     exponent: float
+    """The power n, 2 to 32 [1]; 2 is the parabola, and a large one comes near a leaf."""
 
     def _check(self) -> None:
         if not 2.0 <= self.exponent <= 32.0:
@@ -58,23 +46,19 @@ class PowerFunction(Profile):
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return 2.0 * self.half_length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck, infinite above exponent 2 [m]."""
         if self.exponent > 2.0:
             return float("inf")
         return self.half_length**2 / (2.0 * self.notch_depth)
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the curve in parts that shorten towards the root."""
         # high powers turn up near the root only, so the root gets panels of its own; a broken
         # exponent is not smooth at the neck in x, but as good as smooth in x**(1/4)
         cuts = (0.0, 0.0625, 0.5, 0.75, 0.875, 1.0)
@@ -93,5 +77,4 @@ class PowerFunction(Profile):
         return curve
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return half of the curve as chords."""
         return chords((self._part(0.0, 1.0),))

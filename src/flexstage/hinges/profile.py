@@ -3,18 +3,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import HingeError
-from flexstage.units import DIMENSIONS
-
-__all__ = ["Array", "Piece", "Profile", "Samples", "Vertex", "increments"]
-
-Array = NDArray[np.float64]
-Length = Annotated[float, DIMENSIONS["length"]]
+from flexstage.units import Length
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(20)
 
@@ -35,58 +30,33 @@ _PANELS = np.concatenate(([0.0], 2.0 ** np.arange(-9.0, 1.0)))
 
 
 class Samples(NamedTuple):
-    """Quadrature points along the contour of one half of a notch, from the neck to the root.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        Distance from the neck along the hinge [m], shape (n,).
-    depth : numpy.ndarray
-        Distance of the contour from the neck's surface, across the hinge [m], shape (n,).
-    angle : numpy.ndarray
-        Slope of the contour against the hinge axis, 0 to pi/2 [rad], shape (n,).
-    ds : numpy.ndarray
-        Quadrature weight times arc length [m], shape (n,); ``cos(angle) * ds`` integrates over x.
-    """
+    """Quadrature points along the contour of one half of a notch, from the neck to the root."""
 
     x: Array
+    """Distance from the neck along the hinge [m], shape (n,)."""
     depth: Array
+    """Distance of the contour from the neck's surface, across the hinge [m], shape (n,)."""
     angle: Array
+    """Slope of the contour against the hinge axis, 0 to pi/2 [rad], shape (n,)."""
     ds: Array
+    """Quadrature weight times arc length [m], shape (n,); ``cos(angle) * ds`` integrates over x."""
 
 
 class Vertex(NamedTuple):
-    """A point of the contour, and how the contour goes on from it.
-
-    Parameters
-    ----------
-    x : float
-        Distance from the neck along the hinge [m].
-    depth : float
-        Distance from the neck's surface [m].
-    bulge : float
-        Tangent of a quarter of the angle of the arc to the next vertex, positive if it turns
-        left [1]; 0 for a straight line.
-    """
+    """A point of the contour, and how the contour goes on from it."""
 
     x: float
+    """Distance from the neck along the hinge [m]."""
     depth: float
+    """Distance from the neck's surface [m]."""
     bulge: float = 0.0
+    """Tangent of a quarter of the angle of the arc to the next vertex, positive if it turns left
+    [1]; 0 for a straight line.
+    """
 
 
 def increments(values: Array) -> Array:
-    """Return the increments of a function along the contour: quadrature weight times derivative.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The function at the points of `Profile.samples`, smooth in each piece, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        What ``ds`` is for the arc length, for this function, shape (n,).
-    """
+    """Return the increments of a function along the contour: quadrature weight times derivative."""
     panels = values.reshape(-1, _POINTS.size)
     return ((panels @ _DERIVATIVES.T) * _WEIGHTS).ravel()
 
@@ -99,14 +69,6 @@ Piece = Callable[[Array], tuple[Array, Array, Array, Array]]
 class Profile(ABC):
     """A notch, symmetric about its neck; cut from both sides, or from one.
 
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only (the left one, looking along the hinge), the other
-        side being straight.
-
     Raises
     ------
     HingeError
@@ -116,7 +78,11 @@ class Profile(ABC):
     kind: ClassVar[str]
 
     neck_thickness: Length
+    """Smallest thickness t [m]."""
     one_sided: bool = False
+    """Whether the notch is cut on one side only (the left one, looking along the hinge), the other
+    side being straight.
+    """
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -13,8 +13,6 @@ from flexstage.hinges.power import PowerFunction
 from flexstage.hinges.profile import Profile
 from flexstage.hinges.v_fillet import VFillet
 
-__all__ = ["PROFILES", "profile_class"]
-
 #: Every profile by its `kind`.
 PROFILES: dict[str, type[Profile]] = {
     cls.kind: cls
@@ -33,21 +31,6 @@ PROFILES: dict[str, type[Profile]] = {
 
 def profile_class(kind: str) -> type[Profile]:
     """Look a profile up by its kind.
-
-    Parameters
-    ----------
-    kind : str
-        One of `PROFILES`.
-
-    Returns
-    -------
-    type
-        The class of the profile.
-
-    Raises
-    ------
-    HingeError
-        There is no such profile; the nearest one is in the message.
 
     Examples
     --------

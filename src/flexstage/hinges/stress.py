@@ -11,26 +11,17 @@ from flexstage.hinges.concentration import concentration
 from flexstage.hinges.profile import Array, Profile
 from flexstage.material import Material
 
-__all__ = ["LargestRotation", "largest_rotation", "stress_rows"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LargestRotation:
-    """How far a hinge turns under a pure moment before its surface reaches a limit.
-
-    Parameters
-    ----------
-    before_yield : float, optional
-        Rotation at the yield strength [rad]; None where the material has none.
-    before_fatigue : float, optional
-        Amplitude of rotation at the fatigue limit [rad]; None where the material has none.
-    source : str
-        Where the stress concentration factor comes from.
-    """
+    """How far a hinge turns under a pure moment before its surface reaches a limit."""
 
     before_yield: float | None
+    """Rotation at the yield strength [rad]; None where the material has none."""
     before_fatigue: float | None
+    """Amplitude of rotation at the fatigue limit [rad]; None where the material has none."""
     source: str
+    """Where the stress concentration factor comes from."""
 
 
 def stress_rows(
@@ -120,7 +111,7 @@ def largest_rotation(
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
     method : str
-        How the compliance is found, one of `flexstage.hinges.METHODS`.
+        How the compliance is found, one of `flexstage.hinges.compliance.METHODS`.
 
     Returns
     -------

@@ -9,25 +9,10 @@ from flexstage.errors import HingeError
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 from flexstage.units import DIMENSIONS
 
-__all__ = ["VFillet"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VFillet(Profile):
     """Notch of two straight flanks that touch a circle at the neck.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    half_opening_angle : float
-        Half of the angle between the flanks of a side [rad].
-    fillet_radius : float
-        Radius of the circle at the tip [m].
-    notch_depth : float
-        Depth of the notch at the root, on a side [m].
 
     Raises
     ------
@@ -46,8 +31,11 @@ class VFillet(Profile):
     kind: ClassVar[str] = "v"
 
     half_opening_angle: Annotated[float, DIMENSIONS["angle"]]
+    """Half of the angle between the flanks of a side [rad]."""
     fillet_radius: Length
+    """Radius of the circle at the tip [m]."""
     notch_depth: Length
+    """Depth of the notch at the root, on a side [m]."""
 
     def _check(self) -> None:
         if not self.half_opening_angle < 0.5 * np.pi:
@@ -74,22 +62,18 @@ class VFillet(Profile):
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         flank = (self.notch_depth - self._arc_depth()) * float(np.tan(self.half_opening_angle))
         return 2.0 * (self._arc_length() + flank)
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature of the contour at the neck [m]."""
         return self.fillet_radius
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the arc and the flank."""
         r, turn = self.fillet_radius, self._turn()
         x1, d1 = self._arc_length(), self._arc_depth()
         flank_length = (self.notch_depth - d1) / float(np.sin(turn))
@@ -107,7 +91,6 @@ class VFillet(Profile):
         return (arc, flank) if flank_length > 0.0 else (arc,)
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the arc and the flank as they are."""
         first = (
             Vertex(0.0, 0.0, float(np.tan(0.25 * self._turn()))),
             Vertex(self._arc_length(), self._arc_depth()),

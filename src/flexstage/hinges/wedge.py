@@ -36,8 +36,6 @@ import numpy as np
 
 from flexstage.hinges.profile import Array
 
-__all__ = ["densities"]
-
 # Series of the three functions below in the half angle; the closed forms cancel like angle**-4.
 _SMALL = 0.2
 _MM = (
@@ -73,16 +71,6 @@ def densities(half_angle: Array) -> tuple[Array, Array, Array, Array]:
 
     with M the moment about the middle of the section and V positive if it makes M grow towards the
     thicker end.
-
-    Parameters
-    ----------
-    half_angle : numpy.ndarray
-        Half of the angle between the two surfaces [rad], 0 to pi/2, shape (n,).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        nn, mm, mv, vv [1], each of shape (n,).
 
     Examples
     --------

@@ -14,41 +14,25 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.hysteresis.chain import (
-        Amplifier,
-        ChainElement,
-        Creep,
-        CreepSpectrum,
-        JointResponse,
-        Lag,
-        LogCreep,
-        Sensor,
-        StageModes,
-        simulate_with_stage,
-    )
+    from flexstage.hysteresis.chain.amplifier import Amplifier
+    from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+    from flexstage.hysteresis.chain.joint import simulate_with_stage
+    from flexstage.hysteresis.chain.lag import Lag
+    from flexstage.hysteresis.chain.resonance import StageModes
+    from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
     from flexstage.hysteresis.excitations.coverage import memory_coverage
     from flexstage.hysteresis.excitations.design import excitation
-    from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
-    from flexstage.hysteresis.identification import (
-        Candidate,
-        ChainValues,
-        Cycles,
-        Estimate,
-        FoundAmplifier,
-        FoundChain,
-        Identification,
-        Measurement,
-        Section,
-        cycles,
-        find_chain,
-        identify,
-        identify_amplifier,
-        measurement,
-    )
+    from flexstage.hysteresis.excitations.record import Excitation
+    from flexstage.hysteresis.identification.amplifier import identify_amplifier
+    from flexstage.hysteresis.identification.chain_search import find_chain
+    from flexstage.hysteresis.identification.cycles import Cycles, cycles
+    from flexstage.hysteresis.identification.identify import Identification, identify
+    from flexstage.hysteresis.identification.measurement import Measurement, Section, measurement
+    from flexstage.hysteresis.identification.uncertainty import Estimate
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
-    from flexstage.hysteresis.loops import Tracking, loop_branches, loop_width, tracking
-    from flexstage.hysteresis.model import Condition, HysteresisModel, Response, Segments
+    from flexstage.hysteresis.loops import Tracking, loop_width, tracking
+    from flexstage.hysteresis.model import HysteresisModel, Response, Segments
     from flexstage.hysteresis.model_file import (
         ModelFile,
         model_text,
@@ -65,17 +49,10 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
     from flexstage.hysteresis.models.preisach import Preisach
     from flexstage.hysteresis.models.registry import MODELS
-    from flexstage.hysteresis.oscillator.identification import (
-        OscillatorIdentification,
-        identify_oscillator,
-    )
-    from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator, OscillatorResponse
-    from flexstage.hysteresis.plant import DriveChain, DriveState, Plant, PlantResponse, PlantState
-    from flexstage.hysteresis.prediction import CycleError, Prediction, predict
+    from flexstage.hysteresis.plant import Plant
+    from flexstage.hysteresis.prediction import Prediction, predict
     from flexstage.hysteresis.stage_plant import stage_plant
     from flexstage.hysteresis.virtual_experiment import (
-        AxisExperiment,
-        CompensatedRun,
         virtual_experiment,
     )
     from flexstage.hysteresis.virtual_stack import VirtualStack, virtual_stack
@@ -84,44 +61,26 @@ __all__ = [
     "MODELS",
     "Amplifier",
     "AsymmetricBoucWen",
-    "AxisExperiment",
     "BoucWen",
-    "BoucWenOscillator",
-    "Candidate",
-    "ChainElement",
-    "ChainValues",
-    "CompensatedRun",
-    "Condition",
     "Creep",
     "CreepSpectrum",
-    "CycleError",
     "Cycles",
     "Dahl",
-    "DriveChain",
     "DriveModel",
-    "DriveState",
     "Duhem",
     "Estimate",
     "Excitation",
-    "ExcitationPart",
     "Feedforward",
-    "FoundAmplifier",
-    "FoundChain",
     "GeneralisedBoucWen",
     "GeneralisedMaxwellSlip",
     "HysteresisModel",
     "Identification",
-    "JointResponse",
     "Lag",
     "LogCreep",
     "Measurement",
     "ModelFile",
     "ModifiedPrandtlIshlinskii",
-    "OscillatorIdentification",
-    "OscillatorResponse",
     "Plant",
-    "PlantResponse",
-    "PlantState",
     "PrandtlIshlinskii",
     "Prediction",
     "Preisach",
@@ -139,8 +98,6 @@ __all__ = [
     "find_chain",
     "identify",
     "identify_amplifier",
-    "identify_oscillator",
-    "loop_branches",
     "loop_width",
     "measurement",
     "memory_coverage",

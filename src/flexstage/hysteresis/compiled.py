@@ -5,8 +5,6 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-__all__ = ["compiled", "compiled_parallel"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -14,33 +12,12 @@ def compiled(function: F) -> F:
     """Compile a function with Numba, and keep what was compiled beside its file.
 
     Floating-point arithmetic stays as it is written: results must not depend on the machine.
-
-    Parameters
-    ----------
-    function : Callable
-        A function of numbers and arrays.
-
-    Returns
-    -------
-    Callable
-        The same function, compiled at its first call.
     """
     return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def compiled_parallel(function: F) -> F:
-    """Compile a function whose `numba.prange` loops use every core.
-
-    Parameters
-    ----------
-    function : Callable
-        A function of numbers and arrays.
-
-    Returns
-    -------
-    Callable
-        The same function, compiled at its first call.
-    """
+    """Compile a function whose `numba.prange` loops use every core."""
     return cast(
         "F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function)
     )

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Creep, Lag, StageModes
+from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.units import readable
-
-__all__ = ["DriveModel", "Start", "ValidityRange", "creep_start", "start_in_words"]
 
 #: What a drive did before the first command: it rested there for long; or it moved as it does then,
 #: for so many seconds since it stood at the low end of its range, infinitely many for long.
@@ -24,24 +24,16 @@ _CONDITIONING = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidityRange:
-    """What a model was identified on, beyond which it extrapolates.
-
-    Parameters
-    ----------
-    input_range : tuple of float
-        Lowest and highest input [`input_unit`].
-    output_range : tuple of float
-        Lowest and highest output [`output_unit`].
-    rate_range_hz : tuple of float
-        Slowest and fastest cycles [Hz].
-    temperature : tuple of float or None
-        Lowest and highest temperature [K]; None where nobody has said.
-    """
+    """What a model was identified on, beyond which it extrapolates."""
 
     input_range: tuple[float, float]
+    """Lowest and highest input [`input_unit`]."""
     output_range: tuple[float, float]
+    """Lowest and highest output [`output_unit`]."""
     rate_range_hz: tuple[float, float]
+    """Slowest and fastest cycles [Hz]."""
     temperature: tuple[float, float] | None = None
+    """Lowest and highest temperature [K]; None where nobody has said."""
 
 
 def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
@@ -50,22 +42,6 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
     Creep remembers longer than any record. A drive that has rested at the first command has settled
     there; one that has moved for a time t since it stood at its low end has come from there to the
     mean of its motion in each lag by ``1 - exp(-t / tau)``.
-
-    Parameters
-    ----------
-    creep : Creep
-        The creep.
-    x : numpy.ndarray
-        What the hysteresis gives, shape (n,), or several of it, shape (m, n).
-    dt : float
-        Time from one sample to the next [s].
-    start : "rested" or float
-        What the drive did before; seconds of motion, or rest.
-
-    Returns
-    -------
-    numpy.ndarray
-        The state one step before the first sample, shape (1 + k,) or (m, 1 + k).
     """
     state = x[..., :1] * creep.settled(1.0, dt)
     if start != "rested":
@@ -76,16 +52,6 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
 
 def start_in_words(*starts: Start) -> str:
     """Return what a drive did before a record, as the end of a sentence about it.
-
-    Parameters
-    ----------
-    *starts : "rested" or float
-        What the drive did before; several where any of them may be what it did.
-
-    Returns
-    -------
-    str
-        The words that follow "the drive had".
 
     Examples
     --------
@@ -115,41 +81,28 @@ class DriveModel:
     """Hysteresis, creep, modes and delay in a row, from the command to the reading.
 
     ``reading(t) = offset + sign x modes(creep(hysteresis(command)))(t - delay)``
-
-    Parameters
-    ----------
-    hysteresis : HysteresisModel
-        The hysteresis.
-    creep : Creep or None
-        Creep of what the hysteresis gives; None for none.
-    modes : StageModes or None
-        Modes of the stage in the reading, at unit static gain; None for none.
-    lag : Lag or None
-        Delay and lag of the acquisition; None for none.
-    offset : float
-        Reading at no command, with no history [`output_unit`].
-    sign : float
-        1 where the reading rises with the command, -1 where it falls.
-    input_unit : str
-        Unit of the command; empty where nobody has said.
-    output_unit : str
-        Unit of the reading; empty where nobody has said.
-    validity : ValidityRange or None
-        What it was identified on.
-    start : "rested" or float
-        What the drive did before the record that it was identified from.
     """
 
     hysteresis: HysteresisModel
+    """The hysteresis."""
     creep: Creep | None = None
+    """Creep of what the hysteresis gives; None for none."""
     modes: StageModes | None = None
+    """Modes of the stage in the reading, at unit static gain; None for none."""
     lag: Lag | None = None
+    """Delay and lag of the acquisition; None for none."""
     offset: float = 0.0
+    """Reading at no command, with no history [`output_unit`]."""
     sign: float = 1.0
+    """1 where the reading rises with the command, -1 where it falls."""
     input_unit: str = "V"
+    """Unit of the command; empty where nobody has said."""
     output_unit: str = "m"
+    """Unit of the reading; empty where nobody has said."""
     validity: ValidityRange | None = None
+    """What it was identified on."""
     start: Start = "rested"
+    """What the drive did before the record that it was identified from."""
 
     def conditioned(self) -> Array:
         """Return the state of the hysteresis after cycles over all of the range, at its low end.

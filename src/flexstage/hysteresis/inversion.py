@@ -7,13 +7,11 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Creep
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start
 from flexstage.hysteresis.model import Array, Response, samples
 from flexstage.hysteresis.suitability import PREFIX, unsuited
 from flexstage.units import readable
-
-__all__ = ["Feedforward", "feedforward", "smoothed"]
 
 #: A reference is made smooth up to this share of the lowest resonance.
 _BAND = 0.25
@@ -31,39 +29,26 @@ _TURNS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Feedforward:
-    """A command, what it should give, and what had to be changed.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (n,).
-    command : numpy.ndarray
-        The command [unit of the input], shape (n,).
-    reference : numpy.ndarray
-        The reference that it follows, after smoothing [unit of the output], shape (n,).
-    wanted : numpy.ndarray
-        The reference as it was given, shape (n,).
-    predicted : numpy.ndarray
-        What the model gives for the command, shape (n,).
-    start : numpy.ndarray
-        State of the hysteresis before the first sample.
-    smoothing : float
-        Largest change of the reference by smoothing [unit of the output].
-    limited : int
-        Number of samples at which a limit changed the command.
-    notes : tuple of str
-        What was changed, and how much of the reference is lost by it.
-    """
+    """A command, what it should give, and what had to be changed."""
 
     time: Array
+    """Times [s], shape (n,)."""
     command: Array
+    """The command [unit of the input], shape (n,)."""
     reference: Array
+    """The reference that it follows, after smoothing [unit of the output], shape (n,)."""
     wanted: Array
+    """The reference as it was given, shape (n,)."""
     predicted: Array
+    """What the model gives for the command, shape (n,)."""
     start: Array
+    """State of the hysteresis before the first sample."""
     smoothing: float
+    """Largest change of the reference by smoothing [unit of the output]."""
     limited: int
+    """Number of samples at which a limit changed the command."""
     notes: tuple[str, ...]
+    """What was changed, and how much of the reference is lost by it."""
 
     @property
     def rms_error(self) -> float:

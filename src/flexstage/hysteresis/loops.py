@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
 
-__all__ = ["Tracking", "loop_branches", "loop_width", "tracking"]
-
 #: Levels at which the two branches of a loop are compared.
 _LEVELS = 401
 
@@ -20,46 +18,18 @@ class Tracking:
     """How well an output follows a reference.
 
     The width of the loop hides every error that both of its branches share; the other two do not.
-
-    Parameters
-    ----------
-    loop_width : float
-        Largest difference between the branches, of the mean cycle.
-    rms : float
-        Root mean square of output less reference.
-    largest : float
-        Largest absolute difference.
     """
 
     loop_width: float
+    """Largest difference between the branches, of the mean cycle."""
     rms: float
+    """Root mean square of output less reference."""
     largest: float
+    """Largest absolute difference."""
 
 
 def loop_branches(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the mean rising and falling branch of the cycles of a loop.
-
-    Parameters
-    ----------
-    x : array_like
-        What the loop is drawn over, shape (n,).
-    y : array_like
-        What is drawn, shape (n,).
-    bounds : array_like
-        First sample of each cycle, and the sample after the last, shape (c + 1,); a cycle begins at
-        a lower turning point of x.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Levels of x that all cycles reach, and y on the rising and on the falling branch, averaged
-        over the cycles.
-
-    Raises
-    ------
-    ModelError
-        There is no cycle, or the cycles have no level in common.
-    """
+    """Return the mean rising and falling branch of the cycles of a loop."""
     given, drawn = samples(x, "abscissa of a loop"), samples(y, "ordinate of a loop")
     edges = np.asarray(bounds, dtype=np.intp)
     if edges.size < 2:

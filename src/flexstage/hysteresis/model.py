@@ -6,48 +6,32 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["Array", "Condition", "HysteresisModel", "Response", "Segments", "samples"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A condition on the parameters of a model, and whether it holds.
-
-    Parameters
-    ----------
-    name : str
-        What holds if it does: ``invertible``, ``dissipative``, ``bounded``...
-    holds : bool
-        Whether it does.
-    detail : str
-        The condition with its numbers, and what follows where it does not hold.
-    """
+    """A condition on the parameters of a model, and whether it holds."""
 
     name: str
+    """What holds if it does: ``invertible``, ``dissipative``, ``bounded``..."""
     holds: bool
+    """Whether it does."""
     detail: str
+    """The condition with its numbers, and what follows where it does not hold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """What a model answers to a sequence.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Output of a simulation, or input found by an inverse, shape (n,).
-    state : numpy.ndarray
-        State after the last sample.
-    """
+    """What a model answers to a sequence."""
 
     values: Array
+    """Output of a simulation, or input found by an inverse, shape (n,)."""
     state: Array
+    """State after the last sample."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,33 +40,24 @@ class Segments:
 
     On segment i, with s counted from its start in samples, the output is
     ``constant + slope s + amplitude exp(-rate s)``.
-
-    Parameters
-    ----------
-    start : numpy.ndarray
-        Where each segment starts [samples], rising from 0, shape (m,). A segment ends where the
-        next one starts; the last one ends at the last sample.
-    constant : numpy.ndarray
-        Constants, shape (m,).
-    slope : numpy.ndarray
-        Slopes [per sample], shape (m,).
-    amplitude : numpy.ndarray
-        Amplitudes of the exponentials, shape (m,); zero for models that are piecewise linear.
-    rate : numpy.ndarray
-        Rates of the exponentials [per sample], shape (m,).
-    samples : int
-        Number of samples n of the input.
-    state : numpy.ndarray
-        State after the last sample.
     """
 
     start: Array
+    """Where each segment starts [samples], rising from 0, shape (m,). A segment ends where the next
+    one starts; the last one ends at the last sample.
+    """
     constant: Array
+    """Constants, shape (m,)."""
     slope: Array
+    """Slopes [per sample], shape (m,)."""
     amplitude: Array
+    """Amplitudes of the exponentials, shape (m,); zero for models that are piecewise linear."""
     rate: Array
+    """Rates of the exponentials [per sample], shape (m,)."""
     samples: int
+    """Number of samples n of the input."""
     state: Array
+    """State after the last sample."""
 
 
 class HysteresisModel(ABC):
@@ -253,25 +228,7 @@ class HysteresisModel(ABC):
 
 
 def samples(values: ArrayLike, what: str) -> Array:
-    """Return a sequence of finite numbers.
-
-    Parameters
-    ----------
-    values : array_like
-        The sequence.
-    what : str
-        What it is called in the message.
-
-    Returns
-    -------
-    numpy.ndarray
-        The numbers, contiguous, shape (n,).
-
-    Raises
-    ------
-    ModelError
-        It is empty, not one-dimensional, or not finite.
-    """
+    """Return a sequence of finite numbers."""
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size == 0:
         raise ModelError(f"the {what} must be a sequence of numbers, got shape {array.shape}")

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.hysteresis.chain import CreepSpectrum, Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.stage.yaml_reader import parse_yaml, plain, read_text
 from flexstage.stage.yaml_writer import plain_dumper
-
-__all__ = ["ModelFile", "model_text", "read_model_file", "read_model_text"]
 
 #: Version of the format. A reader takes this one and none that is newer.
 _VERSION = 1
@@ -33,24 +33,16 @@ _CHANGED = "the file was changed since it was written"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelFile:
-    """A drive model with where it comes from.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The model.
-    provenance : Mapping
-        Software, time, records and settings that it was identified with.
-    errors : Mapping
-        Errors over the stroke, where it was fitted and where it was not [%].
-    warnings : tuple of str
-        What the records could not tell.
-    """
+    """A drive model with where it comes from."""
 
     model: DriveModel
+    """The model."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Software, time, records and settings that it was identified with."""
     errors: Mapping[str, float | None] = field(default_factory=dict)
+    """Errors over the stroke, where it was fitted and where it was not [%]."""
     warnings: tuple[str, ...] = ()
+    """What the records could not tell."""
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -16,110 +16,68 @@ from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem, drive_stiffness, modes
 
-__all__ = [
-    "DriveChain",
-    "DriveState",
-    "Plant",
-    "PlantResponse",
-    "PlantState",
-]
-
 # A lag and a mode that fall together this closely cannot be told apart.
 _APART = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveChain:
-    """What lies between the command of one drive and the free displacement of its stack.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        From voltage [V] to free displacement [m].
-    amplifier : Amplifier, optional
-        From command to voltage; the command is the voltage where not given.
-    creep : Creep, optional
-        Creep of the free displacement; none where not given.
-    voltage_range : tuple of float, optional
-        Lowest and highest voltage that the stack allows [V].
-    """
+    """What lies between the command of one drive and the free displacement of its stack."""
 
     model: HysteresisModel
+    """From voltage [V] to free displacement [m]."""
     amplifier: Amplifier | None = None
+    """From command to voltage; the command is the voltage where not given."""
     creep: Creep | None = None
+    """Creep of the free displacement; none where not given."""
     voltage_range: tuple[float, float] | None = None
+    """Lowest and highest voltage that the stack allows [V]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriveState:
-    """What one drive remembers, and the motion that it causes.
-
-    Parameters
-    ----------
-    amplifier : numpy.ndarray
-        State of the amplifier, or the voltage alone where there is none.
-    hysteresis : numpy.ndarray
-        State of the hysteresis model.
-    lags : numpy.ndarray
-        Lags of the creep [m], shape (m,).
-    deflections : numpy.ndarray
-        Each mode's answer to the displacement without creep [m], shape (k,).
-    rates : numpy.ndarray
-        Their rates [m/s], shape (k,).
-    """
+    """What one drive remembers, and the motion that it causes."""
 
     amplifier: Array
+    """State of the amplifier, or the voltage alone where there is none."""
     hysteresis: Array
+    """State of the hysteresis model."""
     lags: Array
+    """Lags of the creep [m], shape (m,)."""
     deflections: Array
+    """Each mode's answer to the displacement without creep [m], shape (k,)."""
     rates: Array
+    """Their rates [m/s], shape (k,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantState:
-    """What the plant remembers.
-
-    Parameters
-    ----------
-    time : float
-        Time of the last sample [s].
-    drives : Mapping
-        State of each drive.
-    sensors : Mapping
-        State of each sensor.
-    """
+    """What the plant remembers."""
 
     time: float
+    """Time of the last sample [s]."""
     drives: Mapping[str, DriveState]
+    """State of each drive."""
     sensors: Mapping[str, Array]
+    """State of each sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantResponse:
-    """What the plant does under a sequence of commands.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (n,).
-    voltage : dict
-        Voltage at each drive [V], shape (n,).
-    free_displacement : dict
-        Free displacement of each stack, with creep [m], shape (n,).
-    readings : dict
-        True motion at each probe [m], shape (n,).
-    measured : dict
-        What the sensor of each probe that has one says, shape (n,).
-    state : PlantState
-        State at the last sample.
-    """
+    """What the plant does under a sequence of commands."""
 
     time: Array
+    """Times [s], shape (n,)."""
     voltage: dict[str, Array]
+    """Voltage at each drive [V], shape (n,)."""
     free_displacement: dict[str, Array]
+    """Free displacement of each stack, with creep [m], shape (n,)."""
     readings: dict[str, Array]
+    """True motion at each probe [m], shape (n,)."""
     measured: dict[str, Array]
+    """What the sensor of each probe that has one says, shape (n,)."""
     state: PlantState
+    """State at the last sample."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -151,15 +109,6 @@ class Plant:
     Validity: small motion, one temperature; the hysteresis depends on the voltage and not on the
     force of the stack; the sensor sees straight lines between the samples.
 
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The stage; its driven drives must have a stiffness.
-    drives : Mapping
-        The chain of each drive that is commanded; others stand still, with their stiffness.
-    sensors : Mapping
-        Sensors by probe.
-
     Raises
     ------
     ModelError
@@ -170,7 +119,7 @@ class Plant:
     --------
     >>> import numpy as np
     >>> from flexstage.hysteresis.models.bouc_wen import BoucWen
-    >>> from flexstage.system import DrivePort, ProbePort
+    >>> from flexstage.system.mechanical import DrivePort, ProbePort
     >>> stage = MechanicalSystem(
     ...     name="a mass on a spring",
     ...     model="lumped",
@@ -190,8 +139,11 @@ class Plant:
     """
 
     system: MechanicalSystem
+    """The stage; its driven drives must have a stiffness."""
     drives: Mapping[str, DriveChain]
+    """The chain of each drive that is commanded; others stand still, with their stiffness."""
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    """Sensors by probe."""
     _omega: Array = field(init=False, repr=False)
     _damping: Array = field(init=False, repr=False)
     _readers: Mapping[str, _Reader] = field(init=False, repr=False)

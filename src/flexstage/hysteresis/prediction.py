@@ -20,8 +20,6 @@ from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.suitability import unsuited
 from flexstage.records import Record
 
-__all__ = ["CycleError", "Prediction", "predict"]
-
 #: What a drive can have done before a record: to have moved for long, for some seconds since it
 #: left the low end of its range, or to have rested at the first command.
 _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(), 0.0, "rested")
@@ -33,80 +31,54 @@ _ENOUGH = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleError:
-    """How far a model is off over one cycle of a record.
-
-    Parameters
-    ----------
-    time : float
-        When the cycle begins [s].
-    rate_hz : float
-        Its rate [Hz].
-    swing : float
-        Range of the input that it moves over, as a share of that of the record [1].
-    as_predicted_rms_percent : float
-        Root mean square error over the stroke of the record [%].
-    free_constant_rms_percent : float
-        The same less its mean over the cycle [%].
-    """
+    """How far a model is off over one cycle of a record."""
 
     time: float
+    """When the cycle begins [s]."""
     rate_hz: float
+    """Its rate [Hz]."""
     swing: float
+    """Range of the input that it moves over, as a share of that of the record [1]."""
     as_predicted_rms_percent: float
+    """Root mean square error over the stroke of the record [%]."""
     free_constant_rms_percent: float
+    """The same less its mean over the cycle [%]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """A model on a record: nothing of it was fitted to the samples that are counted.
-
-    Parameters
-    ----------
-    source : str
-        The record.
-    time : numpy.ndarray
-        Times from the first sample on [s], shape (n,).
-    command : numpy.ndarray
-        What drives, without noise that the output does not follow, shape (n,).
-    measured : numpy.ndarray
-        What was measured, shape (n,).
-    predicted : numpy.ndarray
-        What the model says, shape (n,).
-    warm_up : int
-        Number of first samples that still know what was before the record; they are not counted.
-    starts : tuple of "rested" or float
-        What the drive may have done before the record, by the samples that are not counted: first
-        what it is taken to have done. One alone where it was given.
-    stroke : float
-        Range of what was measured after the warm-up, in its unit.
-    as_predicted_rms_percent : float
-        Root mean square of measured less predicted, over the stroke [%].
-    free_constant_rms_percent : float
-        The same less its mean: what would be left with another constant [%].
-    constant_percent : float
-        That mean [%].
-    largest_percent : float
-        Largest absolute error as predicted [%].
-    cycles : tuple of CycleError
-        The whole cycles after the warm-up.
-    notes : tuple of str
-        What a reader should know of the record and the model.
-    """
+    """A model on a record: nothing of it was fitted to the samples that are counted."""
 
     source: str
+    """The record."""
     time: Array
+    """Times from the first sample on [s], shape (n,)."""
     command: Array
+    """What drives, without noise that the output does not follow, shape (n,)."""
     measured: Array
+    """What was measured, shape (n,)."""
     predicted: Array
+    """What the model says, shape (n,)."""
     warm_up: int
+    """Number of first samples that still know what was before the record; they are not counted."""
     starts: tuple[Start, ...]
+    """What the drive may have done before the record, by the samples that are not counted: first
+    what it is taken to have done. One alone where it was given.
+    """
     stroke: float
+    """Range of what was measured after the warm-up, in its unit."""
     as_predicted_rms_percent: float
+    """Root mean square of measured less predicted, over the stroke [%]."""
     free_constant_rms_percent: float
+    """The same less its mean: what would be left with another constant [%]."""
     constant_percent: float
+    """That mean [%]."""
     largest_percent: float
+    """Largest absolute error as predicted [%]."""
     cycles: tuple[CycleError, ...]
+    """The whole cycles after the warm-up."""
     notes: tuple[str, ...]
+    """What a reader should know of the record and the model."""
 
     @property
     def start(self) -> Start:

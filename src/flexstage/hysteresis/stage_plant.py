@@ -13,8 +13,6 @@ from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
 
-__all__ = ["refuse_stroke", "stage_plant"]
-
 # A model in um instead of m is a million times off; a stack differs from its data sheet by less.
 _STROKE_FACTOR = 5.0
 
@@ -99,22 +97,7 @@ def _amplifier(stack: PiezoStack, bandwidth_hz: float, current_limit: float | No
 
 
 def refuse_stroke(stack: PiezoStack, model: HysteresisModel, scale: float = 1.0) -> None:
-    """Refuse a model whose stroke over the voltage range is far from the free stroke.
-
-    Parameters
-    ----------
-    stack : PiezoStack
-        The stack.
-    model : HysteresisModel
-        Its hysteresis.
-    scale : float
-        Free displacement over what the model gives [1].
-
-    Raises
-    ------
-    ModelError
-        Its stroke is more than five times larger or smaller.
-    """
+    """Refuse a model whose stroke over the voltage range is far from the free stroke."""
     if stack.voltage_range is None:
         return
     ends = model.simulate(np.array(stack.voltage_range)).values

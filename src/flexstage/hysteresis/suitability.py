@@ -9,8 +9,6 @@ from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, samples
 from flexstage.units import readable, si_unit
 
-__all__ = ["in_unit_of_model", "unsuited"]
-
 #: Spans that differ by more than this hint at a prefix of a unit: 1000, less a small loop.
 PREFIX = 300.0
 #: Rates that differ by more than this were not identified.
@@ -19,27 +17,6 @@ _OTHER_RATE = 1.5
 
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:
     """Return values in the unit of a model.
-
-    Parameters
-    ----------
-    values : array_like
-        The values, shape (n,).
-    unit : str
-        Their unit; empty where nobody has said.
-    model_unit : str
-        The unit of the model; empty where nobody has said.
-    what : str
-        What the values are, for the message.
-
-    Returns
-    -------
-    numpy.ndarray and str
-        The values in the unit of the model, and a sentence where they were converted.
-
-    Raises
-    ------
-    ModelError
-        One unit is known and the other is not, or they are of different dimensions.
 
     Examples
     --------
@@ -79,25 +56,7 @@ def unsuited(
     command: ArrayLike,
     reading: ArrayLike | None = None,
 ) -> tuple[str, ...]:
-    """Say where a command and its readings leave what a model was identified on.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    dt : float
-        Time from one sample to the next [s].
-    command : array_like
-        Commands [unit of the input], shape (n,).
-    reading : array_like, optional
-        Readings that are wanted, or were measured [unit of the output], shape (n,).
-
-    Returns
-    -------
-    tuple of str
-        One sentence for each: the range of the command, spans that another prefix of the unit would
-        explain, and rates of cycles that were not identified. None of a model without such ranges.
-    """
+    """Say where a command and its readings leave what a model was identified on."""
     if model.validity is None:
         return ()
     u = samples(command, "command")

@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import LogCreep, Sensor
+from flexstage.hysteresis.chain.creep import LogCreep
+from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification import FAMILIES, Identification, identify
+from flexstage.hysteresis.identification.families import FAMILIES
+from flexstage.hysteresis.identification.identify import Identification, identify
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
 from flexstage.hysteresis.model import Array
@@ -21,8 +23,6 @@ from flexstage.progress import tell
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem, modes
-
-__all__ = ["AxisExperiment", "CompensatedRun", "virtual_experiment"]
 
 #: What the virtual bench is like: sampling [Hz], noise of the sensor [m], creep per decade [1],
 #: bandwidth of the amplifier [Hz]. Usual figures of a capacitive sensor and a multilayer stack.
@@ -43,73 +43,48 @@ _MODELS = ("bouc-wen", "preisach")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompensatedRun:
-    """One inverse on the virtual stage.
-
-    Parameters
-    ----------
-    title : str
-        What it is called.
-    identification : Identification
-        The model whose inverse it is.
-    output : numpy.ndarray
-        Reading over the compared cycles [m], shape (n,).
-    tracking : Tracking
-        Width of the loop, and errors [m].
-    reduction_percent : float
-        By how much the loop is narrower than in open loop [%].
-    """
+    """One inverse on the virtual stage."""
 
     title: str
+    """What it is called."""
     identification: Identification
+    """The model whose inverse it is."""
     output: Array
+    """Reading over the compared cycles [m], shape (n,)."""
     tracking: Tracking
+    """Width of the loop, and errors [m]."""
     reduction_percent: float
+    """By how much the loop is narrower than in open loop [%]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisExperiment:
-    """What the experiment gave on one axis.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    voltage : numpy.ndarray
-        Voltage of the major loop [V], shape (n,).
-    measured : numpy.ndarray
-        Reading of the virtual sensor [m], shape (n,).
-    modelled : numpy.ndarray
-        What the Bouc-Wen model gives there [m], shape (n,).
-    deviation : float
-        Largest difference of the two over the loop [m].
-    stroke : float
-        Range of the reading over the whole range of the voltage [m].
-    width : float
-        Width of that loop [m].
-    time : numpy.ndarray
-        Time of the compared cycles [s], shape (n,).
-    reference : numpy.ndarray
-        What was wanted over them [m], shape (n,).
-    open_output : numpy.ndarray
-        Reading with the voltage in proportion to the reference [m], shape (n,).
-    open_loop : Tracking
-        Width of that loop, and errors [m].
-    runs : tuple of CompensatedRun
-        With the inverse of each model.
-    """
+    """What the experiment gave on one axis."""
 
     axis: str
+    """The axis."""
     voltage: Array
+    """Voltage of the major loop [V], shape (n,)."""
     measured: Array
+    """Reading of the virtual sensor [m], shape (n,)."""
     modelled: Array
+    """What the Bouc-Wen model gives there [m], shape (n,)."""
     deviation: float
+    """Largest difference of the two over the loop [m]."""
     stroke: float
+    """Range of the reading over the whole range of the voltage [m]."""
     width: float
+    """Width of that loop [m]."""
     time: Array
+    """Time of the compared cycles [s], shape (n,)."""
     reference: Array
+    """What was wanted over them [m], shape (n,)."""
     open_output: Array
+    """Reading with the voltage in proportion to the reference [m], shape (n,)."""
     open_loop: Tracking
+    """Width of that loop, and errors [m]."""
     runs: tuple[CompensatedRun, ...]
+    """With the inverse of each model."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,8 +20,6 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models.duhem import Duhem
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPrandtlIshlinskii
 
-__all__ = ["VirtualStack", "virtual_stack"]
-
 _PLAYS = 48
 #: Share of the output that comes from the part which forgets by degrees.
 _FADING = 0.05
@@ -39,13 +37,6 @@ class VirtualStack(HysteresisModel):
     loop is not symmetric. Every model of the package leaves something of it, as of a measured
     stack.
 
-    Parameters
-    ----------
-    bent : ModifiedPrandtlIshlinskii
-        The part with wiping-out.
-    fading : Duhem
-        The part that forgets by degrees, with a straight curve.
-
     Notes
     -----
     Validity: an invention for trials, of the size and shape that stacks have; no measured one. It
@@ -59,39 +50,15 @@ class VirtualStack(HysteresisModel):
     """
 
     bent: ModifiedPrandtlIshlinskii
+    """The part with wiping-out."""
     fading: Duhem
+    """The part that forgets by degrees, with a straight curve."""
     kind: ClassVar[str] = "virtual-stack"
 
     def rest(self) -> Array:
-        """Return the state without history.
-
-        Returns
-        -------
-        numpy.ndarray
-            Last input and plays, then last input and output of the fading part.
-        """
         return np.concatenate((self.bent.rest(), self.fading.rest()))
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [V], shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The outputs [m], and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or the state does not belong to this model.
-        """
         given = samples(u, "input")
         first, second = self._parts(state)
         bent = self.bent.simulate(given, first)
@@ -101,25 +68,6 @@ class VirtualStack(HysteresisModel):
         )
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        """Return the output between the samples in closed form.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [V], shape (n,), n at least 2.
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Segments
-            The pieces of both parts, cut where either of them is.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or the state does not belong to this model.
-        """
         first, second = self._parts(state)
         bent, fading = self.bent.segments(u, first), self.fading.segments(u, second)
         # both have a closed form: the curve of the second is straight
@@ -148,36 +96,10 @@ class VirtualStack(HysteresisModel):
         return before[:cut], before[cut:]
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Refuse: it is there to be identified.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [m], shape (n,).
-        state : array_like, optional
-            State before the first of them.
-
-        Returns
-        -------
-        Response
-            Never.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
         del y, state
         raise ModelError("a virtual stack has no inverse: identify a model, and invert that")
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return what is required of the parameters, and whether it holds.
-
-        Returns
-        -------
-        tuple of Condition
-            Those of both parts.
-        """
         return (*self.bent.conditions(), *self.fading.conditions())
 
 

@@ -17,8 +17,6 @@ from flexstage.instruments.waveform import Waveform
 from flexstage.progress import share
 from flexstage.records import Channel, Record
 
-__all__ = ["SampleWriter", "record_blow", "record_now", "run_moves", "run_waveform"]
-
 
 def run_waveform(
     instrument: Instrument,
@@ -178,37 +176,7 @@ def record_blow(
     *,
     timeout: float | None = None,
 ) -> Record:
-    """Record a blow of the hammer along an axis.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What records and strikes.
-    axis : str
-        Along which axis.
-    signals : sequence of Signal
-        What is recorded: ``force`` and ``response``.
-    rate_hz : float
-        Samples in a second [Hz].
-    samples : int
-        How many, 2 at least.
-    writer : SampleWriter, optional
-        Is handed the samples as they come.
-    timeout : float, optional
-        As of `run_waveform` [s].
-
-    Returns
-    -------
-    Record
-        The signals.
-
-    Raises
-    ------
-    ModelError
-        The instrument has no hammer.
-    ControllerError, NotConnectedError
-        As of `run_waveform`.
-    """
+    """Record a blow of the hammer along an axis."""
     if Capability.IMPACT not in instrument.capabilities:
         raise ModelError(
             f"the {instrument.identity.model} has no hammer: strike the stage by hand and read "
@@ -239,42 +207,6 @@ def run_moves(
     """Move an axis from place to place and record while it stands at each of them.
 
     For instruments without a generator of waveforms, and for drives that are slow.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What moves.
-    axis : str
-        The axis, its position control on.
-    positions : sequence of float
-        Where to, in their order [m].
-    dwell : float
-        How long it is recorded at each [s].
-    signals : sequence of Signal
-        What is recorded.
-    rate_hz : float
-        Samples in a second [Hz].
-    settle : float
-        How long is waited before each record [s].
-    command : str
-        What the column of the commanded position is called.
-    writer : SampleWriter, optional
-        Is handed the samples as they come, the column of the command included.
-    timeout : float, optional
-        As of `run_waveform` [s].
-
-    Returns
-    -------
-    Record
-        The signals and the command [m], one place after the other; the time counts the recorded
-        samples, so that the motion from place to place is left out.
-
-    Raises
-    ------
-    LimitError
-        A position is outside the limits; nothing has been moved.
-    ControllerError, NotConnectedError
-        As of `run_waveform`.
     """
     if not len(positions):
         raise ModelError("moves need at least one position, got none")

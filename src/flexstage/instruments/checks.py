@@ -8,35 +8,17 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import LimitError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Quantity, Waveform
-
-__all__ = ["check_position", "check_voltage", "check_waveform"]
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 
 
 def check_position(limits: AxisLimits, value: float, axis: str) -> None:
     """Refuse a position that an axis must not be sent to.
-
-    Parameters
-    ----------
-    limits : AxisLimits
-        Limits of the axis.
-    value : float
-        The position [m].
-    axis : str
-        The axis, for the sentence.
-
-    Raises
-    ------
-    LimitError
-        It is not finite, or outside the range; a range that is not known forbids nothing.
 
     Examples
     --------
@@ -49,20 +31,6 @@ def check_position(limits: AxisLimits, value: float, axis: str) -> None:
 
 def check_voltage(limits: AxisLimits, value: float, axis: str) -> None:
     """Refuse a voltage that a drive must not get.
-
-    Parameters
-    ----------
-    limits : AxisLimits
-        Limits of the axis.
-    value : float
-        The voltage at the drive [V].
-    axis : str
-        The axis, for the sentence.
-
-    Raises
-    ------
-    LimitError
-        The drive has no voltage, or the value is not finite or outside the range.
 
     Examples
     --------
@@ -85,26 +53,6 @@ def check_waveform(
     Every sample is compared with the range of the axis, every step between samples with its speed
     or slew, and so are the step from the last sample to the first where the waveform is repeated,
     and the one from where the axis stands to the first sample, which takes one sample's time.
-
-    Parameters
-    ----------
-    limits : Mapping
-        Limits by axis.
-    waveform : Waveform
-        What is to run.
-    cycles : int
-        How often; 0 for endlessly.
-    start : Mapping, optional
-        Where axes stand now [m, or V]; not looked at for those that are not named.
-    tolerance : float
-        What may lie between where an axis stands and the first sample beside what its speed or
-        slew allows, such as the noise of its reading [m, or V].
-
-    Raises
-    ------
-    LimitError
-        Something is outside the limits, an axis is not one of the instrument, or the number of
-        cycles is negative.
 
     Examples
     --------

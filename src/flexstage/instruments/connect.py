@@ -9,12 +9,11 @@ from flexstage.instruments.protocol import Instrument
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
-    from flexstage.instruments.gcs import PiController, Wire
+    from flexstage.instruments.gcs.controller import PiController
+    from flexstage.instruments.gcs.profile import Wire
     from flexstage.instruments.twin.clock import Pace
     from flexstage.instruments.twin.loopback import Loopback
     from flexstage.instruments.twin.stage import VirtualStage
-
-__all__ = ["connect"]
 
 _FORMS = (
     "gcs://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, twin://?seed=3&model=lumped, or ni://Dev1"
@@ -102,8 +101,8 @@ def _network(
     axes: Mapping[str, str] | None,
     timeout: float | None,
 ) -> Instrument:
-    from flexstage.instruments.gcs import PiController, TcpLink
-    from flexstage.instruments.gcs.tcp import DEFAULT_PORT
+    from flexstage.instruments.gcs.controller import PiController
+    from flexstage.instruments.gcs.tcp import DEFAULT_PORT, TcpLink
 
     _options(address, parts, ())
     try:
@@ -128,8 +127,8 @@ def _serial(
     axes: Mapping[str, str] | None,
     timeout: float | None,
 ) -> Instrument:
-    from flexstage.instruments.gcs import PiController, SerialLink
-    from flexstage.instruments.gcs.serial_port import DEFAULT_BAUD
+    from flexstage.instruments.gcs.controller import PiController
+    from flexstage.instruments.gcs.serial_port import DEFAULT_BAUD, SerialLink
 
     options = _options(address, parts, ("baud",))
     baud = options.get("baud", str(DEFAULT_BAUD))
@@ -145,8 +144,8 @@ def _serial(
 def _gateway(
     gateway: object, stage: Stage, axes: Mapping[str, str] | None, timeout: float | None
 ) -> Instrument:
-    from flexstage.instruments.gcs import GatewayLink, PiController
-    from flexstage.instruments.gcs.gateway import is_gateway
+    from flexstage.instruments.gcs.controller import PiController
+    from flexstage.instruments.gcs.gateway import GatewayLink, is_gateway
 
     if not is_gateway(gateway):
         raise ModelError(
@@ -164,7 +163,7 @@ def _twin(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.designs import design
-    from flexstage.instruments.gcs import Wire
+    from flexstage.instruments.gcs.profile import Wire
 
     options = _options(address, parts, _TWIN)
     name = parts.netloc + parts.path
@@ -194,7 +193,8 @@ def _simulated(
     timeout: float,
     wire: "Wire",
 ) -> "PiController":
-    from flexstage.instruments.gcs import InProcess, PiController
+    from flexstage.instruments.gcs.controller import PiController
+    from flexstage.instruments.gcs.transport import InProcess
     from flexstage.instruments.twin.build import virtual_stage
     from flexstage.instruments.twin.clock import FastTime, Pacemaker
     from flexstage.instruments.twin.controller import VirtualController
@@ -246,7 +246,7 @@ class _Paced:
 
 
 def _card(address: str, stage: Stage, axes: Mapping[str, str] | None) -> Instrument:
-    from flexstage.instruments.ni import open_address
+    from flexstage.instruments.ni.address import open_address
 
     return open_address(address, stage, axes=axes)
 

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-__all__ = ["Capability", "ChannelMap", "Identity", "Signal"]
-
 
 class Capability(StrEnum):
     """Something that an instrument, or one of its axes, can do."""
@@ -22,78 +20,47 @@ class Capability(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What an instrument says it is.
-
-    Parameters
-    ----------
-    vendor, model : str
-        Who made it, and what it is.
-    serial_number : str
-        Its serial number; empty where it tells none.
-    firmware : str
-        Version of its firmware.
-    simulated : bool
-        Whether it is a simulation, so that nothing measured with it is a measurement.
-    """
+    """What an instrument says it is."""
 
     vendor: str
+    """Who made it, and what it is."""
     model: str
+    """Who made it, and what it is."""
     serial_number: str = ""
+    """Its serial number; empty where it tells none."""
     firmware: str = ""
+    """Version of its firmware."""
     simulated: bool = False
+    """Whether it is a simulation, so that nothing measured with it is a measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """Something that can be recorded.
-
-    Parameters
-    ----------
-    kind : str
-        ``position``, ``target``, ``voltage`` (of an axis, named by `source`), ``channel`` (a
-        sensor, whose number is `source`), ``force`` and ``response`` (of a blow).
-    source : str
-        The axis, or the number of the channel.
-    name : str
-        What its column is called in the record.
-    unit : str
-        SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s^2``.
-    """
+    """Something that can be recorded."""
 
     kind: str
+    """``position``, ``target``, ``voltage`` (of an axis, named by `source`), ``channel`` (a sensor,
+    whose number is `source`), ``force`` and ``response`` (of a blow).
+    """
     source: str
+    """The axis, or the number of the channel."""
     name: str
+    """What its column is called in the record."""
     unit: str = "m"
+    """SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s^2``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMap:
-    """Sensors of an instrument by what they read.
-
-    Parameters
-    ----------
-    numbers : Mapping
-        Number of the channel by name.
-    units : Mapping
-        SI unit by name.
-    """
+    """Sensors of an instrument by what they read."""
 
     numbers: Mapping[str, int] = field(default_factory=dict)
+    """Number of the channel by name."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """SI unit by name."""
 
     def signal(self, name: str) -> Signal:
-        """Return the signal of a sensor.
-
-        Parameters
-        ----------
-        name : str
-            What it reads.
-
-        Returns
-        -------
-        Signal
-            What the recorder records.
-        """
+        """Return the signal of a sensor."""
         return Signal(
             kind="channel",
             source=str(self.numbers[name]),

@@ -11,8 +11,6 @@ from flexstage.errors import ControllerError
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 
-__all__ = ["Guard", "guarded"]
-
 #: Signals that end a run: Ctrl-C, a polite kill, a terminal that is closed.
 _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -20,17 +18,7 @@ _ENDING = tuple(
 
 
 class Guard:
-    """Watches over an instrument while a block runs; made by `guarded`.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What is stopped.
-    lead_to_safe : bool
-        Whether the drives are led to their safe voltages after a stop.
-    timeout : float, optional
-        How long the block may take [s]; without end where not given.
-    """
+    """Watches over an instrument while a block runs; made by `guarded`."""
 
     def __init__(
         self, instrument: Instrument, *, lead_to_safe: bool = True, timeout: float | None = None
@@ -89,13 +77,7 @@ class Guard:
             self._restore()
 
     def allow(self, seconds: float) -> None:
-        """Let the block run that much longer from now on, and no longer.
-
-        Parameters
-        ----------
-        seconds : float
-            Real time [s].
-        """
+        """Let the block run that much longer from now on, and no longer."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = threading.Timer(
@@ -105,28 +87,11 @@ class Guard:
         self._timer.start()
 
     def stop(self, reason: str = "the run was stopped") -> None:
-        """Stop the stage now and end the block, from any thread.
-
-        Parameters
-        ----------
-        reason : str
-            What the block is ended with.
-
-        Raises
-        ------
-        ControllerError
-            It was called by the block itself.
-        """
+        """Stop the stage now and end the block, from any thread."""
         self._end(reason)
 
     def check(self) -> None:
-        """End the block here if it was stopped: for blocks that run beside the main thread.
-
-        Raises
-        ------
-        ControllerError
-            It was stopped, or took too long.
-        """
+        """End the block here if it was stopped: for blocks that run beside the main thread."""
         if self._reason is not None and not self._leaving:
             raise ControllerError(self._reason)
 

@@ -6,39 +6,23 @@ from dataclasses import dataclass
 from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 
-__all__ = ["AxisLimits", "stage_limits"]
-
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLimits:
-    """What may be commanded of one axis.
-
-    Parameters
-    ----------
-    position : tuple of float, optional
-        Lowest and highest position [m]; not checked where not given.
-    voltage : tuple of float, optional
-        Lowest and highest voltage [V]; None for a drive without voltage.
-    speed : float, optional
-        Largest speed [m/s].
-    slew : float, optional
-        Largest rate of the voltage [V/s].
-    safe_voltage : float
-        Voltage to which a ramp leads when motion ends [V].
-
-    Raises
-    ------
-    ModelError
-        A range does not rise, or a rate is not positive.
-    """
+    """What may be commanded of one axis."""
 
     position: Range | None = None
+    """Lowest and highest position [m]; not checked where not given."""
     voltage: Range | None = None
+    """Lowest and highest voltage [V]; None for a drive without voltage."""
     speed: float | None = None
+    """Largest speed [m/s]."""
     slew: float | None = None
+    """Largest rate of the voltage [V/s]."""
     safe_voltage: float = 0.0
+    """Voltage to which a ramp leads when motion ends [V]."""
 
     def __post_init__(self) -> None:
         for name in ("position", "voltage"):
@@ -51,23 +35,7 @@ class AxisLimits:
                 raise ModelError(f"the largest {name} must be positive and finite, got {value!r}")
 
     def within(self, other: "AxisLimits") -> "AxisLimits":
-        """Return the narrower of two limits.
-
-        Parameters
-        ----------
-        other : AxisLimits
-            Further limits.
-
-        Returns
-        -------
-        AxisLimits
-            What both allow; the safe voltage is this one's, led into the range.
-
-        Raises
-        ------
-        ModelError
-            They have nothing in common.
-        """
+        """Return the narrower of two limits."""
         voltage = _common(self.voltage, other.voltage, "voltage")
         safe = self.safe_voltage
         if voltage is not None:
@@ -83,19 +51,6 @@ class AxisLimits:
 
 def stage_limits(stage: Stage, axis: str) -> AxisLimits:
     """Return what the description of a stage allows on one of its axes.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    axis : str
-        The axis.
-
-    Returns
-    -------
-    AxisLimits
-        Voltage range and slew of a stack, travel and speed of a screw. The position of a piezo
-        stage is measured at its platform and not limited by the drive's description.
 
     Examples
     --------

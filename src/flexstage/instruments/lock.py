@@ -14,40 +14,23 @@ from pathlib import Path
 
 from flexstage.errors import ModelError, NotConnectedError
 
-__all__ = ["Holder", "holder", "stage_lock", "state_directory"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Holder:
-    """Who holds a stage.
-
-    Parameters
-    ----------
-    pid : int
-        Number of the process.
-    host : str
-        Name of the computer.
-    since : str
-        Since when, UTC.
-    program : str
-        What was started.
-    """
+    """Who holds a stage."""
 
     pid: int
+    """Number of the process."""
     host: str
+    """Name of the computer."""
     since: str
+    """Since when, UTC."""
     program: str
+    """What was started."""
 
 
 def state_directory() -> Path:
-    """Return where the state of this user's work is kept.
-
-    Returns
-    -------
-    pathlib.Path
-        ``$FLEXSTAGE_STATE`` if it is set, else the platform's place, where ``$XDG_STATE_HOME`` is
-        respected.
-    """
+    """Return where the state of this user's work is kept."""
     if named := os.environ.get("FLEXSTAGE_STATE"):
         return Path(named)
     if base := os.environ.get("XDG_STATE_HOME"):
@@ -69,27 +52,6 @@ def stage_lock(
 
     Validity: programs of one user on one computer, or of all that share ``$FLEXSTAGE_STATE``, on a
     disk that knows locks; another program that talks to the controller directly is not held off.
-
-    Parameters
-    ----------
-    serial_number : str
-        Serial number of the stage.
-    directory : pathlib.Path, optional
-        Where locks are; below `state_directory` where not given.
-    timeout : float
-        How long to wait for another program to end [s].
-
-    Yields
-    ------
-    pathlib.Path
-        The file of the lock.
-
-    Raises
-    ------
-    NotConnectedError
-        Another program holds it; the sentence says which.
-    ModelError
-        The serial number is empty, or the directory cannot be used.
     """
     from filelock import FileLock, Timeout
 
@@ -116,20 +78,7 @@ def stage_lock(
 
 
 def holder(serial_number: str, *, directory: Path | None = None) -> Holder | None:
-    """Return who holds a stage, or held it last and died.
-
-    Parameters
-    ----------
-    serial_number : str
-        Serial number of the stage.
-    directory : pathlib.Path, optional
-        Where locks are.
-
-    Returns
-    -------
-    Holder or None
-        None where nobody has left word.
-    """
+    """Return who holds a stage, or held it last and died."""
     return _read(_files(serial_number, directory)[1])
 
 

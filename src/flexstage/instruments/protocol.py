@@ -7,22 +7,11 @@ SI: positions in m, voltages in V, times in s; the drivers convert at the wire.
 from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
-from flexstage.instruments.description import Capability, ChannelMap, Identity, Signal
+from flexstage.instruments.description import Capability, Identity, Signal
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
-
-__all__ = [
-    "Axis",
-    "Capability",
-    "ChannelMap",
-    "Identity",
-    "Instrument",
-    "Recorder",
-    "Signal",
-    "WaveGenerator",
-]
 
 
 @runtime_checkable
@@ -50,95 +39,39 @@ class Axis(Protocol):
         ...
 
     def set_closed_loop(self, on: bool) -> None:
-        """Switch its position control on or off; the stage stays where it is as far as it can.
-
-        Parameters
-        ----------
-        on : bool
-            Whether it shall be on.
-        """
+        """Switch its position control on or off; the stage stays where it is as far as it can."""
         ...
 
     def position(self) -> float:
-        """Return what its sensor reads [m].
-
-        Returns
-        -------
-        float
-            The value.
-        """
+        """Return what its sensor reads [m]."""
         ...
 
     def voltage(self) -> float:
-        """Return the voltage at its drive [V].
-
-        Returns
-        -------
-        float
-            The value.
-        """
+        """Return the voltage at its drive [V]."""
         ...
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Move to a position [m]; the limits are checked before any command leaves.
-
-        Parameters
-        ----------
-        position : float
-            The position [m].
-        wait : bool
-            Whether to wait until it has come there.
-        """
+        """Move to a position [m]; the limits are checked before any command leaves."""
         ...
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit.
-
-        Parameters
-        ----------
-        voltage : float
-            The voltage [V].
-        """
+        """Set the voltage [V] in open loop, by a ramp where a step would pass the slew limit."""
         ...
 
     def moving(self) -> bool:
-        """Say whether it moves.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether it moves."""
         ...
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target; stop it on time-out.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-        """
+        """Wait until it stands, and in closed loop until it is on target; stop it on time-out."""
         ...
 
     def servo(self) -> ServoSettings:
-        """Return the settings of its position control.
-
-        Returns
-        -------
-        ServoSettings
-            The settings.
-        """
+        """Return the settings of its position control."""
         ...
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Change the settings of its position control.
-
-        Parameters
-        ----------
-        settings : ServoSettings
-            The settings.
-        """
+        """Change the settings of its position control."""
         ...
 
 
@@ -162,22 +95,7 @@ class Recorder(Protocol):
         ...
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record; return the rate that will be kept [Hz].
-
-        Parameters
-        ----------
-        signals : sequence of Signal
-            What to record.
-        rate_hz : float
-            Samples in a second [Hz].
-        samples : int
-            Number of samples.
-
-        Returns
-        -------
-        float
-            The value.
-        """
+        """Choose what to record; return the rate that will be kept [Hz]."""
         ...
 
     def arm(self) -> None:
@@ -189,30 +107,11 @@ class Recorder(Protocol):
         ...
 
     def available(self) -> int:
-        """Return the number of samples of each signal that are there.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return the number of samples of each signal that are there."""
         ...
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples ``first`` to ``first + count - 1``, counted from 0.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            Number of samples.
-
-        Returns
-        -------
-        Record
-            The samples.
-        """
+        """Return samples ``first`` to ``first + count - 1``, counted from 0."""
         ...
 
 
@@ -231,35 +130,15 @@ class WaveGenerator(Protocol):
         ...
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables.
-
-        Parameters
-        ----------
-        waveform : Waveform
-            What the axes are to follow.
-        feedforward : Waveform, optional
-            Voltages beside a waveform of positions, for axes that can take them.
-        """
+        """Check a waveform whole against the limits, then write it to the tables."""
         ...
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; the axes must stand at its first sample.
-
-        Parameters
-        ----------
-        cycles : int
-            How often it is run; 0 for endlessly.
-        """
+        """Run the waveform that was loaded; the axes must stand at its first sample."""
         ...
 
     def running(self) -> bool:
-        """Say whether a waveform runs.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether a waveform runs."""
         ...
 
     def stop(self) -> None:
@@ -297,38 +176,15 @@ class Instrument(Protocol):
         ...
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now [m, or rad].
-
-        Parameters
-        ----------
-        number : int
-            Number of the channel.
-
-        Returns
-        -------
-        float
-            The value.
-        """
+        """Return what a sensor reads now [m, or rad]."""
         ...
 
     def strike(self, axis: str) -> None:
-        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        """
+        """Strike the stage along an axis with a hammer; only where `Capability.IMPACT` is there."""
         ...
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: the clock of the instrument's own, which for a simulation may run fast.
-
-        Parameters
-        ----------
-        seconds : float
-            Time [s].
-        """
+        """Let time pass: the clock of the instrument's own, which for a simulation may run fast."""
         ...
 
     def stop(self) -> None:
@@ -336,13 +192,7 @@ class Instrument(Protocol):
         ...
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, as text for the record.
-
-        Returns
-        -------
-        Mapping
-            Texts by name.
-        """
+        """Return what was set, as text for the record."""
         ...
 
     def close(self) -> None:

@@ -4,17 +4,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.checks import check_position, check_voltage
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Axis, Capability, Instrument
 from flexstage.instruments.waveform import Quantity, Waveform
-
-__all__ = ["lead_to", "require_loop", "to_safe"]
-
-Array = NDArray[np.float64]
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
 _STEP_TIME = 0.01  # between the steps of a staircase [s]
@@ -35,26 +31,6 @@ def lead_to(
     With a generator of waveforms the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` of the time, which
     begins and ends without speed and acceleration; else small steps are commanded one by one.
     All targets are checked before anything moves.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What moves.
-    targets : Mapping
-        Where to, by axis [V, or m].
-    quantity : {"voltage", "position"}
-        What the targets are; voltages need the position control off, positions need it on.
-    time : float
-        How long the motion takes [s]; longer where speed or slew asks for it.
-    timeout : float
-        How long an axis may take to stand after it [s].
-
-    Raises
-    ------
-    LimitError
-        A target is outside the limits of its axis; nothing has been moved.
-    ControllerError
-        The position control of an axis is off where it should be on, or on where it should be off.
     """
     limits = {name: _axis(instrument, name).limits for name in targets}
     for name, value in targets.items():
@@ -89,20 +65,6 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
 
     Position control is switched off first, which leaves the voltage as it is. Drives without a
     voltage, such as screws, stay where they are.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What moves.
-    time : float
-        How long the motion takes [s]; longer where the slew limit asks for it.
-
-    Raises
-    ------
-    NotConnectedError
-        The link is gone, so that nobody knows where the stage is.
-    ControllerError
-        The instrument refuses.
     """
     begins, ends = {}, {}
     for name, axis in instrument.axes.items():
@@ -120,22 +82,7 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
 
 
 def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Quantity) -> None:
-    """Refuse axes whose position control is off for positions, or on for voltages.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        The instrument.
-    axes : Mapping
-        Its keys are the axes.
-    quantity : {"voltage", "position"}
-        What they are to get.
-
-    Raises
-    ------
-    ControllerError
-        An axis would not take the quantity.
-    """
+    """Refuse axes whose position control is off for positions, or on for voltages."""
     for name in axes:
         on = instrument.axes[name].closed_loop
         if on and quantity == "voltage":

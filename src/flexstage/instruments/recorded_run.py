@@ -5,31 +5,19 @@ from contextlib import AbstractContextManager
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.protocol import Instrument, Signal
 from flexstage.progress import tell
 from flexstage.records import Channel, Record
-
-__all__ = ["RecordedRun", "SampleWriter"]
-
-Array = NDArray[np.float64]
 
 
 class SampleWriter(Protocol):
     """Takes samples as they come."""
 
     def append(self, first: int, columns: Mapping[str, Array]) -> object:
-        """Keep samples of every column.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of them, from 0.
-        columns : Mapping
-            Samples by name of the column [SI], shape (n,).
-        """
+        """Keep samples of every column."""
         ...
 
 
@@ -37,24 +25,6 @@ class RecordedRun:
     """One record, from the choice of its signals to its last sample.
 
     Samples are read while they are recorded; each is looked at, kept, and handed to the writer.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What records.
-    signals : sequence of Signal
-        What is recorded, each under a name of its own.
-    writer : SampleWriter, optional
-        Is handed the samples as they come.
-    first : int
-        Number of the first sample for the writer.
-    extra : tuple of (str, float), optional
-        Name and value of a column that does not change [m].
-
-    Raises
-    ------
-    ModelError
-        There is no signal, or two have the same name.
     """
 
     def __init__(
@@ -80,22 +50,7 @@ class RecordedRun:
         self._waited = 0.0
 
     def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
-        """Choose what is recorded, and how much at the rate that the instrument keeps.
-
-        Parameters
-        ----------
-        rate_hz : float
-            Samples in a second that are wanted [Hz].
-        samples : callable
-            How many samples there are to be at a rate [Hz].
-
-        Raises
-        ------
-        LimitError
-            The instrument cannot keep so much.
-        ModelError
-            The rate is no rate, or there are fewer than two samples.
-        """
+        """Choose what is recorded, and how much at the rate that the instrument keeps."""
         recorder, rate = self.instrument.recorder, float(rate_hz)
         if not 0.0 < rate < np.inf:
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
@@ -120,30 +75,11 @@ class RecordedRun:
             rate = self.rate
 
     def stopping(self) -> AbstractContextManager[None]:
-        """Stop the instrument when the block fails, and say what is safe when the link fails.
-
-        Returns
-        -------
-        contextlib.AbstractContextManager
-            For ``with``.
-        """
+        """Stop the instrument when the block fails, and say what is safe when the link fails."""
         return _Stopping(self)
 
     def read(self, timeout: float | None, until: int | None = None) -> None:
-        """Read samples until all of them, or as many as are asked for, are there.
-
-        Parameters
-        ----------
-        timeout : float, optional
-            How long to wait beyond the time of the samples [s], on the instrument's clock.
-        until : int, optional
-            How many samples are asked for; all where not given.
-
-        Raises
-        ------
-        ControllerError
-            A sensor gives no number, or the samples do not come.
-        """
+        """Read samples until all of them, or as many as are asked for, are there."""
         recorder = self.instrument.recorder
         goal = self.samples if until is None else until
         expected = (goal - self.done) / self.rate
@@ -167,22 +103,7 @@ class RecordedRun:
             waited += step
 
     def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
-        """Wait until something has ended.
-
-        Parameters
-        ----------
-        busy : callable
-            Says whether it goes on.
-        what : str
-            What it is, for the sentence.
-        timeout : float, optional
-            How long to wait [s]; 10 s where not given.
-
-        Raises
-        ------
-        ControllerError
-            It has not ended.
-        """
+        """Wait until something has ended."""
         waited, most = 0.0, 10.0 if timeout is None else timeout
         while busy():
             if waited > most:
@@ -193,13 +114,7 @@ class RecordedRun:
             waited += 0.01
 
     def record(self) -> Record:
-        """Return all samples.
-
-        Returns
-        -------
-        Record
-            The signals, and the column that does not change, with the time from 0 [s].
-        """
+        """Return all samples."""
         identity = self.instrument.identity
         columns = [(s.name, s.unit) for s in self.signals]
         if self.extra is not None:

@@ -17,33 +17,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
 
-__all__ = ["Notch", "ServoSettings"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notch:
     r"""A notch.
 
     .. math:: N(s) = \frac{s^2 + 2\zeta_z\omega s + \omega^2}{s^2 + 2\zeta_p\omega s + \omega^2}
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Its frequency [Hz].
-    zero_damping : float
-        Damping ratio of its zeros [1]; 0 blocks the frequency wholly.
-    pole_damping : float
-        Damping ratio of its poles [1]: the larger, the wider.
-
-    Raises
-    ------
-    ModelError
-        The frequency or the damping of the poles is not positive, or that of the zeros negative.
     """
 
     frequency_hz: float
+    """Its frequency [Hz]."""
     zero_damping: float = 0.01
+    """Damping ratio of its zeros [1]; 0 blocks the frequency wholly."""
     pole_damping: float = 0.5
+    """Damping ratio of its poles [1]: the larger, the wider."""
 
     def __post_init__(self) -> None:
         if not (0.0 < self.frequency_hz < math.inf and 0.0 < self.pole_damping < math.inf):
@@ -57,18 +44,7 @@ class Notch:
             )
 
     def section(self, sample_rate_hz: float) -> NDArray[np.float64]:
-        """Return its coefficients at a rate of samples.
-
-        Parameters
-        ----------
-        sample_rate_hz : float
-            Rate of the loop [Hz], above twice the frequency.
-
-        Returns
-        -------
-        numpy.ndarray
-            b0, b1, b2, a1, a2 of the difference equation, a0 = 1, shape (5,).
-        """
+        """Return its coefficients at a rate of samples."""
         w = math.tan(math.pi * _below_nyquist(self.frequency_hz, sample_rate_hz) / sample_rate_hz)
         z, p = 2.0 * self.zero_damping * w, 2.0 * self.pole_damping * w
         a0 = 1.0 + p + w * w
@@ -81,22 +57,6 @@ class Notch:
 class ServoSettings:
     """Settings of the position control of one axis.
 
-    Parameters
-    ----------
-    proportional : float
-        Proportional gain [V/m].
-    integral : float
-        Integral gain [V/(m s)].
-    notches : tuple of Notch
-        Notches, in the path of the error.
-    lowpass_hz : float, optional
-        Corner of a second-order low-pass (Butterworth) in the same path [Hz]; none where not given.
-
-    Raises
-    ------
-    ModelError
-        A gain is negative or not finite, or the corner not positive.
-
     Examples
     --------
     >>> settings = ServoSettings(integral=1.9e9, notches=(Notch(frequency_hz=800.0),))
@@ -106,9 +66,14 @@ class ServoSettings:
     """
 
     proportional: float = 0.0
+    """Proportional gain [V/m]."""
     integral: float = 0.0
+    """Integral gain [V/(m s)]."""
     notches: tuple[Notch, ...] = field(default=())
+    """Notches, in the path of the error."""
     lowpass_hz: float | None = None
+    """Corner of a second-order low-pass (Butterworth) in the same path [Hz]; none where not given.
+    """
 
     def __post_init__(self) -> None:
         for name in ("proportional", "integral"):
@@ -118,23 +83,7 @@ class ServoSettings:
             raise ModelError(f"the low-pass must be positive and finite, got {self.lowpass_hz!r}")
 
     def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
-        """Return the filters of the error, one row each.
-
-        Parameters
-        ----------
-        sample_rate_hz : float
-            Rate of the loop [Hz].
-
-        Returns
-        -------
-        numpy.ndarray
-            b0, b1, b2, a1, a2 of each, shape (m, 5).
-
-        Raises
-        ------
-        ModelError
-            A filter lies above half the rate.
-        """
+        """Return the filters of the error, one row each."""
         rows = [notch.section(sample_rate_hz) for notch in self.notches]
         if self.lowpass_hz is not None:
             w = math.tan(math.pi * _below_nyquist(self.lowpass_hz, sample_rate_hz) / sample_rate_hz)
@@ -145,20 +94,7 @@ class ServoSettings:
         return np.array(rows).reshape(len(rows), 5)
 
     def response(self, frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:
-        """Return the controller's frequency response, from error to voltage.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (n,).
-        sample_rate_hz : float
-            Rate of the loop [Hz].
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltage over error [V/m], shape (n,).
-        """
+        """Return the controller's frequency response, from error to voltage."""
         omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) / sample_rate_hz
         z = np.exp(-1j * omega)
         total = np.full(omega.shape, self.proportional, dtype=np.complex128)

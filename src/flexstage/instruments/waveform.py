@@ -5,28 +5,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 
-__all__ = ["Quantity", "Waveform"]
-
-Array = NDArray[np.float64]
 Quantity = Literal["voltage", "position"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waveform:
     """What axes are to follow.
-
-    Parameters
-    ----------
-    values : Mapping
-        Samples by axis [V, or m], shape (n,), n at least 2.
-    sample_rate_hz : float
-        Samples in a second [Hz]; straight lines between them.
-    quantity : {"voltage", "position"}
-        Whether the values are voltages of the drives, or positions under control.
 
     Raises
     ------
@@ -42,8 +30,11 @@ class Waveform:
     """
 
     values: Mapping[str, Array]
+    """Samples by axis [V, or m], shape (n,), n at least 2."""
     sample_rate_hz: float
+    """Samples in a second [Hz]; straight lines between them."""
     quantity: Quantity
+    """Whether the values are voltages of the drives, or positions under control."""
 
     def __post_init__(self) -> None:
         if self.quantity not in ("voltage", "position"):

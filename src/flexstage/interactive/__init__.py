@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.interactive.hinge_result import HingeResult, hinge
-    from flexstage.interactive.stage_analysis import StageAnalysis, analyse
-    from flexstage.interactive.stage_study import StageStudy, study
-    from flexstage.interactive.stages import design, draw, read
+    from flexstage.designs import design
+    from flexstage.interactive.hinge_result import hinge
+    from flexstage.interactive.stage_analysis import analyse
+    from flexstage.interactive.stage_study import study
+    from flexstage.interactive.stages import draw, read
 
 __all__ = [
-    "HingeResult",
-    "StageAnalysis",
-    "StageStudy",
     "analyse",
     "design",
     "draw",

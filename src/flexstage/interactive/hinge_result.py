@@ -7,7 +7,9 @@ from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from flexstage.errors import HingeError
-from flexstage.hinges import Profile, hinge_figures, profile_class
+from flexstage.hinges import Profile
+from flexstage.hinges.hinge_figures import hinge_figures
+from flexstage.hinges.registry import profile_class
 from flexstage.interactive.show import data_frame, html_table
 from flexstage.material import Material
 from flexstage.material import material as find_material
@@ -18,51 +20,22 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-__all__ = ["HingeResult", "hinge"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class HingeResult:
-    """What is known of a notch, by every method.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    material : Material
-        What it is cut from.
-    width : float
-        Width of the hinge [m].
-    figures : Mapping
-        What `flexstage.hinges.hinge_figures` gives: plain data in SI units.
-    """
+    """What is known of a notch, by every method."""
 
     profile: "Profile"
+    """The notch."""
     material: Material
+    """What it is cut from."""
     width: float
+    """Width of the hinge [m]."""
     figures: Mapping[str, Any]
+    """What `flexstage.hinges.hinge_figures` gives: plain data in SI units."""
 
     def stiffness(self, quantity: str = "rotation", method: str = "wedge") -> float:
-        """Return a stiffness about the neck.
-
-        Parameters
-        ----------
-        quantity : str
-            ``rotation`` [N m/rad], ``axial`` or ``shear`` [N/m].
-        method : str
-            ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a closed form by
-            its name.
-
-        Returns
-        -------
-        float
-            The stiffness.
-
-        Raises
-        ------
-        HingeError
-            There is none by this method.
-        """
+        """Return a stiffness about the neck."""
         known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
         methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
         if method not in methods:
@@ -74,30 +47,13 @@ class HingeResult:
         return methods[method]
 
     def plot(self) -> "Figure":
-        """Draw the contour of the notch, in millimetres.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure.
-        """
+        """Draw the contour of the notch, in millimetres."""
         from flexstage.report.figures.notch import draw_notch
 
         return draw_notch(self.profile)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return the stiffness by every method as a data frame; needs pandas.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns quantity, method, stiffness, unit, difference_percent, validity.
-
-        Raises
-        ------
-        ImportError
-            pandas is not installed.
-        """
+        """Return the stiffness by every method as a data frame; needs pandas."""
         rows = self.figures["stiffness"]
         return data_frame({name: [row[name] for row in rows] for name in rows[0]})
 

@@ -10,26 +10,12 @@ from flexstage.report.quantities import display
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["data_frame", "headline", "html_table"]
-
-
 #: Quantities that the text of a result shows, of those that it has.
 _HEADLINE = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
 
 
 def headline(figures: Characteristics) -> list[str]:
-    """Return the figures that a result is known by.
-
-    Parameters
-    ----------
-    figures : Characteristics
-        Figures of one origin.
-
-    Returns
-    -------
-    list of str
-        A line for each quantity.
-    """
+    """Return the figures that a result is known by."""
     lines = []
     for quantity in _HEADLINE:
         rows = figures.select(quantity)
@@ -41,23 +27,7 @@ def headline(figures: Characteristics) -> list[str]:
 
 
 def data_frame(columns: Mapping[str, Sequence[object]]) -> "pandas.DataFrame":
-    """Return columns as a data frame.
-
-    Parameters
-    ----------
-    columns : Mapping
-        Values by name of the column.
-
-    Returns
-    -------
-    pandas.DataFrame
-        The data frame.
-
-    Raises
-    ------
-    ImportError
-        pandas is not installed.
-    """
+    """Return columns as a data frame."""
     try:
         import pandas
     except ImportError as error:
@@ -68,22 +38,7 @@ def data_frame(columns: Mapping[str, Sequence[object]]) -> "pandas.DataFrame":
 
 
 def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a small HTML table.
-
-    Parameters
-    ----------
-    caption : str
-        What it shows.
-    head : sequence of str
-        Titles of the columns.
-    rows : sequence of sequence of str
-        The cells.
-
-    Returns
-    -------
-    str
-        A ``<table>`` element.
-    """
+    """Return a small HTML table."""
 
     def line(cells: Sequence[str], tag: str) -> str:
         return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"

@@ -19,20 +19,13 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-__all__ = ["StageAnalysis", "analyse"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StageAnalysis:
-    """A stage analysed by one model, to look at.
-
-    Parameters
-    ----------
-    run : ModelRun
-        The run of the model: the analysis, and the mesh behind it where there is one.
-    """
+    """A stage analysed by one model, to look at."""
 
     run: ModelRun
+    """The run of the model: the analysis, and the mesh behind it where there is one."""
 
     @property
     def analysis(self) -> Analysis:
@@ -50,20 +43,7 @@ class StageAnalysis:
         return self.analysis.characteristics
 
     def value(self, quantity: str, axis: str) -> float:
-        """Return one figure.
-
-        Parameters
-        ----------
-        quantity : str
-            The quantity, such as ``max_stress``.
-        axis : str
-            Name of the axis.
-
-        Returns
-        -------
-        float
-            The value [SI].
-        """
+        """Return one figure."""
         return self.characteristics.value(quantity, axis)
 
     def plot(
@@ -72,25 +52,6 @@ class StageAnalysis:
         axis: str | None = None,
     ) -> "Figure":
         """Draw the result.
-
-        Parameters
-        ----------
-        kind : str
-            ``response``: Bode diagram of an axis; ``shape``: the stage at the full stroke of an
-            axis; ``stress``: stress of every hinge; ``modes``: mode shapes on the mesh of the plane
-            or solid model.
-        axis : str, optional
-            Name of the axis; the first one where it is left out.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure, which a notebook shows and ``savefig`` writes.
-
-        Raises
-        ------
-        ModelError
-            No such kind or axis, or the model has no mesh.
 
         Examples
         --------
@@ -101,19 +62,7 @@ class StageAnalysis:
         return _figure(self.run, kind, axis)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return the characteristics as a data frame; needs pandas.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom;
-            SI units.
-
-        Raises
-        ------
-        ImportError
-            pandas is not installed.
-        """
+        """Return the characteristics as a data frame; needs pandas."""
         return data_frame(self.characteristics.columns())
 
     def __repr__(self) -> str:
@@ -188,7 +137,10 @@ def analyse(
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
-    from flexstage.report.figures import draw_bode, draw_fe_modes, draw_static_shape, draw_stress
+    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.fe_modes import draw_fe_modes
+    from flexstage.report.figures.static_shape import draw_static_shape
+    from flexstage.report.figures.stress_bars import draw_stress
 
     analysis = run.analysis
     draw: dict[str, Callable[[str], Figure]] = {

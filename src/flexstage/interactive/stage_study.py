@@ -21,20 +21,13 @@ if TYPE_CHECKING:
 
     from flexstage.report.study import Study
 
-__all__ = ["StageStudy", "study"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StageStudy:
-    """Several models of a stage beside what was published of it, to look at.
-
-    Parameters
-    ----------
-    study : Study
-        The study: what other functions take.
-    """
+    """Several models of a stage beside what was published of it, to look at."""
 
     study: "Study"
+    """The study: what other functions take."""
 
     @property
     def characteristics(self) -> Characteristics:
@@ -42,23 +35,7 @@ class StageStudy:
         return self.study.characteristics
 
     def analysis(self, model: str) -> StageAnalysis:
-        """Return the analysis by one of the models.
-
-        Parameters
-        ----------
-        model : str
-            The model.
-
-        Returns
-        -------
-        StageAnalysis
-            The analysis.
-
-        Raises
-        ------
-        ModelError
-            The study has none of this model.
-        """
+        """Return the analysis by one of the models."""
         if model not in self.study.runs:
             why = self.study.left_out.get(model)
             ran = f"the study ran {', '.join(self.study.runs)}"
@@ -72,52 +49,17 @@ class StageStudy:
         kind: Literal["response", "shape", "stress", "modes"] = "response",
         axis: str | None = None,
     ) -> "Figure":
-        """Draw the result of the main model, as `StageAnalysis.plot` does.
-
-        Parameters
-        ----------
-        kind : str
-            ``response``, ``shape``, ``stress`` or ``modes``.
-        axis : str, optional
-            Name of the axis; the first one where it is left out.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure.
-        """
+        """Draw the result of the main model, as `StageAnalysis.plot` does."""
         return self.analysis(self.study.main.system.model).plot(kind, axis)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return all characteristics as a data frame, a row for each origin; needs pandas.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom;
-            SI units.
-
-        Raises
-        ------
-        ImportError
-            pandas is not installed.
-        """
+        """Return all characteristics as a data frame, a row for each origin; needs pandas."""
         return data_frame(self.characteristics.columns())
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write the report and the figures behind it.
-
-        Parameters
-        ----------
-        folder : str or os.PathLike
-            Where ``report.html`` and ``results.json`` go.
-
-        Returns
-        -------
-        list of pathlib.Path
-            The files.
-        """
-        from flexstage.report import report_html, results_json, study_results, write_files
+        """Write the report and the figures behind it."""
+        from flexstage.report import report_html, results_json, study_results
+        from flexstage.report.files import write_files
 
         results = results_json(study_results(self.study))
         page = report_html(self.study).encode()

@@ -3,13 +3,11 @@
 import os
 from typing import TYPE_CHECKING
 
-from flexstage.designs import design, find_stage
+from flexstage.designs import find_stage
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["design", "draw", "read"]
 
 
 def read(source: str | os.PathLike[str]) -> Stage:
@@ -54,7 +52,7 @@ def draw(stage: Stage | str | os.PathLike[str]) -> "Figure":
     matplotlib.figure.Figure
         The drawing, which a notebook shows and ``savefig`` writes.
     """
-    from flexstage.report.figures import draw_stage
+    from flexstage.report.figures.drawing import draw_stage
 
     return draw_stage(stage_of(stage))
 

@@ -6,11 +6,11 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hinges import HingeCompliance, PlaneState, Profile, compliance, stress_rows
-from flexstage.hinges.compliance import PLANE_RULE
+from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
+from flexstage.hinges.compliance import PLANE_RULE, PlaneState
 from flexstage.lumped.hinge_kinematics import Layout, hinge_matrix, point_matrix
 from flexstage.stage import (
     Drive,
@@ -22,22 +22,8 @@ from flexstage.stage import (
     mass_properties,
     root_widths,
 )
-from flexstage.system import (
-    STANDARD_GRAVITY,
-    AxisPort,
-    BodyPort,
-    Damping,
-    DrivePort,
-    LoadPort,
-    MechanicalSystem,
-    ModalDamping,
-    ProbePort,
-    StressMap,
-)
-
-__all__ = ["HingeSpring", "hinge_springs", "layout_of", "lumped_system"]
-
-Array = NDArray[np.float64]
+from flexstage.system import STANDARD_GRAVITY, Damping, MechanicalSystem, ModalDamping, StressMap
+from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
 
 #: Methods of hinge stiffness that include the roots in the bodies.
 WITH_ROOTS = ("wedge", "finite-element")
@@ -48,27 +34,18 @@ DEFAULT_DAMPING = ModalDamping(ratio=0.01)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HingeSpring:
-    """A hinge of the lumped model.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        The hinge.
-    stiffness : numpy.ndarray
-        Stiffness about the neck in the hinge's axes (along, across, rotation), shape (3, 3).
-    method : str
-        How the stiffness was found.
-    plane : str
-        ``stress`` or ``strain``.
-    root_widths : tuple of float or None
-        Widths of the two bodies behind the roots [m]; None where the roots are left out.
-    """
+    """A hinge of the lumped model."""
 
     hinge: Hinge
+    """The hinge."""
     stiffness: Array
+    """Stiffness about the neck in the hinge's axes (along, across, rotation), shape (3, 3)."""
     method: str
+    """How the stiffness was found."""
     plane: PlaneState
+    """``stress`` or ``strain``."""
     root_widths: tuple[float, float] | None
+    """Widths of the two bodies behind the roots [m]; None where the roots are left out."""
 
 
 @lru_cache(maxsize=64)
@@ -149,18 +126,7 @@ def _springs(
 
 
 def layout_of(stage: Stage) -> Layout:
-    """Return the coordinates of the lumped model of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    Layout
-        Three coordinates for each free body, in the order of the stage.
-    """
+    """Return the coordinates of the lumped model of a stage."""
     properties = _masses(stage)
     return Layout(
         {name: p.centre for name, p in properties.items()},

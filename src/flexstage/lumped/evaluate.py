@@ -15,65 +15,21 @@ from fractions import Fraction
 
 import sympy as sp
 
-__all__ = ["exact", "number", "starting_values"]
-
 Known = dict[sp.Basic, Fraction]
 
 
 def starting_values(values: Mapping[sp.Symbol, float]) -> Known:
-    """Prepare numbers for `exact` and `number`.
-
-    Parameters
-    ----------
-    values : Mapping
-        Number of each symbol.
-
-    Returns
-    -------
-    dict
-        The same numbers, exactly.
-    """
+    """Prepare numbers for `exact` and `number`."""
     return {symbol: Fraction(value) for symbol, value in values.items()}
 
 
 def number(expression: sp.Basic, known: Known) -> float:
-    """Evaluate an expression.
-
-    Parameters
-    ----------
-    expression : sympy.Basic
-        Sums, products, whole powers, sines and cosines of symbols and numbers.
-    known : dict
-        Values from `starting_values`; parts that were evaluated are added.
-
-    Returns
-    -------
-    float
-        The value, correctly rounded but for sines and cosines.
-    """
+    """Evaluate an expression."""
     return float(exact(expression, known))
 
 
 def exact(expression: sp.Basic, known: Known) -> Fraction:
-    """Evaluate an expression in rational arithmetic.
-
-    Parameters
-    ----------
-    expression : sympy.Basic
-        Sums, products, whole powers, sines and cosines of symbols and numbers.
-    known : dict
-        Values from `starting_values`; parts that were evaluated are added.
-
-    Returns
-    -------
-    fractions.Fraction
-        The value; sines and cosines are rounded to a double first.
-
-    Raises
-    ------
-    KeyError
-        A symbol has no value.
-    """
+    """Evaluate an expression in rational arithmetic."""
     value = known.get(expression)
     if value is not None:
         return value

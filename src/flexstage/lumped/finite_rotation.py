@@ -13,15 +13,11 @@ bends into an S is not in a spring at its middle; for notches it is far below th
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped.frames import Connections, connections
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
-
-__all__ = ["NonlinearMechanism", "nonlinear"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,29 +26,20 @@ class NonlinearMechanism:
 
     Coordinates are those of `flexstage.lumped.lumped_system`: for each free body the displacement
     x, y of its centre of mass [m] and its rotation [rad].
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its bodies and springs.
-    mass : numpy.ndarray
-        Diagonal of M [kg, kg m^2], shape (n,).
-    stiffness : numpy.ndarray
-        Stiffness of each hinge, shape (h, 3, 3).
-    hinges : Connections
-        The hinges.
-    drives : Connections
-        The drives, in the order of the mechanism.
-    probes : Connections
-        The probes, in the order of the mechanism.
     """
 
     mechanism: Mechanism
+    """Its bodies and springs."""
     mass: Array
+    """Diagonal of M [kg, kg m^2], shape (n,)."""
     stiffness: Array
+    """Stiffness of each hinge, shape (h, 3, 3)."""
     hinges: Connections
+    """The hinges."""
     drives: Connections
+    """The drives, in the order of the mechanism."""
     probes: Connections
+    """The probes, in the order of the mechanism."""
 
     @property
     def order(self) -> int:
@@ -60,67 +47,23 @@ class NonlinearMechanism:
         return self.mass.size
 
     def potential_energy(self, q: Array) -> Array:
-        """Return the energy stored in the hinges.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-
-        Returns
-        -------
-        numpy.ndarray
-            V [J], shape (...).
-        """
+        """Return the energy stored in the hinges."""
         x = self.hinges.deformation(np.asarray(q, dtype=float))
         return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
 
     def kinetic_energy(self, velocity: Array) -> Array:
-        """Return the kinetic energy.
-
-        Parameters
-        ----------
-        velocity : numpy.ndarray
-            Rates of the coordinates, shape (..., n).
-
-        Returns
-        -------
-        numpy.ndarray
-            T [J], shape (...).
-        """
+        """Return the kinetic energy."""
         return 0.5 * np.sum(self.mass * np.asarray(velocity) ** 2, axis=-1)
 
     def force(self, q: Array) -> Array:
-        """Return the internal forces, the gradient of the potential energy.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-
-        Returns
-        -------
-        numpy.ndarray
-            dV/dq [N, N m], shape (..., n).
-        """
+        """Return the internal forces, the gradient of the potential energy."""
         x, b = self.hinges.rates(np.asarray(q, dtype=float))
         spring = (self.stiffness @ x[..., None])[..., 0]
         local = (spring[..., None, :] @ b)[..., 0, :]
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
     def tangent(self, q: Array) -> Array:
-        """Return the tangent stiffness, the Hessian of the potential energy.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            d2V/dq2, shape (n, n).
-        """
+        """Return the tangent stiffness, the Hessian of the potential energy."""
         q = np.asarray(q, dtype=float)
         x, b = self.hinges.rates(q)
         spring = (self.stiffness @ x[..., None])[..., 0]
@@ -128,29 +71,7 @@ class NonlinearMechanism:
         return _assembled(self.hinges, local)
 
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
-        """Return the elongation of a drive and its first and second derivatives.
-
-        Parameters
-        ----------
-        drive : str
-            Name of the drive.
-        q : numpy.ndarray
-            Coordinates, shape (n,).
-
-        Returns
-        -------
-        float
-            Elongation along the drive's direction, which turns with the body it stands on [m].
-        numpy.ndarray
-            Gradient, shape (n,).
-        numpy.ndarray
-            Hessian, shape (n, n).
-
-        Raises
-        ------
-        ModelError
-            There is no such drive.
-        """
+        """Return the elongation of a drive and its first and second derivatives."""
         i = _index("drive", drive, self.mechanism.drives)
         x, b = self.drives.rates(q)
         unit = np.zeros((self.drives.count, 3))
@@ -160,26 +81,7 @@ class NonlinearMechanism:
         return float(x[i, 0]), gradient, _assembled(self.drives, self.drives.curvature(q, unit))
 
     def reading(self, probe: str, q: Array) -> Array:
-        """Return what a probe sees.
-
-        Parameters
-        ----------
-        probe : str
-            Name of the probe.
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-
-        Returns
-        -------
-        numpy.ndarray
-            Displacement along and across the probe's direction [m] and rotation of the body [rad],
-            against the body it is read from, shape (..., 3).
-
-        Raises
-        ------
-        ModelError
-            There is no such probe.
-        """
+        """Return what a probe sees."""
         i = _index("probe", probe, self.mechanism.probes)
         return self.probes.deformation(np.asarray(q, dtype=float))[..., i, :]
 

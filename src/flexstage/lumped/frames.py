@@ -20,39 +20,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.lumped.rigid_bodies import Mechanism
-
-__all__ = ["Connections", "connections"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Connections:
-    """Connections of a mechanism, all evaluated at once.
-
-    Parameters
-    ----------
-    gather : numpy.ndarray
-        Maps the n coordinates to (x, y, theta) of a and of b for each connection, shape (6 h, n).
-    arm_a, arm_b : numpy.ndarray
-        Lever arms from the centres of mass to the points a and b [m], shape (h, 2).
-    gap : numpy.ndarray
-        Point b from point a, undeformed [m], shape (h, 2).
-    direction : numpy.ndarray
-        Direction of the connection, undeformed [rad], shape (h,).
-    share_a : float
-        Share w_a of the rotation of a in that of the frame [1]; b has the rest.
-    """
+    """Connections of a mechanism, all evaluated at once."""
 
     gather: Array
+    """Maps the n coordinates to (x, y, theta) of a and of b for each connection, shape (6 h, n)."""
     arm_a: Array
+    """Lever arms from the centres of mass to the points a and b [m], shape (h, 2)."""
     arm_b: Array
+    """Lever arms from the centres of mass to the points a and b [m], shape (h, 2)."""
     gap: Array
+    """Point b from point a, undeformed [m], shape (h, 2)."""
     direction: Array
+    """Direction of the connection, undeformed [rad], shape (h,)."""
     share_a: float
+    """Share w_a of the rotation of a in that of the frame [1]; b has the rest."""
 
     @property
     def count(self) -> int:
@@ -60,34 +48,11 @@ class Connections:
         return self.direction.size
 
     def deformation(self, q: Array) -> Array:
-        """Return what each connection reads.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-
-        Returns
-        -------
-        numpy.ndarray
-            (along, across, rotation) [m, m, rad], shape (..., h, 3); zero when undeformed.
-        """
+        """Return what each connection reads."""
         return self._state(q)[0]
 
     def rates(self, q: Array) -> tuple[Array, Array]:
-        """Return what each connection reads and its derivatives.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            The deformation, shape (..., h, 3), and its derivatives with respect to the six
-            coordinates of a and b, shape (..., h, 3, 6).
-        """
+        """Return what each connection reads and its derivatives."""
         x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
         shares = (self.share_a, 1.0 - self.share_a)
         # R^T S r and the part of the frame's own turning, -w S e
@@ -101,20 +66,7 @@ class Connections:
         return x, b
 
     def curvature(self, q: Array, force: Array) -> Array:
-        """Contract the second derivatives of the deformation with forces.
-
-        Parameters
-        ----------
-        q : numpy.ndarray
-            Coordinates, shape (..., n).
-        force : numpy.ndarray
-            Forces (N, V, M) of the connections, shape (..., h, 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            Geometric stiffness for the six coordinates of a and b, shape (..., h, 6, 6).
-        """
+        """Contract the second derivatives of the deformation with forces."""
         x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
         wa, wb = self.share_a, 1.0 - self.share_a
         f = force[..., :2]
@@ -167,26 +119,7 @@ def connections(
     *,
     share_a: float,
 ) -> Connections:
-    """Prepare connections of a mechanism.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The mechanism.
-    bodies : Sequence
-        Indices of a and b of each connection, -1 for the ground.
-    points : Sequence
-        Points on a and b of each connection [m].
-    direction : Sequence
-        Direction of each connection [rad].
-    share_a : float
-        Share of the rotation of a in that of the frame [1].
-
-    Returns
-    -------
-    Connections
-        The connections.
-    """
+    """Prepare connections of a mechanism."""
     column = {body: 3 * k for k, body in enumerate(mechanism.free)}
     h = len(direction)
     gather = np.zeros((h, 6, mechanism.order))

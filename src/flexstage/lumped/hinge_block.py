@@ -14,95 +14,62 @@ from functools import lru_cache
 
 import sympy as sp
 
-__all__ = ["GenericBody", "GenericHinge", "generic_body", "generic_hinge"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GenericBody:
-    """A rigid body in the plane, in symbols.
-
-    Parameters
-    ----------
-    coordinates : tuple of sympy.Symbol
-        x, y, theta.
-    rates : tuple of sympy.Symbol
-        Their rates.
-    mass : sympy.Symbol
-        m.
-    inertia : sympy.Symbol
-        J about the centre of mass.
-    kinetic_energy : sympy.Expr
-        T.
-    momenta : tuple of sympy.Expr
-        Derivatives of T with respect to the rates.
-    """
+    """A rigid body in the plane, in symbols."""
 
     coordinates: tuple[sp.Symbol, ...]
+    """x, y, theta."""
     rates: tuple[sp.Symbol, ...]
+    """Their rates."""
     mass: sp.Symbol
+    """m."""
     inertia: sp.Symbol
+    """J about the centre of mass."""
     kinetic_energy: sp.Expr
+    """T."""
     momenta: tuple[sp.Expr, ...]
+    """Derivatives of T with respect to the rates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GenericHinge:
-    """A hinge between two bodies, in symbols.
-
-    Parameters
-    ----------
-    coordinates : tuple of sympy.Symbol
-        x, y, theta of body a, then of body b.
-    rates : tuple of sympy.Symbol
-        Their rates.
-    arms : tuple of sympy.Symbol
-        Lever arms from the centres of mass to the neck: X, Y on body a, X, Y on body b.
-    cosine, sine : sympy.Symbol
-        Of the hinge's direction.
-    stiffness : dict of str to sympy.Symbol
-        k_uu, k_vv, k_tt, k_uv, k_ut, k_vt by their two letters.
-    damping : dict of str to sympy.Symbol
-        The same of the damper.
-    deformation : tuple of sympy.Expr
-        u, v, theta of b against a at the neck, in the hinge's axes.
-    potential_energy : sympy.Expr
-        V, in the deformation put in full.
-    dissipation : sympy.Expr
-        Rayleigh's function D of the rates.
-    forces : tuple of sympy.Expr
-        Derivatives of V with respect to the coordinates.
-    damping_forces : tuple of sympy.Expr
-        Derivatives of D with respect to the rates.
-    block : sympy.ImmutableMatrix
-        Hessian of V, shape (6, 6).
-    damping_block : sympy.ImmutableMatrix
-        Hessian of D with respect to the rates, shape (6, 6).
-    """
+    """A hinge between two bodies, in symbols."""
 
     coordinates: tuple[sp.Symbol, ...]
+    """x, y, theta of body a, then of body b."""
     rates: tuple[sp.Symbol, ...]
+    """Their rates."""
     arms: tuple[sp.Symbol, ...]
+    """Lever arms from the centres of mass to the neck: X, Y on body a, X, Y on body b."""
     cosine: sp.Symbol
+    """Of the hinge's direction."""
     sine: sp.Symbol
+    """Of the hinge's direction."""
     stiffness: dict[str, sp.Symbol]
+    """k_uu, k_vv, k_tt, k_uv, k_ut, k_vt by their two letters."""
     damping: dict[str, sp.Symbol]
+    """The same of the damper."""
     deformation: tuple[sp.Expr, ...]
+    """u, v, theta of b against a at the neck, in the hinge's axes."""
     potential_energy: sp.Expr
+    """V, in the deformation put in full."""
     dissipation: sp.Expr
+    """Rayleigh's function D of the rates."""
     forces: tuple[sp.Expr, ...]
+    """Derivatives of V with respect to the coordinates."""
     damping_forces: tuple[sp.Expr, ...]
+    """Derivatives of D with respect to the rates."""
     block: sp.ImmutableMatrix
+    """Hessian of V, shape (6, 6)."""
     damping_block: sp.ImmutableMatrix
+    """Hessian of D with respect to the rates, shape (6, 6)."""
 
 
 @lru_cache(maxsize=1)
 def generic_body() -> GenericBody:
     r"""Return the generic body.
-
-    Returns
-    -------
-    GenericBody
-        Its energy and momenta.
 
     Examples
     --------
@@ -126,11 +93,6 @@ def generic_body() -> GenericBody:
 @lru_cache(maxsize=1)
 def generic_hinge() -> GenericHinge:
     """Return the generic hinge, derived by Lagrange's equations.
-
-    Returns
-    -------
-    GenericHinge
-        Its energy, forces and 6 x 6 blocks.
 
     Examples
     --------

@@ -4,13 +4,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.stage import Hinge
-
-__all__ = ["Layout", "hinge_matrix", "point_matrix"]
-
-Array = NDArray[np.float64]
 
 
 class Layout:
@@ -18,13 +14,6 @@ class Layout:
 
     A free body has three coordinates: the displacement x, y of its centre of mass [m] and its
     rotation [rad]. A fixed body has none.
-
-    Parameters
-    ----------
-    centres : Mapping
-        Centre of mass of every body [m].
-    free : tuple of str
-        Names of the free bodies, in order.
     """
 
     __slots__ = ("centres", "first", "free", "order")
@@ -36,34 +25,13 @@ class Layout:
         self.order = 3 * len(free)
 
     def names(self) -> tuple[str, ...]:
-        """Return a name with a unit for every coordinate.
-
-        Returns
-        -------
-        tuple of str
-            ``body.x [m]``, ``body.y [m]``, ``body.rotation [rad]`` and so on.
-        """
+        """Return a name with a unit for every coordinate."""
         parts = (".x [m]", ".y [m]", ".rotation [rad]")
         return tuple(name + part for name in self.free for part in parts)
 
 
 def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
-    """Return the motion of a point of a body for each coordinate.
-
-    Parameters
-    ----------
-    layout : Layout
-        The coordinates.
-    body : str
-        Name of the body.
-    at : tuple of float
-        The point [m].
-
-    Returns
-    -------
-    numpy.ndarray
-        Displacement x, y and rotation, shape (3, n); zero for a fixed body.
-    """
+    """Return the motion of a point of a body for each coordinate."""
     matrix = np.zeros((3, layout.order))
     first = layout.first.get(body)
     if first is not None:
@@ -75,21 +43,7 @@ def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
 
 
 def hinge_matrix(layout: Layout, hinge: Hinge) -> Array:
-    """Return the deformation of a hinge for each coordinate.
-
-    Parameters
-    ----------
-    layout : Layout
-        The coordinates.
-    hinge : Hinge
-        The hinge.
-
-    Returns
-    -------
-    numpy.ndarray
-        Motion of body b against body a at the neck, in the hinge's axes: along, across, rotation;
-        shape (3, n).
-    """
+    """Return the deformation of a hinge for each coordinate."""
     a, b = hinge.bodies
     relative = point_matrix(layout, b, hinge.at) - point_matrix(layout, a, hinge.at)
     c, s = math.cos(hinge.direction), math.sin(hinge.direction)

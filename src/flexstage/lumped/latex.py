@@ -14,8 +14,6 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from flexstage.lumped.sheet_items import Formula, Item, Paragraph, Section, Tabular
 
-__all__ = ["latex_document", "mathml", "plain_text", "sheet_data"]
-
 _ESCAPES = {c: "\\" + c for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
@@ -73,20 +71,7 @@ def latex_document(title: str, sections: Sequence[Section]) -> str:
 
 
 def plain_text(title: str, sections: Sequence[Section]) -> str:
-    """Write a sheet of equations as plain text.
-
-    Parameters
-    ----------
-    title : str
-        Its first line.
-    sections : Sequence of Section
-        The sheet.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Write a sheet of equations as plain text."""
     parts = [title, "=" * len(title)]
     for section in sections:
         parts += ["", section.title, "-" * len(section.title)]
@@ -108,18 +93,7 @@ def plain_text(title: str, sections: Sequence[Section]) -> str:
 
 
 def sheet_data(sections: Sequence[Section]) -> list[dict[str, Any]]:
-    """Return a sheet of equations as plain data, each formula as LaTeX, MathML and text.
-
-    Parameters
-    ----------
-    sections : Sequence of Section
-        The sheet.
-
-    Returns
-    -------
-    list of dict
-        For each section its key, title and items.
-    """
+    """Return a sheet of equations as plain data, each formula as LaTeX, MathML and text."""
     return [
         {"key": s.key, "title": s.title, "items": [_item_data(item) for item in s.items]}
         for s in sections

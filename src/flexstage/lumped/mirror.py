@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.lumped.finite_rotation import nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism
-
-__all__ = ["Mirror", "find_mirror"]
-
-Array = NDArray[np.float64]
 
 # masses and places agree to this, relative to their size
 _NEAR = 1e-9
@@ -19,24 +16,16 @@ _DIRECTIONS = (0.5 * np.pi, 0.0, 0.25 * np.pi, 0.75 * np.pi)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mirror:
-    """A line in which a mechanism is its own image.
-
-    Parameters
-    ----------
-    point : tuple of float
-        A point of the line [m].
-    direction : float
-        Its direction, from the x axis to the left [rad]; a multiple of 45 degrees.
-    image : numpy.ndarray
-        Coordinates of the image, ``image @ q``: a permutation with signs, shape (n, n).
-    asymmetry : float
-        Largest difference between the stiffness and its image, relative to the diagonal [1].
-    """
+    """A line in which a mechanism is its own image."""
 
     point: tuple[float, float]
+    """A point of the line [m]."""
     direction: float
+    """Its direction, from the x axis to the left [rad]; a multiple of 45 degrees."""
     image: NDArray[np.int64]
+    """Coordinates of the image, ``image @ q``: a permutation with signs, shape (n, n)."""
     asymmetry: float = 0.0
+    """Largest difference between the stiffness and its image, relative to the diagonal [1]."""
 
 
 def find_mirror(mechanism: Mechanism, *, tolerance: float = 1e-9) -> Mirror | None:
@@ -44,19 +33,6 @@ def find_mirror(mechanism: Mechanism, *, tolerance: float = 1e-9) -> Mirror | No
 
     Lines through the mean of the necks, along x, y and between them, are tried; a line counts if M
     and K stay the same when each body moves like its image.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The mechanism.
-    tolerance : float
-        Largest difference of K and its image, relative to the diagonal [1]; masses and places must
-        agree to 1e-9.
-
-    Returns
-    -------
-    Mirror or None
-        The mirror, or None where there is none.
     """
     if not mechanism.hinges or not mechanism.free:
         return None

@@ -9,55 +9,42 @@ from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped.evaluate import number, starting_values
 from flexstage.lumped.mirror import Mirror, find_mirror
 from flexstage.lumped.symbolic import DampingKind, Port, SymbolicModel
 from flexstage.lumped.symbols import upright
 
-__all__ = ["ReducedModel", "condense", "reduce_by_symmetry"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReducedModel:
-    """Equations of motion in fewer coordinates z, with q = basis z.
-
-    Parameters
-    ----------
-    name : str
-        Name of the stage.
-    how : str
-        How it was reduced.
-    coordinates : tuple of sympy.Symbol
-        z.
-    M, C, K : sympy.ImmutableMatrix
-        Mass, damping and stiffness, shape (r, r).
-    basis : numpy.ndarray
-        Displacements for unit z, shape (n, r).
-    drives, probes : tuple of Port
-        Where the stage is driven and read, as far as z can describe it.
-    values : dict
-        The number that each symbol stands for [SI].
-    damping : str
-        ``none``, ``hinge`` or ``rayleigh``.
-    """
+    """Equations of motion in fewer coordinates z, with q = basis z."""
 
     name: str
+    """Name of the stage."""
     how: str
+    """How it was reduced."""
     coordinates: tuple[sp.Symbol, ...]
+    """z."""
     M: sp.ImmutableMatrix
+    """Mass, damping and stiffness, shape (r, r)."""
     C: sp.ImmutableMatrix
+    """Mass, damping and stiffness, shape (r, r)."""
     K: sp.ImmutableMatrix
+    """Mass, damping and stiffness, shape (r, r)."""
     basis: Array
+    """Displacements for unit z, shape (n, r)."""
     drives: tuple[Port, ...]
+    """Where the stage is driven and read, as far as z can describe it."""
     probes: tuple[Port, ...]
+    """Where the stage is driven and read, as far as z can describe it."""
     values: dict[sp.Symbol, float]
+    """The number that each symbol stands for [SI]."""
     damping: DampingKind
+    """``none``, ``hinge`` or ``rayleigh``."""
 
     @property
     def order(self) -> int:
@@ -70,59 +57,16 @@ class ReducedModel:
         return not (self.M.free_symbols | self.K.free_symbols)
 
     def numbers(self, matrix: sp.MatrixBase) -> Array:
-        """Evaluate a matrix of the model.
-
-        Parameters
-        ----------
-        matrix : sympy.Matrix
-            A matrix whose symbols have values.
-
-        Returns
-        -------
-        numpy.ndarray
-            Its numbers, of the matrix's shape.
-        """
+        """Evaluate a matrix of the model."""
         known = starting_values(self.values)
         return np.array([number(e, known) for e in matrix]).reshape(matrix.shape)
 
     def drive(self, name: str) -> Port:
-        """Return a drive by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Port
-            The drive.
-
-        Raises
-        ------
-        ModelError
-            There is no such drive in these coordinates.
-        """
+        """Return a drive by name."""
         return _find("drive", name, self.drives)
 
     def probe(self, name: str) -> Port:
-        """Return a probe by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Port
-            The probe.
-
-        Raises
-        ------
-        ModelError
-            There is no such probe in these coordinates.
-        """
+        """Return a probe by name."""
         return _find("probe", name, self.probes)
 
 
@@ -149,7 +93,7 @@ def reduce_by_symmetry(
         1 for symmetric motion, -1 for antisymmetric, instead of `drive`.
     mirror : Mirror, optional
         The mirror; found where not given. One of a stage that is not quite symmetric (see the
-        tolerance of `flexstage.lumped.find_mirror`) gives the mean of the stage and its image.
+        tolerance of `find_mirror`) gives the mean of the stage and its image.
 
     Returns
     -------

@@ -8,71 +8,49 @@ nonlinear model are built from this; neither looks at outlines or notches.
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hinges import PlaneState
+from flexstage.hinges.compliance import PlaneState
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.short_repr import short_repr
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
 
-__all__ = ["Mechanism", "RigidBody", "Sight", "SpringHinge", "mechanism"]
-
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigidBody:
-    """A rigid body in the plane.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    mass : float
-        Its mass m [kg].
-    inertia : float
-        Its moment of inertia J about its centre of mass [kg m^2].
-    centre : tuple of float
-        Its centre of mass (x, y) [m].
-    fixed : bool
-        Whether it is held.
-    """
+    """A rigid body in the plane."""
 
     name: str
+    """Its name."""
     mass: float
+    """Its mass m [kg]."""
     inertia: float
+    """Its moment of inertia J about its centre of mass [kg m^2]."""
     centre: Pair
+    """Its centre of mass (x, y) [m]."""
     fixed: bool = False
+    """Whether it is held."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringHinge:
-    """A hinge as a spring of two translations and a rotation, at the neck.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    bodies : tuple of int
-        Indices of the bodies a and b.
-    at : tuple of float
-        Centre of the neck (x, y) [m].
-    direction : float
-        Direction from body a to body b, from the x axis to the left [rad].
-    stiffness : numpy.ndarray
-        Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's
-        own axes [N/m, N, N m/rad], shape (3, 3).
-    """
+    """A hinge as a spring of two translations and a rotation, at the neck."""
 
     name: str
+    """Its name."""
     bodies: tuple[int, int]
+    """Indices of the bodies a and b."""
     at: Pair
+    """Centre of the neck (x, y) [m]."""
     direction: float
+    """Direction from body a to body b, from the x axis to the left [rad]."""
     stiffness: Array
+    """Forces (N, V, M) on body b for deformations (u, v, theta) of b against a, in the hinge's own
+    axes [N/m, N, N m/rad], shape (3, 3).
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,51 +58,34 @@ class Sight:
     """A distance that a drive imposes or a probe reads.
 
     It is the distance of point b from point a along a direction that turns with body a.
-
-    Parameters
-    ----------
-    name : str
-        Name of the drive or probe.
-    bodies : tuple of int
-        Indices of body a (-1 for the ground) and of body b.
-    points : tuple of tuple of float
-        The points on a and on b (x, y) [m].
-    direction : float
-        The direction, from the x axis to the left [rad].
-    stiffness : float or None
-        Stiffness of a drive [N/m]; None if rigid, 0 for a force and for a probe.
     """
 
     name: str
+    """Name of the drive or probe."""
     bodies: tuple[int, int]
+    """Indices of body a (-1 for the ground) and of body b."""
     points: tuple[Pair, Pair]
+    """The points on a and on b (x, y) [m]."""
     direction: float
+    """The direction, from the x axis to the left [rad]."""
     stiffness: float | None = 0.0
+    """Stiffness of a drive [N/m]; None if rigid, 0 for a force and for a probe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mechanism:
-    """Rigid bodies joined by springs.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    bodies : tuple of RigidBody
-        The bodies, fixed ones included.
-    hinges : tuple of SpringHinge
-        The springs.
-    drives : tuple of Sight
-        Where drives act: from the body that a drive stands on to the one that it pushes.
-    probes : tuple of Sight
-        Where motion is read.
-    """
+    """Rigid bodies joined by springs."""
 
     name: str
+    """Its name."""
     bodies: tuple[RigidBody, ...]
+    """The bodies, fixed ones included."""
     hinges: tuple[SpringHinge, ...]
+    """The springs."""
     drives: tuple[Sight, ...] = ()
+    """Where drives act: from the body that a drive stands on to the one that it pushes."""
     probes: tuple[Sight, ...] = ()
+    """Where motion is read."""
 
     __repr__ = short_repr
 
@@ -189,7 +150,7 @@ def mechanism(
     stage : Stage
         The stage.
     method : str
-        How hinge stiffness is found, one of `flexstage.hinges.METHODS`.
+        How hinge stiffness is found, one of `flexstage.hinges.compliance.METHODS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
 

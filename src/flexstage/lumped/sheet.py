@@ -15,8 +15,6 @@ from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.lumped.symbols import upright
 from flexstage.lumped.transfer import TransferFunction
 
-__all__ = ["equation_sheet"]
-
 # a determinant of more operations is shown with its numbers only
 _LONGEST = 2500
 

@@ -4,55 +4,35 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-__all__ = ["Formula", "Item", "Paragraph", "Section", "Tabular"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paragraph:
-    """A sentence or two.
-
-    Parameters
-    ----------
-    text : str
-        Plain text.
-    """
+    """A sentence or two."""
 
     text: str
+    """Plain text."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Formula:
-    """An equation.
-
-    Parameters
-    ----------
-    left : sympy.Basic or str
-        Left side; LaTeX where it is a text.
-    right : sympy.Basic or str
-        Right side; LaTeX where it is a text.
-    plain : str
-        Left side in plain text, where `left` is LaTeX that does not read well as such.
-    """
+    """An equation."""
 
     left: sp.Basic | str
+    """Left side; LaTeX where it is a text."""
     right: sp.Basic | str
+    """Right side; LaTeX where it is a text."""
     plain: str = ""
+    """Left side in plain text, where `left` is LaTeX that does not read well as such."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tabular:
-    """A table of texts, numbers and expressions.
-
-    Parameters
-    ----------
-    header : tuple
-        Heads of the columns: texts or expressions.
-    rows : tuple of tuple
-        Cells: texts, numbers or expressions.
-    """
+    """A table of texts, numbers and expressions."""
 
     header: tuple[str | sp.Basic, ...]
+    """Heads of the columns: texts or expressions."""
     rows: tuple[tuple[str | float | sp.Basic, ...], ...]
+    """Cells: texts, numbers or expressions."""
 
 
 Item = Paragraph | Formula | Tabular
@@ -60,18 +40,11 @@ Item = Paragraph | Formula | Tabular
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
-    """A section of the sheet.
-
-    Parameters
-    ----------
-    key : str
-        Short name by which a program finds it.
-    title : str
-        Its heading.
-    items : tuple
-        Paragraphs, formulas and tables in order.
-    """
+    """A section of the sheet."""
 
     key: str
+    """Short name by which a program finds it."""
     title: str
+    """Its heading."""
     items: tuple[Item, ...]
+    """Paragraphs, formulas and tables in order."""

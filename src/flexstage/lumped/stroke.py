@@ -4,17 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism, mechanism
 from flexstage.short_repr import short_repr
 from flexstage.stage.model import Stage
-
-__all__ = ["Equilibrium", "StrokePath", "equilibrium", "stroke_path"]
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 30
 # part of the elastic energy that a last correction may still carry: displacements to 1e-12
@@ -25,55 +22,36 @@ _ROUNDING = 1e-16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Equilibrium:
-    """A state of equilibrium.
-
-    Parameters
-    ----------
-    q : numpy.ndarray
-        Coordinates, shape (n,).
-    drive_force : dict of str to float
-        Force of each drive whose displacement is imposed, positive if it pushes [N].
-    iterations : int
-        Newton steps that were taken.
-    """
+    """A state of equilibrium."""
 
     q: Array
+    """Coordinates, shape (n,)."""
     drive_force: dict[str, float]
+    """Force of each drive whose displacement is imposed, positive if it pushes [N]."""
     iterations: int
+    """Newton steps that were taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StrokePath:
-    """Motion of a probe's point over the stroke of a drive.
-
-    Parameters
-    ----------
-    drive : str
-        Name of the drive.
-    probe : str
-        Name of the probe.
-    displacement : numpy.ndarray
-        Elongation of the drive [m], shape (k,).
-    drive_force : numpy.ndarray
-        Force that it takes [N], shape (k,).
-    along : numpy.ndarray
-        Displacement along the probe's direction [m], shape (k,).
-    across : numpy.ndarray
-        Displacement to the left of it [m], shape (k,).
-    rotation : numpy.ndarray
-        Rotation of the probed body [rad], shape (k,).
-    q : numpy.ndarray
-        Coordinates, shape (k, n).
-    """
+    """Motion of a probe's point over the stroke of a drive."""
 
     drive: str
+    """Name of the drive."""
     probe: str
+    """Name of the probe."""
     displacement: Array
+    """Elongation of the drive [m], shape (k,)."""
     drive_force: Array
+    """Force that it takes [N], shape (k,)."""
     along: Array
+    """Displacement along the probe's direction [m], shape (k,)."""
     across: Array
+    """Displacement to the left of it [m], shape (k,)."""
     rotation: Array
+    """Rotation of the probed body [rad], shape (k,)."""
     q: Array
+    """Coordinates, shape (k, n)."""
 
     __repr__ = short_repr
 

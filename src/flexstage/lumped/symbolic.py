@@ -19,8 +19,8 @@ from typing import Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped.evaluate import number, starting_values
 from flexstage.lumped.hinge_block import generic_hinge
@@ -34,87 +34,65 @@ from flexstage.lumped.symbolic_assembly import (
 from flexstage.lumped.symbols import SymbolTable
 from flexstage.stage.model import Stage
 
-__all__ = ["DampingKind", "Port", "SymbolicModel", "symbolic_model"]
-
-Array = NDArray[np.float64]
 DampingKind = Literal["none", "hinge", "rayleigh"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Port:
-    """A drive or a probe in symbols.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    vector : sympy.ImmutableMatrix
-        Elongation or reading for each coordinate, shape (n, 1).
-    stiffness : sympy.Expr or None
-        Stiffness of a drive; None if rigid, 0 for a force and for a probe.
-    """
+    """A drive or a probe in symbols."""
 
     name: str
+    """Its name."""
     vector: sp.ImmutableMatrix
+    """Elongation or reading for each coordinate, shape (n, 1)."""
     stiffness: sp.Expr | None = sp.S.Zero
+    """Stiffness of a drive; None if rigid, 0 for a force and for a probe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SymbolicModel:
-    """Equations of motion in symbols, M q'' + C q' + K q = Q.
-
-    Parameters
-    ----------
-    name : str
-        Name of the stage.
-    bodies : tuple of str
-        Names of the free bodies: number i is ``bodies[i - 1]``.
-    held : tuple of str
-        Names of the held bodies.
-    coordinates : tuple of sympy.Symbol
-        q, for each free body x, y of its centre of mass and its rotation theta.
-    rates, accelerations : tuple of sympy.Symbol
-        Their first and second derivatives in time.
-    forces : tuple of sympy.Symbol
-        Generalised forces Q.
-    kinetic_energy, potential_energy, dissipation : sympy.Expr
-        T, V and Rayleigh's function D.
-    M, C, K : sympy.ImmutableSparseMatrix
-        Mass, damping and stiffness, shape (n, n).
-    hinges : tuple of HingeConstants
-        The hinges.
-    body_constants : tuple of tuple of sympy.Expr
-        Mass and inertia of each free body.
-    drives, probes : tuple of Port
-        Where the stage is driven and read.
-    values : dict
-        The number that each symbol stands for [SI].
-    damping : str
-        ``none``, ``hinge`` or ``rayleigh``.
-    source : Mechanism
-        The bodies and springs that it was derived from.
-    """
+    """Equations of motion in symbols, M q'' + C q' + K q = Q."""
 
     name: str
+    """Name of the stage."""
     bodies: tuple[str, ...]
+    """Names of the free bodies: number i is ``bodies[i - 1]``."""
     held: tuple[str, ...]
+    """Names of the held bodies."""
     coordinates: tuple[sp.Symbol, ...]
+    """q, for each free body x, y of its centre of mass and its rotation theta."""
     rates: tuple[sp.Symbol, ...]
+    """Their first and second derivatives in time."""
     accelerations: tuple[sp.Symbol, ...]
+    """Their first and second derivatives in time."""
     forces: tuple[sp.Symbol, ...]
+    """Generalised forces Q."""
     kinetic_energy: sp.Expr
+    """T, V and Rayleigh's function D."""
     potential_energy: sp.Expr
+    """T, V and Rayleigh's function D."""
     dissipation: sp.Expr
+    """T, V and Rayleigh's function D."""
     M: sp.ImmutableSparseMatrix
+    """Mass, damping and stiffness, shape (n, n)."""
     C: sp.ImmutableSparseMatrix
+    """Mass, damping and stiffness, shape (n, n)."""
     K: sp.ImmutableSparseMatrix
+    """Mass, damping and stiffness, shape (n, n)."""
     hinges: tuple[HingeConstants, ...]
+    """The hinges."""
     body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
+    """Mass and inertia of each free body."""
     drives: tuple[Port, ...]
+    """Where the stage is driven and read."""
     probes: tuple[Port, ...]
+    """Where the stage is driven and read."""
     values: dict[sp.Symbol, float]
+    """The number that each symbol stands for [SI]."""
     damping: DampingKind
+    """``none``, ``hinge`` or ``rayleigh``."""
     source: Mechanism
+    """The bodies and springs that it was derived from."""
 
     @property
     def order(self) -> int:

@@ -12,51 +12,25 @@ from flexstage.lumped.hinge_block import generic_hinge
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 from flexstage.lumped.symbols import SymbolTable
 
-__all__ = ["HingeConstants", "assemble_blocks", "hinge_constants", "sight_vector"]
-
 _KEYS = {"uu": (0, 0), "vv": (1, 1), "tt": (2, 2), "uv": (0, 1), "ut": (0, 2), "vt": (1, 2)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HingeConstants:
-    """What a hinge puts into the generic block.
-
-    Parameters
-    ----------
-    name : str
-        Name of the hinge.
-    bodies : tuple of int
-        Numbers of bodies a and b among the free ones, from 1; 0 for what is held.
-    constants : dict
-        Expression for each symbol of `flexstage.lumped.hinge_block.generic_hinge`.
-    """
+    """What a hinge puts into the generic block."""
 
     name: str
+    """Name of the hinge."""
     bodies: tuple[int, int]
+    """Numbers of bodies a and b among the free ones, from 1; 0 for what is held."""
     constants: dict[sp.Symbol, sp.Expr]
+    """Expression for each symbol of `flexstage.lumped.hinge_block.generic_hinge`."""
 
 
 def hinge_constants(
     source: Mechanism, table: SymbolTable, i: int, damping: str
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return what a hinge puts in the place of each symbol of the generic hinge.
-
-    Parameters
-    ----------
-    source : Mechanism
-        The mechanism.
-    table : SymbolTable
-        Gives the symbols.
-    i : int
-        Index of the hinge.
-    damping : str
-        ``hinge`` if it has a damper as well.
-
-    Returns
-    -------
-    dict
-        An expression for each symbol.
-    """
+    """Return what a hinge puts in the place of each symbol of the generic hinge."""
     hinge, generic = source.hinges[i], generic_hinge()
     out: dict[sp.Symbol, sp.Expr] = {}
     for side, body in enumerate(hinge.bodies):
@@ -82,28 +56,7 @@ def assemble_blocks(
     local: tuple[sp.Symbol, ...],
     q: tuple[sp.Symbol, ...],
 ) -> tuple[dict[tuple[int, int], sp.Expr], sp.Expr]:
-    """Sum the blocks and energies of all hinges; held bodies have no coordinates.
-
-    Parameters
-    ----------
-    hinges : tuple of HingeConstants
-        The hinges.
-    block : sympy.ImmutableMatrix
-        Block of the generic hinge, shape (6, 6).
-    energy : sympy.Expr
-        Energy of the generic hinge.
-    local : tuple of sympy.Symbol
-        The six coordinates or rates of the generic hinge.
-    q : tuple of sympy.Symbol
-        Those of the stage.
-
-    Returns
-    -------
-    dict
-        Entries of the matrix by row and column.
-    sympy.Expr
-        The energy of all hinges.
-    """
+    """Sum the blocks and energies of all hinges; held bodies have no coordinates."""
     terms: dict[tuple[int, int], list[sp.Expr]] = {}
     energies = []
     for hinge in hinges:
@@ -129,24 +82,7 @@ def assemble_blocks(
 def sight_vector(
     source: Mechanism, table: SymbolTable, sight: Sight, numbers: dict[int, int]
 ) -> sp.ImmutableMatrix:
-    """Return the elongation of a drive or the reading of a probe for each coordinate.
-
-    Parameters
-    ----------
-    source : Mechanism
-        The mechanism.
-    table : SymbolTable
-        Gives the symbols.
-    sight : Sight
-        The drive or probe.
-    numbers : dict
-        Number of each free body, from 1, by its index in the mechanism.
-
-    Returns
-    -------
-    sympy.ImmutableMatrix
-        The vector, shape (n, 1).
-    """
+    """Return the elongation of a drive or the reading of a probe for each coordinate."""
     c, s = table.direction(sight.direction)
     # the line of action goes through the point on body b and turns with body a: its first order
     at = sight.points[1]

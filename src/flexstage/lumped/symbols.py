@@ -13,21 +13,9 @@ from numpy.typing import NDArray
 
 from flexstage.lumped.rigid_bodies import Mechanism
 
-__all__ = ["SymbolTable", "upright"]
-
 
 def upright(name: str) -> str:
     r"""Write a name of a drive or probe as an index of a symbol, in LaTeX.
-
-    Parameters
-    ----------
-    name : str
-        Any name.
-
-    Returns
-    -------
-    str
-        The name in upright type; what means something to LaTeX is left out.
 
     Examples
     --------
@@ -53,13 +41,7 @@ _TEXT = {
 
 
 class SymbolTable:
-    """Gives a symbol for each number, the same symbol for the same number.
-
-    Parameters
-    ----------
-    source : Mechanism
-        The mechanism; its size sets how close two lengths must be to be one.
-    """
+    """Gives a symbol for each number, the same symbol for the same number."""
 
     def __init__(self, source: Mechanism) -> None:
         points = [b.centre for b in source.bodies] + [h.at for h in source.hinges]
@@ -69,48 +51,15 @@ class SymbolTable:
         self.values: dict[sp.Symbol, float] = {}
 
     def mass(self, value: float) -> sp.Symbol:
-        """Return the symbol of a mass.
-
-        Parameters
-        ----------
-        value : float
-            The mass [kg].
-
-        Returns
-        -------
-        sympy.Symbol
-            m_1, m_2, ...
-        """
+        """Return the symbol of a mass."""
         return self._symbol("m", value, 1e-13 * value, positive=True)
 
     def inertia(self, value: float) -> sp.Symbol:
-        """Return the symbol of a moment of inertia.
-
-        Parameters
-        ----------
-        value : float
-            The moment of inertia [kg m^2].
-
-        Returns
-        -------
-        sympy.Symbol
-            J_1, J_2, ...
-        """
+        """Return the symbol of a moment of inertia."""
         return self._symbol("J", value, 1e-13 * value, positive=True)
 
     def length(self, value: float) -> sp.Expr:
-        """Return the symbol of a lever arm, with its sign.
-
-        Parameters
-        ----------
-        value : float
-            The lever arm [m].
-
-        Returns
-        -------
-        sympy.Expr
-            l_1 or -l_1, ..., or 0.
-        """
+        """Return the symbol of a lever arm, with its sign."""
         near = _SAME * self._size
         if abs(value) <= near:
             return sp.S.Zero
@@ -118,18 +67,7 @@ class SymbolTable:
         return symbol if value > 0.0 else -symbol
 
     def direction(self, angle: float) -> tuple[sp.Expr, sp.Expr]:
-        """Return cosine and sine of a direction; numbers where it is along x or y.
-
-        Parameters
-        ----------
-        angle : float
-            The direction [rad].
-
-        Returns
-        -------
-        tuple of sympy.Expr
-            cos and sin.
-        """
+        """Return cosine and sine of a direction; numbers where it is along x or y."""
         c, s = math.cos(angle), math.sin(angle)
         if min(abs(c), abs(s)) < 1e-15:
             return sp.Integer(round(c)), sp.Integer(round(s))
@@ -137,18 +75,7 @@ class SymbolTable:
         return sp.cos(symbol), sp.sin(symbol)
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
-        """Return the number of a kind of hinge.
-
-        Parameters
-        ----------
-        stiffness : numpy.ndarray
-            Its stiffness, shape (3, 3).
-
-        Returns
-        -------
-        int
-            1, 2, ...; the same for hinges of the same stiffness.
-        """
+        """Return the number of a kind of hinge."""
         for i, known in enumerate(self._types):
             scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
             if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
@@ -159,26 +86,7 @@ class SymbolTable:
     def spring(
         self, letter: str, key: str, group: int, stiffness: float, *, value: float | None = None
     ) -> sp.Expr:
-        """Return the symbol of an entry of a hinge's stiffness or damping.
-
-        Parameters
-        ----------
-        letter : str
-            ``k`` or ``c``.
-        key : str
-            Two letters, ``uu`` for along the hinge and so on.
-        group : int
-            Kind of hinge.
-        stiffness : float
-            The entry of its stiffness [SI].
-        value : float, optional
-            Number of the symbol, if not `stiffness`.
-
-        Returns
-        -------
-        sympy.Expr
-            The symbol, or 0 where the stiffness has no such coupling.
-        """
+        """Return the symbol of an entry of a hinge's stiffness or damping."""
         known = self._types[group - 1]
         i, j = ("uvt".index(c) for c in key)
         # rounding leaves couplings that a symmetric notch does not have
@@ -189,32 +97,13 @@ class SymbolTable:
         return symbol
 
     def drive_stiffness(self, number: int, value: float) -> sp.Symbol:
-        """Return the symbol of a drive's stiffness.
-
-        Parameters
-        ----------
-        number : int
-            Number of the drive.
-        value : float
-            Its stiffness [N/m].
-
-        Returns
-        -------
-        sympy.Symbol
-            k_d1, k_d2, ...
-        """
+        """Return the symbol of a drive's stiffness."""
         symbol = sp.Symbol(f"k_{{d{number}}}", positive=True)
         self.values[symbol] = value
         return symbol
 
     def rayleigh(self) -> tuple[sp.Symbol, sp.Symbol]:
-        """Return the symbols of Rayleigh damping, with value 0.
-
-        Returns
-        -------
-        tuple of sympy.Symbol
-            alpha and beta.
-        """
+        """Return the symbols of Rayleigh damping, with value 0."""
         alpha, beta = sp.symbols("alpha beta", nonnegative=True)
         self.values |= {alpha: 0.0, beta: 0.0}
         return alpha, beta

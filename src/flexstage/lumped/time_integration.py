@@ -19,15 +19,12 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lu_factor, lu_solve
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.lumped.finite_rotation import NonlinearMechanism
-
-__all__ = ["Motion", "motion"]
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 25
 _REFRESH_AFTER = 8
@@ -37,27 +34,18 @@ _MORE_POINTS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """A motion in time.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (k,).
-    q : numpy.ndarray
-        Coordinates, shape (k, n).
-    velocity : numpy.ndarray
-        Their rates, shape (k, n).
-    kinetic_energy : numpy.ndarray
-        T [J], shape (k,).
-    potential_energy : numpy.ndarray
-        Energy in the hinges V [J], shape (k,).
-    """
+    """A motion in time."""
 
     time: Array
+    """Times [s], shape (k,)."""
     q: Array
+    """Coordinates, shape (k, n)."""
     velocity: Array
+    """Their rates, shape (k, n)."""
     kinetic_energy: Array
+    """T [J], shape (k,)."""
     potential_energy: Array
+    """Energy in the hinges V [J], shape (k,)."""
 
     @property
     def energy(self) -> Array:

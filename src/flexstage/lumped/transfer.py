@@ -30,8 +30,6 @@ from flexstage.errors import ModelError
 from flexstage.lumped.reduction import ReducedModel
 from flexstage.lumped.symbolic import SymbolicModel
 
-__all__ = ["LARGEST_ORDER", "TransferFunction", "transfer_function"]
-
 InputKind = Literal["force", "free displacement"]
 
 #: Coordinates beyond which determinants are too long to read.
@@ -40,31 +38,22 @@ LARGEST_ORDER = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TransferFunction:
-    """A ratio of polynomials in Laplace's variable s.
-
-    Parameters
-    ----------
-    drive : str
-        Name of the drive.
-    probe : str
-        Name of the probe.
-    input_kind : str
-        ``force`` [N] or ``free displacement`` of the drive [m].
-    s : sympy.Symbol
-        Laplace's variable.
-    numerator, denominator : sympy.Expr
-        The polynomials.
-    values : dict
-        The number that each symbol stands for [SI].
-    """
+    """A ratio of polynomials in Laplace's variable s."""
 
     drive: str
+    """Name of the drive."""
     probe: str
+    """Name of the probe."""
     input_kind: InputKind
+    """``force`` [N] or ``free displacement`` of the drive [m]."""
     s: sp.Symbol
+    """Laplace's variable."""
     numerator: sp.Expr
+    """The polynomials."""
     denominator: sp.Expr
+    """The polynomials."""
     values: dict[sp.Symbol, float]
+    """The number that each symbol stands for [SI]."""
 
     @property
     def expression(self) -> sp.Expr:

@@ -19,29 +19,9 @@ from flexstage.plans.verbs import Centre, Characterise, Compensate, Identify, Me
 from flexstage.plans.verify_step import verified_from, verify
 from flexstage.plans.work import Work
 
-__all__ = ["carry_out", "result_of"]
-
 
 def carry_out(work: Work, step: Step) -> list[Path]:
-    """Do what a step asks for, and write what it gives.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    step : Step
-        The step.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Its files; none of a step that is computed anew each time.
-
-    Raises
-    ------
-    FlexstageError
-        It cannot be done.
-    """
+    """Do what a step asks for, and write what it gives."""
     action = step.action
     if isinstance(action, Measure):
         return [measure(work, step.name, action)]
@@ -55,24 +35,7 @@ def carry_out(work: Work, step: Step) -> list[Path]:
 
 
 def result_of(work: Work, step: Step, files: list[Path], *, now: bool) -> StepResult:
-    """Return the result of a step from what it wrote, now or in an earlier run.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    step : Step
-        The step.
-    files : list of pathlib.Path
-        Its files.
-    now : bool
-        Whether they were written now.
-
-    Returns
-    -------
-    StepResult
-        The result.
-    """
+    """Return the result of a step from what it wrote, now or in an earlier run."""
     action, name = step.action, step.name
     if isinstance(action, Excite):
         return _commanded(work, name, action)

@@ -4,30 +4,17 @@ import datetime
 from pathlib import Path
 
 from flexstage.errors import FlexstageError
-from flexstage.instruments.catalogue import Catalogue, ModelEntry, StageEntry, enter_folder
+from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
+from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.plans.results import IdentifiedStep
 from flexstage.plans.state import file_hash
 from flexstage.plans.work import Work
 from flexstage.provenance import content_hash
 
-__all__ = ["enter_all"]
-
 
 def enter_all(work: Work, catalogue: str | None) -> tuple[str, ...]:
-    """Enter every record and model of a run; what cannot be entered is told and never lost.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    catalogue : str or None
-        The database; nothing is entered where None.
-
-    Returns
-    -------
-    tuple of str
-        What could not be entered, and why: `flexstage runs add` enters it later.
-    """
+    """Enter every record and model of a run; what cannot be entered is told and never lost."""
     if catalogue is None:
         return ()
     try:

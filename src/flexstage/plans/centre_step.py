@@ -15,11 +15,10 @@ from flexstage.errors import PlanError
 from flexstage.plans.files import write_text
 from flexstage.plans.positioner import InstrumentPositioner
 from flexstage.plans.recorded import park
-from flexstage.plans.results import CentredMove, CentredStep
+from flexstage.plans.results import CentredStep
+from flexstage.plans.results_centring import CentredMove
 from flexstage.plans.verbs import Centre
 from flexstage.plans.work import Work
-
-__all__ = ["centre_scale", "centred_from"]
 
 _ORDERS = range(1, 25)
 _NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
@@ -45,27 +44,7 @@ class _Bench:
 
 
 def centre_scale(work: Work, name: str, action: Centre) -> Path:
-    """Centre the scale, and write every measurement and move.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Centre
-        What it does.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    FlexstageError
-        The stage cannot move the scale.
-    """
+    """Centre the scale, and write every measurement and move."""
     park(work.instrument, action.axes)
     first, second = (int(work.plan.sensor(s).channel) for s in action.sensors)
     positioner = InstrumentPositioner(
@@ -114,24 +93,7 @@ def centre_scale(work: Work, name: str, action: Centre) -> Path:
 
 
 def centred_from(work: Work, name: str, action: Centre, file: Path) -> CentredStep:
-    """Return the result of a step from its file.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Centre
-        What it does.
-    file : pathlib.Path
-        Its file.
-
-    Returns
-    -------
-    CentredStep
-        The result.
-    """
+    """Return the result of a step from its file."""
     del work, action
     try:
         read = json.loads(file.read_text(encoding="utf-8"))

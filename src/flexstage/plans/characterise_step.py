@@ -6,22 +6,15 @@ from dataclasses import replace
 
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
-from flexstage.experiment.campaign import (
-    Campaign,
-    Characterisation,
-    Columns,
-    Figure,
-    Test,
-    evaluate,
-)
+from flexstage.experiment.campaign.evaluate import evaluate
+from flexstage.experiment.campaign.plan import Campaign, Columns, Test
+from flexstage.experiment.campaign.results import Characterisation, Figure
 from flexstage.plans.excite import Blows, Chirp, Multisine
 from flexstage.plans.measure_step import RESPONSE, corner_visits
 from flexstage.plans.results import CharacterisedStep
 from flexstage.plans.verbs import Characterise, Measure
 from flexstage.plans.work import Work
 from flexstage.records import Record
-
-__all__ = ["characterised"]
 
 #: Roles that a kind of test reads.
 _ROLES: dict[str, tuple[str, ...]] = {
@@ -36,27 +29,7 @@ _COMMANDED = ("motion", "positioning", "staircase")
 
 
 def characterised(work: Work, name: str, action: Characterise) -> CharacterisedStep:
-    """Evaluate the records of earlier steps.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Characterise
-        What it does.
-
-    Returns
-    -------
-    CharacterisedStep
-        Figures of the tests.
-
-    Raises
-    ------
-    FlexstageError
-        A record cannot be evaluated; the message names the test.
-    """
+    """Evaluate the records of earlier steps."""
     tests = tuple(_test(work, step) for step in action.of)
     virtual = work.instrument.identity.simulated
     campaign = Campaign(

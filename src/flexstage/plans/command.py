@@ -4,60 +4,39 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.waveform import Quantity, Waveform
-
-__all__ = ["Command", "Strike"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
-    """Blows of a hammer.
-
-    Parameters
-    ----------
-    axis : str
-        The axis along which the stage is struck.
-    hits : int
-        How often.
-    """
+    """Blows of a hammer."""
 
     axis: str
+    """The axis along which the stage is struck."""
     hits: int
+    """How often."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """What axes are to do.
-
-    Parameters
-    ----------
-    waveform : Waveform
-        The samples.
-    cycles : int
-        How often they are run.
-    first : int
-        Samples at its beginning that prepare, and are not evaluated, over all cycles.
-    period : int
-        Samples of a cycle; 0 where there are none.
-    reference : Mapping
-        Positions that shall be followed, by axis [m], shape (n,); empty for a mere command.
-    corner : numpy.ndarray, optional
-        Number of the corner at which both axes rest, -1 on the way, shape (n,).
-    notes : tuple of str
-        What a reader should know.
-    """
+    """What axes are to do."""
 
     waveform: Waveform
+    """The samples."""
     cycles: int = 1
+    """How often they are run."""
     first: int = 0
+    """Samples at its beginning that prepare, and are not evaluated, over all cycles."""
     period: int = 0
+    """Samples of a cycle; 0 where there are none."""
     reference: Mapping[str, Array]
+    """Positions that shall be followed, by axis [m], shape (n,); empty for a mere command."""
     corner: Array | None = None
+    """Number of the corner at which both axes rest, -1 on the way, shape (n,)."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -75,53 +54,15 @@ class Command:
         return self.waveform.duration * self.cycles
 
     def at(self, axis: str, time: Array) -> Array:
-        """Return the command of an axis at some times.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        time : numpy.ndarray
-            Times from its first sample [s], shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The command [V, or m]; before its beginning that of the first sample, after its end that
-            of the last.
-        """
+        """Return the command of an axis at some times."""
         return self._at(self.waveform.values[axis], time)
 
     def reference_at(self, axis: str, time: Array) -> Array:
-        """Return the positions that an axis shall follow.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        time : numpy.ndarray
-            Times from the first sample [s], shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The positions [m].
-        """
+        """Return the positions that an axis shall follow."""
         return self._at(self.reference[axis], time)
 
     def corner_at(self, time: Array) -> Array:
-        """Return the number of the corner at some times, -1 on the way.
-
-        Parameters
-        ----------
-        time : numpy.ndarray
-            Times from the first sample [s], shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The numbers.
-        """
+        """Return the number of the corner at some times, -1 on the way."""
         if self.corner is None:
             return np.full(time.size, -1.0)
         k = np.clip(np.floor(time * self.waveform.sample_rate_hz + 1e-6), 0, self.corner.size - 1)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.control import Trajectory, compensate
 from flexstage.errors import PlanError
 from flexstage.hysteresis import DriveModel
@@ -17,35 +17,24 @@ from flexstage.plans.setting import axis_setting
 from flexstage.plans.verbs import Compensate, Reference
 from flexstage.plans.work import Work
 
-__all__ = ["Course", "compensated", "course_of", "joined"]
-
-Array = NDArray[np.float64]
-
 #: Share of the positions that may be commanded that is kept clear at each end.
 _CLEAR = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """A reference for the axis of a model.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        One period.
-    model : DriveModel
-        The drive.
-    limits : AxisLimits
-        Of the axis, the voltage no wider than the model allows.
-    settle, cycles : int
-        Periods before those that are evaluated, and these.
-    """
+    """A reference for the axis of a model."""
 
     trajectory: Trajectory
+    """One period."""
     model: DriveModel
+    """The drive."""
     limits: AxisLimits
+    """Of the axis, the voltage no wider than the model allows."""
     settle: int
+    """Periods before those that are evaluated, and these."""
     cycles: int
+    """Periods before those that are evaluated, and these."""
 
     @property
     def axis(self) -> str:
@@ -66,27 +55,7 @@ def course_of(
     *,
     controlled: bool = False,
 ) -> Course:
-    """Return the reference for the axis of a model.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    model : str
-        Step that identified the model.
-    wanted : Reference
-        What the plan asks for.
-    drive : DriveModel, optional
-        The model, where its zero has moved since.
-    controlled : bool
-        Whether it is followed under position control too, so that it keeps within the positions
-        that may be commanded.
-
-    Returns
-    -------
-    Course
-        The reference.
-    """
+    """Return the reference for the axis of a model."""
     found = work.identified(model)
     used = found.model if drive is None else drive
     limits = work.instrument.axes[found.axis].limits
@@ -126,24 +95,7 @@ def _within(
 
 
 def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]) -> Command:
-    """Return voltages over all periods, after those that condition the drive.
-
-    Parameters
-    ----------
-    course : Course
-        The reference.
-    lead_in : Waveform
-        What conditions the drive.
-    voltage : Waveform
-        The voltages of all periods.
-    notes : tuple of str
-        What a reader should know.
-
-    Returns
-    -------
-    Command
-        The command.
-    """
+    """Return voltages over all periods, after those that condition the drive."""
     axis, period = course.axis, course.positions
     before = lead_in.values[axis]
     values = np.concatenate((before, voltage.values[axis], voltage.values[axis][-1:]))
@@ -163,29 +115,7 @@ def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[st
 
 
 def compensated(work: Work, name: str, action: Compensate) -> tuple[CompensatedStep, Command]:
-    """Make the command by which an axis follows a reference.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Compensate
-        What it does.
-
-    Returns
-    -------
-    result : CompensatedStep
-        Reference, command and prediction.
-    command : Command
-        The command, ready to run.
-
-    Raises
-    ------
-    FlexstageError
-        The model has no inverse there.
-    """
+    """Make the command by which an axis follows a reference."""
     course = course_of(work, action.model, action.reference)
     axis = course.axis
     made = compensate(

@@ -5,8 +5,8 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.instruments.waveform import Waveform
 from flexstage.plans.command import Command, Strike
@@ -25,10 +25,6 @@ from flexstage.plans.excite import (
 )
 from flexstage.plans.setting import AxisSetting
 from flexstage.plans.size import require_size
-
-__all__ = ["BASE_RATE_HZ", "design_command", "whole_part"]
-
-Array = NDArray[np.float64]
 
 #: A step from level to level lasts this long, or longer where the limits ask for it [s].
 _STEP_TIME = 5e-3
@@ -52,27 +48,6 @@ def design_command(
     base_rate_hz: float = BASE_RATE_HZ,
 ) -> Command | Strike:
     """Return the samples of a command.
-
-    Parameters
-    ----------
-    wanted : Excite
-        What the plan asks for.
-    settings : Mapping
-        What each axis that it moves allows.
-    sample_rate_hz : float
-        Rate of its samples [Hz]; a faster one is taken for small sines.
-    base_rate_hz : float
-        Highest rate of samples of the instrument [Hz], of which all others are whole parts.
-
-    Returns
-    -------
-    Command or Strike
-        The command.
-
-    Raises
-    ------
-    PlanError
-        It cannot be made within what the axes allow.
 
     Examples
     --------
@@ -105,18 +80,6 @@ def design_command(
 
 def whole_part(rate_hz: float, base_rate_hz: float) -> float:
     """Return the rate nearest to another that is a whole part of the highest one.
-
-    Parameters
-    ----------
-    rate_hz : float
-        The rate that is wanted [Hz].
-    base_rate_hz : float
-        The highest rate [Hz].
-
-    Returns
-    -------
-    float
-        The rate [Hz].
 
     Examples
     --------

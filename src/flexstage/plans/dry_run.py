@@ -17,93 +17,63 @@ from flexstage.plans.setting import AxisSetting, axis_setting, estimated_stroke,
 from flexstage.plans.verbs import Centre, Compensate, Measure, Verify
 from flexstage.stage import Stage
 
-__all__ = ["DryRun", "PlannedMotion", "PlannedStep", "dry_run", "settings_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedMotion:
-    """What one axis would be told.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    unit : str
-        ``V`` or ``m``.
-    low, high : float
-        Smallest and largest value [V or m].
-    largest_rate : float
-        Largest slope [V/s or m/s].
-    limits : tuple of float
-        Lowest and highest value that is allowed [V or m].
-    rate_limit : float or None
-        Largest slope that is allowed [V/s or m/s].
-    estimated : bool
-        Whether the limits are only estimated, and an instrument will tell them.
-    """
+    """What one axis would be told."""
 
     axis: str
+    """The axis."""
     unit: str
+    """``V`` or ``m``."""
     low: float
+    """Smallest and largest value [V or m]."""
     high: float
+    """Smallest and largest value [V or m]."""
     largest_rate: float
+    """Largest slope [V/s or m/s]."""
     limits: tuple[float, float]
+    """Lowest and highest value that is allowed [V or m]."""
     rate_limit: float | None
+    """Largest slope that is allowed [V/s or m/s]."""
     estimated: bool
+    """Whether the limits are only estimated, and an instrument will tell them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedStep:
-    """What one step would do.
-
-    Parameters
-    ----------
-    name, verb : str
-        Name and verb of the step.
-    what : str
-        What it does, in words.
-    duration : float
-        How long the stage moves or is recorded [s]; 0 of a step that only computes.
-    command_duration : float
-        How long a command that is made here will take [s].
-    samples : int
-        Samples of the command.
-    signals : int
-        Number of signals that are recorded.
-    motions : tuple of PlannedMotion
-        What each axis would be told.
-    notes : tuple of str
-        What a reader should know.
-    problem : str
-        Why it cannot be carried out; empty where it can.
-    """
+    """What one step would do."""
 
     name: str
+    """Name and verb of the step."""
     verb: str
+    """Name and verb of the step."""
     what: str
+    """What it does, in words."""
     duration: float = 0.0
+    """How long the stage moves or is recorded [s]; 0 of a step that only computes."""
     command_duration: float = 0.0
+    """How long a command that is made here will take [s]."""
     samples: int = 0
+    """Samples of the command."""
     signals: int = 0
+    """Number of signals that are recorded."""
     motions: tuple[PlannedMotion, ...] = ()
+    """What each axis would be told."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
     problem: str = ""
+    """Why it cannot be carried out; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DryRun:
-    """What a plan would do.
-
-    Parameters
-    ----------
-    stage : str
-        Name of the stage.
-    steps : tuple of PlannedStep
-        Its steps.
-    """
+    """What a plan would do."""
 
     stage: str
+    """Name of the stage."""
     steps: tuple[PlannedStep, ...]
+    """Its steps."""
 
     @property
     def duration(self) -> float:
@@ -123,24 +93,7 @@ def settings_of(
     limits: Mapping[str, AxisLimits] | None = None,
     natural_frequency_hz: float | None = None,
 ) -> dict[str, AxisSetting]:
-    """Return what the axes of a command allow.
-
-    Parameters
-    ----------
-    wanted : Excite
-        The command.
-    stage : Stage
-        The stage.
-    limits : Mapping, optional
-        What an instrument allows, by axis.
-    natural_frequency_hz : float, optional
-        Lowest natural frequency with the drives in place [Hz].
-
-    Returns
-    -------
-    dict
-        What each axis allows.
-    """
+    """Return what the axes of a command allow."""
     closed = wanted.kind == "positioning" or bool(getattr(wanted, "closed_loop", False))
     return {
         axis: axis_setting(
@@ -216,20 +169,7 @@ def dry_run(
 
 
 def natural_frequency(plan: Plan, stage: Stage) -> float | None:
-    """Return the lowest natural frequency that commands keep clear of.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    float or None
-        The frequency [Hz], of the plan or of the lumped model where a command needs it.
-    """
+    """Return the lowest natural frequency that commands keep clear of."""
     if plan.defaults.lowest_frequency is not None:
         return plan.defaults.lowest_frequency
     needed = any(getattr(step.action, "kind", "") == "designed" for step in plan.steps)

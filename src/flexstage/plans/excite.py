@@ -5,21 +5,6 @@ from flexstage.plans.excite_loops import Cycles, Designed, Falling
 from flexstage.plans.excite_places import Blows, Corners, Hold, Positioning, Staircase
 from flexstage.plans.excite_sines import Chirp, Multisine
 
-__all__ = [
-    "EXCITATIONS",
-    "Blows",
-    "Chirp",
-    "Corners",
-    "Cycles",
-    "Designed",
-    "Excite",
-    "Falling",
-    "Hold",
-    "Multisine",
-    "Positioning",
-    "Staircase",
-]
-
 #: Commands by their kind.
 EXCITATIONS: dict[str, type[Excite]] = {
     made.kind: made

@@ -7,12 +7,6 @@ from typing import Annotated, ClassVar
 from flexstage.errors import PlanError
 from flexstage.units import DIMENSIONS
 
-__all__ = ["TINY", "Band", "Excite", "Frequency", "Length", "Time", "Voltage"]
-
-Frequency = Annotated[float, DIMENSIONS["frequency"]]
-Time = Annotated[float, DIMENSIONS["time"]]
-Voltage = Annotated[float, DIMENSIONS["voltage"]]
-Length = Annotated[float, DIMENSIONS["length"]]
 Band = Annotated[tuple[float, float], DIMENSIONS["frequency"]]
 
 #: What stands for above nothing.

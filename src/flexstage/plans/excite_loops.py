@@ -4,45 +4,34 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.plans.excite_base import TINY, Excite, Frequency, Time
-
-__all__ = ["Cycles", "Designed", "Falling"]
+from flexstage.plans.excite_base import TINY, Excite
+from flexstage.units import Frequency, Time
 
 _SHAPES = ("triangle", "cosine")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cycles(Excite):
-    """Equal cycles, begun and ended at their low end.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    rate : float
-        Cycles in a second [Hz].
-    cycles : float
-        How many.
-    condition : float
-        How many more of them before, that are not evaluated.
-    shape : str
-        ``triangle`` or ``cosine``.
-    low, high : float
-        Ends, as shares of the range [1].
-    closed_loop : bool
-        Whether positions are commanded under control, and not voltages.
-    """
+    """Equal cycles, begun and ended at their low end."""
 
     kind: ClassVar[str] = "cycles"
 
     axis: str
+    """The axis."""
     rate: Frequency
+    """Cycles in a second [Hz]."""
     cycles: float = 3.0
+    """How many."""
     condition: float = 1.0
+    """How many more of them before, that are not evaluated."""
     shape: str = "triangle"
+    """``triangle`` or ``cosine``."""
     low: float = 0.0
+    """Ends, as shares of the range [1]."""
     high: float = 1.0
+    """Ends, as shares of the range [1]."""
     closed_loop: bool = False
+    """Whether positions are commanded under control, and not voltages."""
 
     def __post_init__(self) -> None:
         self._require(rate=(TINY, 1e6))
@@ -54,32 +43,22 @@ class Cycles(Excite):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Falling(Excite):
-    """Full cosine cycles, then cycles of falling range about the middle.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    rate : float
-        Cycles in a second [Hz].
-    full : float
-        Full cycles.
-    falling : float
-        Cycles over which the range falls.
-    smallest : float
-        Range of the last one, as a share of the whole [1].
-    condition : float
-        How many full ones before them, that are not evaluated.
-    """
+    """Full cosine cycles, then cycles of falling range about the middle."""
 
     kind: ClassVar[str] = "falling"
 
     axis: str
+    """The axis."""
     rate: Frequency
+    """Cycles in a second [Hz]."""
     full: float = 4.0
+    """Full cycles."""
     falling: float = 6.0
+    """Cycles over which the range falls."""
     smallest: float = 0.1
+    """Range of the last one, as a share of the whole [1]."""
     condition: float = 2.0
+    """How many full ones before them, that are not evaluated."""
 
     def __post_init__(self) -> None:
         self._require(rate=(TINY, 1e6), smallest=(0.001, 0.999))
@@ -88,32 +67,22 @@ class Falling(Excite):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Designed(Excite):
-    """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`.
-
-    Parameters
-    ----------
-    axis : str
-        The axis, of a piezo stack.
-    rates : tuple of float
-        How often a major loop repeats, one rate or more [Hz].
-    duration : float, optional
-        Longest time that it may take [s].
-    hold : float, optional
-        Time of its step and hold [s].
-    resonance : bool
-        Whether it ends with a multisine about the lowest resonance.
-    seed : int
-        Seed of the phases of that multisine.
-    """
+    """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`."""
 
     kind: ClassVar[str] = "designed"
 
     axis: str
+    """The axis, of a piezo stack."""
     rates: tuple[Frequency, ...] = (0.5, 5.0)
+    """How often a major loop repeats, one rate or more [Hz]."""
     duration: Time | None = None
+    """Longest time that it may take [s]."""
     hold: Time | None = None
+    """Time of its step and hold [s]."""
     resonance: bool = False
+    """Whether it ends with a multisine about the lowest resonance."""
     seed: float = 0.0
+    """Seed of the phases of that multisine."""
 
     def __post_init__(self) -> None:
         self._require(rates=(TINY, 1e6), duration=(TINY, 1e6), hold=(0.0, 1e6))

@@ -5,42 +5,30 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.plans.excite_base import TINY, Band, Excite, Time, Voltage
-
-__all__ = ["Chirp", "Multisine"]
+from flexstage.plans.excite_base import TINY, Band, Excite
+from flexstage.units import Time, Voltage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Multisine(Excite):
-    """A small sum of sines with all lines of a band, repeated.
-
-    Parameters
-    ----------
-    axis : str
-        The axis, of a piezo stack.
-    band : tuple of float
-        Ends of the band [Hz].
-    amplitude : float
-        Largest voltage from the mean [V].
-    period : float
-        Time of a period, whose inverse is the distance of the lines [s].
-    periods : float
-        How many; one more runs before them, to settle.
-    at : float
-        Where in the range, as a share [1].
-    seed : int
-        Seed of the phases.
-    """
+    """A small sum of sines with all lines of a band, repeated."""
 
     kind: ClassVar[str] = "multisine"
 
     axis: str
+    """The axis, of a piezo stack."""
     band: Band
+    """Ends of the band [Hz]."""
     amplitude: Voltage
+    """Largest voltage from the mean [V]."""
     period: Time = 1.0
+    """Time of a period, whose inverse is the distance of the lines [s]."""
     periods: float = 5.0
+    """How many; one more runs before them, to settle."""
     at: float = 0.5
+    """Where in the range, as a share [1]."""
     seed: float = 0.0
+    """Seed of the phases."""
 
     def __post_init__(self) -> None:
         self._require(amplitude=(TINY, 1e6), period=(TINY, 1e6), at=(0.0, 1.0))
@@ -55,32 +43,22 @@ class Multisine(Excite):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chirp(Excite):
-    """A small sine whose frequency rises over a band, repeated.
-
-    Parameters
-    ----------
-    axis : str
-        The axis, of a piezo stack.
-    band : tuple of float
-        Ends of the band [Hz].
-    amplitude : float
-        Its amplitude [V].
-    period : float
-        Time of one sweep [s].
-    periods : float
-        How many; one more runs before them, to settle.
-    at : float
-        Where in the range, as a share [1].
-    """
+    """A small sine whose frequency rises over a band, repeated."""
 
     kind: ClassVar[str] = "chirp"
 
     axis: str
+    """The axis, of a piezo stack."""
     band: Band
+    """Ends of the band [Hz]."""
     amplitude: Voltage
+    """Its amplitude [V]."""
     period: Time = 1.0
+    """Time of one sweep [s]."""
     periods: float = 5.0
+    """How many; one more runs before them, to settle."""
     at: float = 0.5
+    """Where in the range, as a share [1]."""
 
     def __post_init__(self) -> None:
         self._require(amplitude=(TINY, 1e6), period=(TINY, 1e6), at=(0.0, 1.0))

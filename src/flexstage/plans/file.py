@@ -14,8 +14,6 @@ from flexstage.stage.field_types import check_name
 from flexstage.stage.yaml_reader import Mapping as MappingNode
 from flexstage.stage.yaml_reader import Node, Scalar, Sequence, parse_yaml, read_text
 
-__all__ = ["find_plan", "plan_from_text", "read_plan", "ready_plans"]
-
 _VERSION = 1
 _VERBS: dict[str, type] = {
     v.verb: v for v in (Measure, Characterise, Identify, Compensate, Verify, Centre)
@@ -112,23 +110,6 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 def plan_from_text(text: str, *, source: str = "plan") -> Plan:
     """Read a plan from the text of its file.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    source : str
-        What to call it in messages.
-
-    Returns
-    -------
-    Plan
-        The plan.
-
-    Raises
-    ------
-    FlexstageError
-        It describes no possible plan.
 
     Examples
     --------

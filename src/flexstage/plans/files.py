@@ -5,24 +5,9 @@ import os
 import tempfile
 from pathlib import Path
 
-__all__ = ["write_text"]
-
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text whole, or leave what is there.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; its folder is made where it does not exist.
-    text : str
-        The text.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write a text whole, or leave what is there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     draft = Path(name)

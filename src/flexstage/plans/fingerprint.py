@@ -11,8 +11,6 @@ from flexstage.plans.verbs import Characterise, Measure
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
-__all__ = ["command_hash", "files_hash", "fingerprint"]
-
 #: Verbs that move the stage.
 MOVING = ("measure", "verify", "centre")
 
@@ -20,26 +18,7 @@ MOVING = ("measure", "verify", "centre")
 def fingerprint(
     step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
 ) -> str:
-    """Return the hash of everything that the result of a step depends on.
-
-    Parameters
-    ----------
-    step : Step
-        The step.
-    plan : Plan
-        The plan.
-    stage : Stage
-        The stage.
-    instrument : Identity
-        What a step that moves is carried out on.
-    upstream : Mapping
-        Hashes of what the steps gave that it uses, by name.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Return the hash of everything that the result of a step depends on."""
     words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
     words += [f"{name}={upstream[name]}" for name in step.needs]
     if step.verb in MOVING:
@@ -55,18 +34,7 @@ def fingerprint(
 
 
 def command_hash(command: Command | Strike) -> str:
-    """Return the hash of the samples of a command.
-
-    Parameters
-    ----------
-    command : Command or Strike
-        The command.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Return the hash of the samples of a command."""
     if isinstance(command, Strike):
         return content_hash(command)
     found = hashlib.sha256(f"{command.quantity} {command.waveform.sample_rate_hz!r}".encode())
@@ -77,17 +45,6 @@ def command_hash(command: Command | Strike) -> str:
 
 
 def files_hash(files: Mapping[str, str]) -> str:
-    """Return the hash of files from the hashes of each.
-
-    Parameters
-    ----------
-    files : Mapping
-        Hashes by name.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Return the hash of files from the hashes of each."""
     words = "\n".join(f"{name} {files[name]}" for name in sorted(files))
     return hashlib.sha256(words.encode()).hexdigest()

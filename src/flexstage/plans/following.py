@@ -4,18 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.control import (
-    ControlRun,
-    LearningSettings,
-    compensate,
-    conditioning_waveform,
-    control_run,
-    learn,
-    shifted_model,
-    tune,
-)
+from flexstage.control import LearningSettings, compensate, control_run, learn, tune
+from flexstage.control.feedforward import conditioning_waveform, shifted_model
+from flexstage.control.two_degrees import ControlRun
 from flexstage.errors import ModelError, PlanError
 from flexstage.instruments.acquire import run_waveform
 from flexstage.instruments.protocol import Capability, Signal
@@ -28,10 +20,6 @@ from flexstage.plans.recorded import park, prepare_loops, record_command
 from flexstage.plans.verbs import Verify
 from flexstage.plans.work import Work
 from flexstage.records import Record
-
-__all__ = ["LEARNING", "NOTES", "Following", "follow", "following"]
-
-Array = NDArray[np.float64]
 
 #: Under which name the errors of learning are kept among the settings of a record.
 LEARNING = "learning errors [m]"
@@ -47,46 +35,20 @@ _READINGS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Following:
-    """What all ways of a step share.
-
-    Parameters
-    ----------
-    course : Course
-        The reference, by the model with the zero that the sensor has now.
-    signals : tuple of Signal
-        What is recorded.
-    rate_hz : float
-        Rate of samples of the records [Hz].
-    shift : float
-        By how much the zero of the sensor has moved since the model was identified [m].
-    """
+    """What all ways of a step share."""
 
     course: Course
+    """The reference, by the model with the zero that the sensor has now."""
     signals: tuple[Signal, ...]
+    """What is recorded."""
     rate_hz: float
+    """Rate of samples of the records [Hz]."""
     shift: float
+    """By how much the zero of the sensor has moved since the model was identified [m]."""
 
 
 def following(work: Work, action: Verify) -> Following:
-    """Look where the zero of the sensor is now, and make the reference for it.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    action : Verify
-        What the step does.
-
-    Returns
-    -------
-    Following
-        What all ways share.
-
-    Raises
-    ------
-    FlexstageError
-        The drive cannot be conditioned.
-    """
+    """Look where the zero of the sensor is now, and make the reference for it."""
     controlled = any(way in ("feedback", "both") for way in action.ways)
     course = course_of(work, action.model, action.reference, controlled=controlled)
     axis = course.axis
@@ -112,33 +74,7 @@ def following(work: Work, action: Verify) -> Following:
 
 
 def follow(work: Work, name: str, action: Verify, way: str, own: Following, stream: Path) -> Path:
-    """Follow a reference in one way, and record it.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Verify
-        What it does.
-    way : str
-        The way.
-    own : Following
-        What all ways share.
-    stream : pathlib.Path
-        Where the samples go while they come.
-
-    Returns
-    -------
-    pathlib.Path
-        The file of the record.
-
-    Raises
-    ------
-    FlexstageError
-        The run cannot be made, or failed.
-    """
+    """Follow a reference in one way, and record it."""
     about = work.metadata(name, f"verify {way}", own.course.axis)
     about = replace(
         about,

@@ -12,35 +12,13 @@ from flexstage.plans.verbs import Identify
 from flexstage.plans.work import Work
 from flexstage.provenance import provenance
 
-__all__ = ["SETTLED", "identified_from", "identify_model"]
-
 #: Share of a record, from its start, that the largest deviation leaves out: it remembers what was
 #: before the record.
 SETTLED = 0.1
 
 
 def identify_model(work: Work, name: str, action: Identify) -> Path:
-    """Identify a model from the records of earlier steps, and write it.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Identify
-        What it does.
-
-    Returns
-    -------
-    pathlib.Path
-        The model file.
-
-    Raises
-    ------
-    FlexstageError
-        The records cannot serve.
-    """
+    """Identify a model from the records of earlier steps, and write it."""
     steps = [work.measured(step) for step in action.of]
     found = identify(
         [step.evaluated for step in steps],
@@ -89,24 +67,7 @@ def _resonance(work: Work, name: str, action: Identify) -> tuple[float, float] |
 
 
 def identified_from(work: Work, name: str, action: Identify, file: Path) -> IdentifiedStep:
-    """Return the result of a step from its model file.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Identify
-        What it does.
-    file : pathlib.Path
-        The model file.
-
-    Returns
-    -------
-    IdentifiedStep
-        The model, and how it fits the last of its records.
-    """
+    """Return the result of a step from its model file."""
     read = read_model_file(file)
     record = work.measured(action.of[-1]).evaluated
     voltage = record.channel("command").values

@@ -4,28 +4,12 @@ from pathlib import Path
 
 from flexstage.errors import RecordError
 
-__all__ = ["clear_leftovers"]
-
 
 def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[str, ...]:
     """Put aside what earlier attempts at a step have left.
 
     A stream that was cut short is recovered into ``NAME.partial-N.h5``; a record that is no longer
     valid becomes ``NAME.replaced-N.h5``.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the run.
-    name : str
-        Name of the step.
-    before : tuple of str
-        Files that were put aside earlier.
-
-    Returns
-    -------
-    tuple of str
-        All files that were put aside, from the folder of the run.
     """
     kept = list(before)
     records = folder / "records"

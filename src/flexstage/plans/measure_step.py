@@ -14,34 +14,12 @@ from flexstage.plans.work import Work
 from flexstage.records import Record, read_record
 from flexstage.stage import PiezoStack
 
-__all__ = ["measure", "measured_from"]
-
 #: What the acceleration at a blow is called.
 RESPONSE = "acceleration {}"
 
 
 def measure(work: Work, name: str, action: Measure) -> Path:
-    """Run the command of a step and record it.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Measure
-        What it does.
-
-    Returns
-    -------
-    pathlib.Path
-        The file of the record.
-
-    Raises
-    ------
-    FlexstageError
-        The run cannot be made, or failed.
-    """
+    """Run the command of a step and record it."""
     command = work.commands[action.of]
     axis = work.plan.axis_of(name)
     about = work.metadata(name, action.test or "identification", axis)
@@ -74,26 +52,7 @@ def _drives(work: Work, command: Command) -> list[Signal]:
 
 
 def measured_from(work: Work, name: str, action: Measure, file: Path, *, now: bool) -> MeasuredStep:
-    """Return the result of a step from its file.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Measure
-        What it does.
-    file : pathlib.Path
-        The file of its record.
-    now : bool
-        Whether it was measured now.
-
-    Returns
-    -------
-    MeasuredStep
-        The result.
-    """
+    """Return the result of a step from its file."""
     record = read_record(file)
     command = work.commands[action.of]
     first = period = 0
@@ -117,25 +76,7 @@ def measured_from(work: Work, name: str, action: Measure, file: Path, *, now: bo
 
 
 def corner_visits(record: Record, x: str, y: str) -> Record:
-    """Average the readings over each rest at a corner.
-
-    Parameters
-    ----------
-    record : Record
-        Samples of the two sensors and of the number of the corner, -1 on the way.
-    x, y : str
-        The sensors.
-
-    Returns
-    -------
-    Record
-        A row for each visit: ``corner``, and the two sensors.
-
-    Raises
-    ------
-    PlanError
-        There is no rest.
-    """
+    """Average the readings over each rest at a corner."""
     from flexstage.records import Channel
 
     number = record.channel("corner").values

@@ -4,8 +4,8 @@ from dataclasses import dataclass, fields
 from typing import Annotated
 
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign import Instrument
-from flexstage.experiment.uncertainty import SensorSetup
+from flexstage.experiment.campaign.plan import Instrument
+from flexstage.experiment.uncertainty.sensor import SensorSetup
 from flexstage.plans.excite import Excite
 from flexstage.plans.plan_problems import problems
 from flexstage.plans.verbs import (
@@ -18,52 +18,17 @@ from flexstage.plans.verbs import (
 )
 from flexstage.units import DIMENSIONS
 
-__all__ = ["Action", "Defaults", "Plan", "SensorEntry", "Step", "problems"]
-
 Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Centre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorEntry(Instrument):
-    """A sensor of the instrument: which channel it is, and what is known of its errors.
-
-    Parameters
-    ----------
-    name : str
-        What it reads.
-    calibration : float
-        Relative standard uncertainty of its sensitivity [1].
-    nonlinearity : float
-        Largest deviation from its line, over its range [1].
-    alignment : float
-        Standard uncertainty of the angle between its direction and that of the axis [rad].
-    abbe_offset, abbe_uncertainty : float
-        Distance of its line from the point that counts, and standard uncertainty of it [m].
-    temperature_uncertainty : float
-        Standard uncertainty of the temperature over a test [K].
-    expansion : float
-        Expansion of the loop between sensor and stage [1/K].
-    length_of_loop : float
-        Length of that loop [m].
-    drift : float
-        Standard uncertainty of the drift that is left [m/s].
-    resolution_step : float
-        Step of its reading [m].
-    time_base : float
-        Relative standard uncertainty of the clock that samples it [1].
-    channel : float
-        Number of the channel, from 1.
-    unit : str
-        ``m`` or ``rad``.
-
-    Raises
-    ------
-    PlanError
-        The number or the unit is none.
-    """
+    """A sensor of the instrument: which channel it is, and what is known of its errors."""
 
     channel: float
+    """Number of the channel, from 1."""
     unit: str = "m"
+    """``m`` or ``rad``."""
 
     def __post_init__(self) -> None:
         _ = self.instrument  # checks them
@@ -77,7 +42,6 @@ class SensorEntry(Instrument):
 
     @property
     def setup(self) -> SensorSetup:
-        """What is known of its errors, without its name."""
         return self.instrument.setup
 
     @property
@@ -88,22 +52,16 @@ class SensorEntry(Instrument):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Defaults:
-    """What holds for all steps that say nothing else.
-
-    Parameters
-    ----------
-    rate : float
-        Rate of samples of records [Hz].
-    command_rate : float
-        Rate of samples of commands [Hz]; straight lines between them.
-    lowest_frequency : float, optional
-        Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped
-        model where not given.
-    """
+    """What holds for all steps that say nothing else."""
 
     rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    """Rate of samples of records [Hz]."""
     command_rate: Annotated[float, DIMENSIONS["frequency"]] = 1000.0
+    """Rate of samples of commands [Hz]; straight lines between them."""
     lowest_frequency: Annotated[float, DIMENSIONS["frequency"]] | None = None
+    """Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped model
+    where not given.
+    """
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -114,18 +72,12 @@ class Defaults:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    action : Excite, Measure, Characterise, Identify, Compensate, Verify or Centre
-        What it does.
-    """
+    """One step."""
 
     name: str
+    """Its name."""
     action: Action
+    """What it does."""
 
     @property
     def verb(self) -> str:
@@ -142,23 +94,6 @@ class Step:
 class Plan:
     """Steps to be carried out on an instrument, in their order.
 
-    Parameters
-    ----------
-    stage : str
-        Stage file, or name of a built-in design.
-    title : str
-        What the plan is for.
-    serial_number : str
-        Serial number of the stage.
-    sensors : tuple of SensorEntry
-        The sensors.
-    defaults : Defaults
-        What holds for all steps.
-    steps : tuple of Step
-        The steps.
-    notes : tuple of str
-        Remarks that belong to every figure.
-
     Raises
     ------
     PlanError
@@ -166,12 +101,19 @@ class Plan:
     """
 
     stage: str
+    """Stage file, or name of a built-in design."""
     title: str = ""
+    """What the plan is for."""
     serial_number: str = ""
+    """Serial number of the stage."""
     sensors: tuple[SensorEntry, ...] = ()
+    """The sensors."""
     defaults: Defaults = Defaults()
+    """What holds for all steps."""
     steps: tuple[Step, ...]
+    """The steps."""
     notes: tuple[str, ...] = ()
+    """Remarks that belong to every figure."""
 
     def __post_init__(self) -> None:
         if not self.steps:

@@ -11,26 +11,11 @@ from flexstage.plans.verbs import Centre, Characterise, Identify, Measure, Verif
 if TYPE_CHECKING:
     from flexstage.plans.plan import SensorEntry, Step
 
-__all__ = ["problems"]
-
 
 def problems(
     steps: tuple[Step, ...], sensors: tuple[SensorEntry, ...]
 ) -> Iterator[tuple[int, str]]:
-    """Say what steps use that is not there.
-
-    Parameters
-    ----------
-    steps : tuple of Step
-        The steps.
-    sensors : tuple of SensorEntry
-        The sensors.
-
-    Yields
-    ------
-    tuple of int and str
-        Number of a step, from 0, and what is wrong with it.
-    """
+    """Say what steps use that is not there."""
     before: dict[str, Step] = {}
     known = [s.name for s in sensors]
     # files are named after steps, and some systems do not tell large letters from small ones

@@ -1,18 +1,14 @@
 """Two axes of an instrument as the positioner that centres a scale."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Axis, Capability, Instrument
 from flexstage.instruments.ramp import lead_to
 from flexstage.plans.recorded import prepare_loops
 from flexstage.plans.setting import AxisSetting, axis_setting, estimated_stroke
 from flexstage.stage import Stage
-
-__all__ = ["InstrumentPositioner"]
-
-Array = NDArray[np.float64]
 
 #: Readings that are averaged, a millisecond apart: one period of the mains.
 _READINGS = 20
@@ -24,19 +20,6 @@ _RESOLUTION = 5e-9
 
 class InstrumentPositioner:
     """Two axes of an instrument, commanded in metres from the middle of their ranges.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        The instrument.
-    stage : Stage
-        The stage.
-    axes : tuple of str
-        The two axes.
-    channels : tuple of int
-        Numbers of the sensors that read where they are.
-    closed_loop : bool
-        Whether an axis moves under position control where it can; a screw always does.
 
     Notes
     -----
@@ -87,34 +70,12 @@ class InstrumentPositioner:
         return 0.0, 0.0
 
     def settable(self, x: float, y: float) -> tuple[float, float]:
-        """Return the nearest commands within the limits that can be set.
-
-        Parameters
-        ----------
-        x, y : float
-            Commands [m].
-
-        Returns
-        -------
-        tuple of float
-            What would be set [m].
-        """
+        """Return the nearest commands within the limits that can be set."""
         first, second = (a.settable(c) for a, c in zip(self._axes, (x, y), strict=True))
         return first, second
 
     def move_to(self, x: float, y: float) -> tuple[float, float]:
-        """Move both axes.
-
-        Parameters
-        ----------
-        x, y : float
-            Commands [m].
-
-        Returns
-        -------
-        tuple of float
-            What was set [m].
-        """
+        """Move both axes."""
         self._position = self.settable(x, y)
         for axis, command in zip(self._axes, self._position, strict=True):
             axis.go(command)

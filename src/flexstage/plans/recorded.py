@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.instruments.acquire import record_blow, run_moves, run_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
@@ -15,10 +15,6 @@ from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.plans.command import Command, Strike
 from flexstage.progress import share
-
-__all__ = ["park", "prepare_loops", "record_command", "record_strikes"]
-
-Array = NDArray[np.float64]
 
 #: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
 _BLOW_TIME = 0.8
@@ -41,22 +37,7 @@ class _Numbered:
 
 
 def prepare_loops(instrument: Instrument, axes: Sequence[str], quantity: Quantity) -> None:
-    """Switch position control on for positions and off for voltages.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        The instrument.
-    axes : sequence of str
-        The axes.
-    quantity : {"voltage", "position"}
-        What they are to get.
-
-    Raises
-    ------
-    PlanError
-        An axis does not take it.
-    """
+    """Switch position control on for positions and off for voltages."""
     for name in axes:
         if name not in instrument.axes:
             raise PlanError(
@@ -72,15 +53,7 @@ def prepare_loops(instrument: Instrument, axes: Sequence[str], quantity: Quantit
 
 
 def park(instrument: Instrument, busy: Sequence[str]) -> None:
-    """Lead all axes that are not used to their low end, so that every run finds them there.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        The instrument.
-    busy : sequence of str
-        The axes that are used.
-    """
+    """Lead all axes that are not used to their low end, so that every run finds them there."""
     for name, axis in instrument.axes.items():
         if name in busy:
             continue
@@ -102,35 +75,7 @@ def record_command(
     *,
     feedforward: Waveform | None = None,
 ) -> Path:
-    """Run a command and record it to disk.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What runs it.
-    command : Command
-        The command.
-    signals : sequence of Signal
-        What is recorded.
-    rate_hz : float
-        Samples in a second [Hz].
-    stream : pathlib.Path
-        Where the samples go while they come; the file beside it ends in ``.h5``.
-    metadata : RunMetadata
-        What is known of the run.
-    feedforward : Waveform, optional
-        Voltages beside positions.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    FlexstageError
-        The run cannot be made, or failed; what was recorded until then is in the stream.
-    """
+    """Run a command and record it to disk."""
     prepare_loops(instrument, command.axes, command.quantity)
     park(instrument, command.axes)
     if Capability.WAVE_GENERATOR not in instrument.capabilities:
@@ -220,28 +165,7 @@ def record_strikes(
     stream: Path,
     metadata: RunMetadata,
 ) -> Path:
-    """Strike the stage some times, and record the blows one after the other.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What strikes and records.
-    strike : Strike
-        The blows.
-    signals : sequence of Signal
-        Force and responses.
-    rate_hz : float
-        Samples in a second [Hz].
-    stream : pathlib.Path
-        Where the samples go while they come.
-    metadata : RunMetadata
-        What is known of the run.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-    """
+    """Strike the stage some times, and record the blows one after the other."""
     park(instrument, ())
     rate = instrument.recorder.configure(signals, rate_hz, 2)
     samples = round(_BLOW_TIME * rate)

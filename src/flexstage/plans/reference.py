@@ -3,17 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.control import Trajectory, sine, triangle
 from flexstage.errors import PlanError
 from flexstage.hysteresis import DriveModel
 from flexstage.plans.size import require_size
 from flexstage.plans.verbs import Reference, Verify
-
-__all__ = ["reference_rate", "reference_trajectory", "require_whole_cycles", "settled_range"]
-
-Array = NDArray[np.float64]
 
 #: Samples in a cycle, at least.
 _SAMPLES_PER_CYCLE = 200
@@ -26,29 +21,7 @@ _STEADY = 4
 def settled_range(
     model: DriveModel, voltage_range: tuple[float, float], rate_hz: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the voltages that a model may be asked for, and the readings that they lead to.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The drive.
-    voltage_range : tuple of float
-        Ends of what the drive takes [V].
-    rate_hz : float
-        Cycles in a second [Hz].
-
-    Returns
-    -------
-    voltages : tuple of float
-        The range, no wider than that on which the model was identified [V].
-    readings : tuple of float
-        Lowest and highest reading when cycles over it repeat themselves [m].
-
-    Raises
-    ------
-    PlanError
-        The model was identified on another range.
-    """
+    """Return the voltages that a model may be asked for, and the readings that they lead to."""
     low, high = voltage_range
     if model.validity is not None:
         own = model.validity.input_range
@@ -67,25 +40,6 @@ def settled_range(
 
 def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float) -> float:
     """Return the rate of samples of a reference.
-
-    Parameters
-    ----------
-    wanted : Reference
-        What the plan asks for.
-    sample_rate_hz : float
-        Least rate of its samples [Hz].
-    base_rate_hz : float
-        Highest rate of the instrument, of which all others are whole parts [Hz].
-
-    Returns
-    -------
-    float
-        The rate [Hz].
-
-    Raises
-    ------
-    PlanError
-        No whole number of samples makes a period, or there are too many.
 
     Examples
     --------
@@ -106,22 +60,7 @@ def reference_rate(wanted: Reference, sample_rate_hz: float, base_rate_hz: float
 
 
 def require_whole_cycles(name: str, action: Verify, usual_rate_hz: float) -> None:
-    """Refuse a rate of samples at which cycles cannot be compared.
-
-    Parameters
-    ----------
-    name : str
-        Name of the step.
-    action : Verify
-        What it does.
-    usual_rate_hz : float
-        Rate of samples where it names none [Hz].
-
-    Raises
-    ------
-    PlanError
-        A cycle has no whole number of samples, or too few.
-    """
+    """Refuse a rate of samples at which cycles cannot be compared."""
     rate = action.rate or usual_rate_hz
     samples = rate / action.reference.rate
     if not _is_whole(samples):
@@ -138,31 +77,7 @@ def reference_trajectory(
     sample_rate_hz: float,
     base_rate_hz: float,
 ) -> Trajectory:
-    """Return one period of a reference.
-
-    Parameters
-    ----------
-    wanted : Reference
-        What the plan asks for.
-    axis : str
-        The axis.
-    readings : tuple of float
-        Lowest and highest reading that the drive reaches [m].
-    sample_rate_hz : float
-        Least rate of its samples [Hz].
-    base_rate_hz : float
-        Highest rate of the instrument, of which all others are whole parts [Hz].
-
-    Returns
-    -------
-    Trajectory
-        The period, begun at its lower end.
-
-    Raises
-    ------
-    PlanError
-        No whole number of samples makes a period.
-    """
+    """Return one period of a reference."""
     rate = reference_rate(wanted, sample_rate_hz, base_rate_hz)
     middle = 0.5 * (readings[0] + readings[1])
     half = 0.5 * wanted.share * (readings[1] - readings[0])

@@ -6,34 +6,20 @@ from pathlib import Path
 
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign import Figure
+from flexstage.experiment.campaign.results import Figure
 from flexstage.instruments.protocol import Identity
 from flexstage.plans.excite import Blows
 from flexstage.plans.plan import Plan
-from flexstage.plans.results_centring import CentredMove, CentredStep
+from flexstage.plans.results_centring import CentredStep
 from flexstage.plans.results_commands import (
     CharacterisedStep,
     CommandedStep,
     CompensatedStep,
     MeasuredStep,
 )
-from flexstage.plans.results_models import FollowedRun, IdentifiedStep, VerifiedStep
+from flexstage.plans.results_models import IdentifiedStep, VerifiedStep
 from flexstage.plans.verbs import Measure
 from flexstage.stage import Stage
-
-__all__ = [
-    "CentredMove",
-    "CentredStep",
-    "CharacterisedStep",
-    "CommandedStep",
-    "CompensatedStep",
-    "FollowedRun",
-    "IdentifiedStep",
-    "MeasuredStep",
-    "PlanResult",
-    "StepResult",
-    "VerifiedStep",
-]
 
 #: Figures that depend on whether the drives hold the stage.
 _OF_MODES = ("natural_frequency_hz", "damping_ratio")
@@ -51,50 +37,36 @@ StepResult = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanResult:
-    """What a plan gave.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    stage : Stage
-        The stage.
-    instrument : Identity
-        What it was carried out on.
-    settings : Mapping
-        Settings of the instrument, as text.
-    serial_number : str
-        Serial number of the stage.
-    operator, note : str
-        Who carried it out, and what they said about it.
-    started, finished : str
-        Dates and times, UTC, ISO 8601.
-    duration : float
-        How long it took [s].
-    folder : pathlib.Path
-        Where everything was written.
-    steps : tuple of StepResult
-        What each step gave, in their order.
-    title : str
-        What the plan is called.
-    notes : tuple of str
-        What belongs to every figure.
-    """
+    """What a plan gave."""
 
     plan: Plan
+    """The plan."""
     stage: Stage
+    """The stage."""
     instrument: Identity
+    """What it was carried out on."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Settings of the instrument, as text."""
     serial_number: str = ""
+    """Serial number of the stage."""
     operator: str = ""
+    """Who carried it out, and what they said about it."""
     note: str = ""
+    """Who carried it out, and what they said about it."""
     started: str
+    """Dates and times, UTC, ISO 8601."""
     finished: str
+    """Dates and times, UTC, ISO 8601."""
     duration: float
+    """How long it took [s]."""
     folder: Path
+    """Where everything was written."""
     steps: tuple[StepResult, ...]
+    """What each step gave, in their order."""
     title: str = ""
+    """What the plan is called."""
     notes: tuple[str, ...] = ()
+    """What belongs to every figure."""
 
     @property
     def origin(self) -> str:

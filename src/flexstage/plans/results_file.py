@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.experiment.campaign import Figure
-from flexstage.plans.files import write_text
+from flexstage.experiment.campaign.results import Figure
 from flexstage.plans.results import (
     CentredStep,
     CharacterisedStep,
@@ -23,8 +22,6 @@ from flexstage.plans.results import (
 )
 from flexstage.provenance import provenance
 
-__all__ = ["plain_results", "results_text", "write_text"]
-
 #: What the figures of a reference that was followed are given in.
 _RUN_UNITS = {
     "loop_width": "m",
@@ -37,34 +34,12 @@ _RUN_UNITS = {
 
 
 def results_text(result: PlanResult) -> str:
-    """Return the figures of a plan as the text of a file.
-
-    Parameters
-    ----------
-    result : PlanResult
-        What the plan gave.
-
-    Returns
-    -------
-    str
-        JSON in SI units.
-    """
+    """Return the figures of a plan as the text of a file."""
     return json.dumps(plain_results(result), indent=2, allow_nan=False) + "\n"
 
 
 def plain_results(result: PlanResult) -> dict[str, Any]:
-    """Return the figures of a plan as plain data.
-
-    Parameters
-    ----------
-    result : PlanResult
-        What the plan gave.
-
-    Returns
-    -------
-    dict
-        SI units; curves are in the records, which are named.
-    """
+    """Return the figures of a plan as plain data."""
     made = provenance(result.plan, dict(result.settings))
     identity = result.instrument
     return {

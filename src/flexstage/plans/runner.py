@@ -17,18 +17,17 @@ from flexstage.instruments.ramp import to_safe
 from flexstage.plans.carry_out import carry_out, result_of
 from flexstage.plans.cataloguing import enter_all
 from flexstage.plans.dry_run import dry_run, natural_frequency
+from flexstage.plans.files import write_text
 from flexstage.plans.fingerprint import command_hash, files_hash, fingerprint
 from flexstage.plans.leftovers import clear_leftovers
 from flexstage.plans.plan import Plan, Step
 from flexstage.plans.results import PlanResult
-from flexstage.plans.results_file import results_text, write_text
+from flexstage.plans.results_file import results_text
 from flexstage.plans.state import RunState, StepState, file_hash, read_state, write_state
 from flexstage.plans.work import Work, base_rate_of
 from flexstage.progress import share, tell
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
-
-__all__ = ["plan_stage", "run_plan"]
 
 
 def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:

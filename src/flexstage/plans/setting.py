@@ -8,59 +8,35 @@ from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.waveform import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
 
-__all__ = ["AxisSetting", "axis_setting", "estimated_stroke", "lowest_frequency"]
-
 #: Of a stroke that is only estimated, the middle part that a command under control keeps to.
 _CLEAR = 0.03
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSetting:
-    """What an axis allows.
-
-    Parameters
-    ----------
-    axis : str
-        The axis.
-    quantity : {"voltage", "position"}
-        What is commanded.
-    low, high : float
-        Ends of the range [V or m].
-    largest_rate : float, optional
-        Largest slew or speed [V/s or m/s].
-    smallest_step : float, optional
-        Smallest step of a screw [m].
-    capacitance : float, optional
-        Capacitance of a stack [F].
-    natural_frequency_hz : float, optional
-        Lowest natural frequency with the drives in place [Hz].
-    estimated : bool
-        Whether the range is only estimated, since no instrument has told it.
-    """
+    """What an axis allows."""
 
     axis: str
+    """The axis."""
     quantity: Quantity
+    """What is commanded."""
     low: float
+    """Ends of the range [V or m]."""
     high: float
+    """Ends of the range [V or m]."""
     largest_rate: float | None = None
+    """Largest slew or speed [V/s or m/s]."""
     smallest_step: float | None = None
+    """Smallest step of a screw [m]."""
     capacitance: float | None = None
+    """Capacitance of a stack [F]."""
     natural_frequency_hz: float | None = None
+    """Lowest natural frequency with the drives in place [Hz]."""
     estimated: bool = False
+    """Whether the range is only estimated, since no instrument has told it."""
 
     def place(self, share: float) -> float:
-        """Return the place of a share of the range.
-
-        Parameters
-        ----------
-        share : float
-            The share, 0 at the low end [1].
-
-        Returns
-        -------
-        float
-            The place [V or m].
-        """
+        """Return the place of a share of the range."""
         # both ends are met exactly
         return self.high if share == 1.0 else self.low + share * (self.high - self.low)
 
@@ -74,29 +50,6 @@ def axis_setting(
     natural_frequency_hz: float | None = None,
 ) -> AxisSetting:
     """Return what an axis allows.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    axis : str
-        The axis.
-    closed_loop : bool
-        Whether positions are commanded to a piezo axis under control; a screw takes positions only.
-    limits : AxisLimits, optional
-        What an instrument allows; the stage's own where not given.
-    natural_frequency_hz : float, optional
-        Lowest natural frequency with the drives in place [Hz].
-
-    Returns
-    -------
-    AxisSetting
-        What it allows.
-
-    Raises
-    ------
-    PlanError
-        The stage has no such axis, or its drive no range.
 
     Examples
     --------
@@ -143,23 +96,6 @@ def axis_setting(
 def estimated_stroke(stage: Stage, axis: str) -> float:
     """Return the stroke of an axis at the platform: the published one, else the lumped model's.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    axis : str
-        The axis.
-
-    Returns
-    -------
-    float
-        The stroke [m].
-
-    Raises
-    ------
-    PlanError
-        Its drive has no stroke.
-
     Examples
     --------
     >>> from flexstage.designs import design
@@ -183,18 +119,7 @@ def estimated_stroke(stage: Stage, axis: str) -> float:
 
 
 def lowest_frequency(stage: Stage) -> float | None:
-    """Return the lowest natural frequency with the drives in place, of the lumped model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    float or None
-        The frequency [Hz]; None of a stage that is free to move.
-    """
+    """Return the lowest natural frequency with the drives in place, of the lumped model."""
     from flexstage.lumped import lumped_system
     from flexstage.system import modes
 

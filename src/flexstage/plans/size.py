@@ -2,26 +2,11 @@
 
 from flexstage.errors import PlanError
 
-__all__ = ["require_size"]
-
 _MOST_SAMPLES = 5_000_000
 
 
 def require_size(size: float, kind: str) -> None:
-    """Refuse a command that would not fit into memory, before it is made.
-
-    Parameters
-    ----------
-    size : float
-        Its samples.
-    kind : str
-        What it is called.
-
-    Raises
-    ------
-    PlanError
-        It has too many.
-    """
+    """Refuse a command that would not fit into memory, before it is made."""
     if size > _MOST_SAMPLES:
         raise PlanError(
             f"the command '{kind}' would have {size:.0f} samples, and at most {_MOST_SAMPLES} are "

@@ -10,149 +10,77 @@ from typing import Any
 from flexstage.errors import PlanError
 from flexstage.plans.files import write_text
 
-__all__ = ["RunState", "StepState", "file_hash", "read_state", "write_state"]
-
 _NAME = "run.json"
 _VERSION = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepState:
-    """How far one step has come.
-
-    Parameters
-    ----------
-    status : str
-        ``running``, ``complete``, ``interrupted`` or ``failed``.
-    fingerprint : str
-        Hash of everything that the step depends on.
-    files : Mapping
-        SHA-256 of each of its files, by its name from the folder of the run.
-    partial : tuple of str
-        Files of attempts that were interrupted.
-    started, finished : str
-        Dates and times, UTC.
-    identifier : str
-        Name of the run in the catalogue; empty where it is in none.
-    message : str
-        Why it ended early.
-    """
+    """How far one step has come."""
 
     status: str
+    """``running``, ``complete``, ``interrupted`` or ``failed``."""
     fingerprint: str
+    """Hash of everything that the step depends on."""
     files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each of its files, by its name from the folder of the run."""
     partial: tuple[str, ...] = ()
+    """Files of attempts that were interrupted."""
     started: str = ""
+    """Dates and times, UTC."""
     finished: str = ""
+    """Dates and times, UTC."""
     identifier: str = ""
+    """Name of the run in the catalogue; empty where it is in none."""
     message: str = ""
+    """Why it ended early."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunState:
-    """How far a plan has come.
-
-    Parameters
-    ----------
-    plan : str
-        Title or name of the plan.
-    stage, stage_hash, serial_number : str
-        The stage.
-    instrument : Mapping
-        What the instrument says it is.
-    operator, note : str
-        Who carries it out, and what they say about it.
-    version : str
-        Version of flexstage.
-    started, finished : str
-        Dates and times, UTC; `finished` is empty until all is done.
-    steps : Mapping
-        Steps by name.
-    """
+    """How far a plan has come."""
 
     plan: str = ""
+    """Title or name of the plan."""
     stage: str = ""
+    """The stage."""
     stage_hash: str = ""
+    """The stage."""
     serial_number: str = ""
+    """The stage."""
     instrument: Mapping[str, Any] = field(default_factory=dict)
+    """What the instrument says it is."""
     operator: str = ""
+    """Who carries it out, and what they say about it."""
     note: str = ""
+    """Who carries it out, and what they say about it."""
     version: str = ""
+    """Version of flexstage."""
     started: str = ""
+    """Dates and times, UTC; `finished` is empty until all is done."""
     finished: str = ""
+    """Dates and times, UTC; `finished` is empty until all is done."""
     steps: Mapping[str, StepState] = field(default_factory=dict)
+    """Steps by name."""
 
     def with_step(self, name: str, step: StepState) -> "RunState":
-        """Return the same with one step changed.
-
-        Parameters
-        ----------
-        name : str
-            Name of the step.
-        step : StepState
-            How far it has come.
-
-        Returns
-        -------
-        RunState
-            The new state.
-        """
+        """Return the same with one step changed."""
         return replace(self, steps={**self.steps, name: step})
 
 
 def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Return the SHA-256 of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def write_state(folder: Path, state: RunState) -> None:
-    """Write the state whole, or leave the one that is there.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the run.
-    state : RunState
-        The state.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write the state whole, or leave the one that is there."""
     write_text(folder / _NAME, json.dumps({"run": _VERSION, **asdict(state)}, indent=1) + "\n")
 
 
 def read_state(folder: Path) -> RunState | None:
-    """Read the state of a run.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the run.
-
-    Returns
-    -------
-    RunState or None
-        The state; None where the folder holds none.
-
-    Raises
-    ------
-    PlanError
-        What is there is no state of a run.
-    """
+    """Read the state of a run."""
     path = folder / _NAME
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

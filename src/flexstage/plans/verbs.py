@@ -4,14 +4,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign import KINDS
-from flexstage.units import DIMENSIONS
-
-__all__ = ["Centre", "Characterise", "Compensate", "Identify", "Measure", "Reference", "Verify"]
-
-Frequency = Annotated[float, DIMENSIONS["frequency"]]
-Length = Annotated[float, DIMENSIONS["length"]]
-Angle = Annotated[float, DIMENSIONS["angle"]]
+from flexstage.experiment.campaign.plan import KINDS
+from flexstage.units import DIMENSIONS, Angle, Frequency, Length
 
 #: Sensors by what they read in a test.
 ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
@@ -27,55 +21,48 @@ def _require_rate(rate: float | None) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure:
-    """Runs a command, and records what sensors read.
-
-    Parameters
-    ----------
-    of : str
-        The earlier step whose command is run.
-    test : str, optional
-        Kind of test that the record is, as `characterise` takes it; none where it is only used to
-        identify.
-    along, across, vertical, roll, pitch, yaw, x, y : str, optional
-        The sensors that read them.
-    output : tuple of str
-        Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read.
-    also : tuple of str
-        Further sensors to record.
-    rate : float, optional
-        Rate of samples [Hz]; that of the plan where not given.
-    confidence : float
-        Of a staircase: confidence at which steps are told apart [1].
-    smallest_steps : bool
-        Of a staircase: whether its steps are the smallest that the drive makes.
-    smallest_step : float, optional
-        Of a motion commanded in metres: the smallest step of the drive [m].
-    modes : float, optional
-        Of a response: how many modes are fitted.
-    band : tuple of float, optional
-        Of a response: the band that is fitted [Hz].
-    """
+    """Runs a command, and records what sensors read."""
 
     verb: ClassVar[str] = "measure"
 
     of: str
+    """The earlier step whose command is run."""
     test: str | None = None
+    """Kind of test that the record is, as `characterise` takes it; none where it is only used to
+    identify.
+    """
     along: str | None = None
+    """The sensors that read them."""
     across: str | None = None
+    """The sensors that read them."""
     vertical: str | None = None
+    """The sensors that read them."""
     roll: str | None = None
+    """The sensors that read them."""
     pitch: str | None = None
+    """The sensors that read them."""
     yaw: str | None = None
+    """The sensors that read them."""
     x: str | None = None
+    """The sensors that read them."""
     y: str | None = None
+    """The sensors that read them."""
     output: tuple[str, ...] = ()
+    """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
     also: tuple[str, ...] = ()
+    """Further sensors to record."""
     rate: Frequency | None = None
+    """Rate of samples [Hz]; that of the plan where not given."""
     confidence: float = 0.95
+    """Of a staircase: confidence at which steps are told apart [1]."""
     smallest_steps: bool = False
+    """Of a staircase: whether its steps are the smallest that the drive makes."""
     smallest_step: Length | None = None
+    """Of a motion commanded in metres: the smallest step of the drive [m]."""
     modes: float | None = None
+    """Of a response: how many modes are fitted."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    """Of a response: the band that is fitted [Hz]."""
 
     def __post_init__(self) -> None:
         if self.test is not None and self.test not in _TESTS:
@@ -111,17 +98,12 @@ class Measure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Characterise:
-    """Evaluates records as the tests that they are.
-
-    Parameters
-    ----------
-    of : tuple of str
-        Steps that measured, each with a kind of test.
-    """
+    """Evaluates records as the tests that they are."""
 
     verb: ClassVar[str] = "characterise"
 
     of: tuple[str, ...]
+    """Steps that measured, each with a kind of test."""
 
     def __post_init__(self) -> None:
         if not self.of:
@@ -137,32 +119,25 @@ class Characterise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identify:
-    """Finds the model of a drive in records.
-
-    Parameters
-    ----------
-    of : tuple of str
-        Steps that measured the same axis.
-    output : str
-        The sensor that follows the drive.
-    models : tuple of str
-        Models of hysteresis that are tried; the simplest that is as good as the best is taken.
-    resonance : str, optional
-        The step of characterise that found natural frequency and damping of the axis with its drive
-        in place; looked for in the records where not given.
-    """
+    """Finds the model of a drive in records."""
 
     verb: ClassVar[str] = "identify"
 
     of: tuple[str, ...]
+    """Steps that measured the same axis."""
     output: str
+    """The sensor that follows the drive."""
     models: tuple[str, ...] = ("preisach",)
+    """Models of hysteresis that are tried; the simplest that is as good as the best is taken."""
     resonance: str | None = None
+    """The step of characterise that found natural frequency and damping of the axis with its drive
+    in place; looked for in the records where not given.
+    """
 
     def __post_init__(self) -> None:
         if not self.of or not self.models:
             raise PlanError("identify needs a step that measures and a model at least")
-        from flexstage.hysteresis.identification import FAMILIES
+        from flexstage.hysteresis.identification.families import FAMILIES
 
         for name in self.models:
             if name != "auto" and name not in FAMILIES:
@@ -178,27 +153,18 @@ class Identify:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """Positions that shall be followed, over and over.
-
-    Parameters
-    ----------
-    rate : float
-        Cycles in a second [Hz].
-    cycles : float
-        How many are evaluated.
-    settle : float
-        How many run before them.
-    shape : str
-        ``cosine``, or ``triangle`` with rounded corners.
-    share : float
-        Range, as a share of what the model was identified on [1].
-    """
+    """Positions that shall be followed, over and over."""
 
     rate: Frequency = 1.0
+    """Cycles in a second [Hz]."""
     cycles: float = 3.0
+    """How many are evaluated."""
     settle: float = 3.0
+    """How many run before them."""
     shape: str = "cosine"
+    """``cosine``, or ``triangle`` with rounded corners."""
     share: float = 0.99
+    """Range, as a share of what the model was identified on [1]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate < 1e6:
@@ -221,13 +187,6 @@ class Reference:
 class Compensate:
     """Makes the command by which an axis follows a reference, from the inverse of its model.
 
-    Parameters
-    ----------
-    model : str
-        The step that identified it.
-    reference : Reference
-        What shall be followed.
-
     Notes
     -----
     Validity: the zero of the sensor is that of the record from which the model was identified. What
@@ -237,7 +196,9 @@ class Compensate:
     verb: ClassVar[str] = "compensate"
 
     model: str
+    """The step that identified it."""
     reference: Reference = field(default_factory=Reference)
+    """What shall be followed."""
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -247,33 +208,24 @@ class Compensate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verify:
-    """Follows a reference in several ways, and compares what is left of the loop.
-
-    Parameters
-    ----------
-    model : str
-        The step that identified the model.
-    along : str
-        The sensor that reads the position.
-    reference : Reference
-        What shall be followed.
-    ways : tuple of str
-        ``open loop`` (the voltage in proportion to the reference), ``inverse``, ``feedback``,
-        ``both``, ``learning``.
-    trials : float
-        Trials of learning.
-    rate : float, optional
-        Rate of samples [Hz]; that of the plan where not given.
-    """
+    """Follows a reference in several ways, and compares what is left of the loop."""
 
     verb: ClassVar[str] = "verify"
 
     model: str
+    """The step that identified the model."""
     along: str
+    """The sensor that reads the position."""
     reference: Reference = field(default_factory=Reference)
+    """What shall be followed."""
     ways: tuple[str, ...] = ("open loop", "inverse")
+    """``open loop`` (the voltage in proportion to the reference), ``inverse``, ``feedback``,
+    ``both``, ``learning``.
+    """
     trials: float = 5.0
+    """Trials of learning."""
     rate: Frequency | None = None
+    """Rate of samples [Hz]; that of the plan where not given."""
 
     def __post_init__(self) -> None:
         for way in self.ways:
@@ -296,47 +248,32 @@ class Verify:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Centre:
-    """Centres an encoder scale on a turning table; table and heads are simulated.
-
-    Parameters
-    ----------
-    axes : tuple of str
-        The two axes that carry the scale.
-    sensors : tuple of str
-        The sensors that read where they carry it.
-    radius : float
-        Radius at which the scale is read [m].
-    eccentricity : tuple of float
-        Centre of the scale on the table when both axes are in their middle [m].
-    heads : tuple of float
-        Where the heads stand [rad].
-    mounting_angle : float
-        Angle of the stage on the table [rad].
-    noise : float
-        Standard deviation of a head's reading [rad].
-    target : float
-        Eccentricity that shall be reached [m].
-    moves : float
-        The most moves towards the centre.
-    closed_loop : bool
-        Whether the axes move under position control where they can.
-    seed : float
-        Seed of the scale's errors and of the noise.
-    """
+    """Centres an encoder scale on a turning table; table and heads are simulated."""
 
     verb: ClassVar[str] = "centre"
 
     axes: tuple[str, str] = ("x", "y")
+    """The two axes that carry the scale."""
     sensors: tuple[str, str] = ("x", "y")
+    """The sensors that read where they carry it."""
     radius: Length = 50e-3
+    """Radius at which the scale is read [m]."""
     eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
+    """Centre of the scale on the table when both axes are in their middle [m]."""
     heads: tuple[Angle, ...] = (0.0, 1.6, 3.1, 4.8)
+    """Where the heads stand [rad]."""
     mounting_angle: Angle = 0.4
+    """Angle of the stage on the table [rad]."""
     noise: Angle = 4.8e-6
+    """Standard deviation of a head's reading [rad]."""
     target: Length = 0.1e-6
+    """Eccentricity that shall be reached [m]."""
     moves: float = 3.0
+    """The most moves towards the centre."""
     closed_loop: bool = True
+    """Whether the axes move under position control where they can."""
     seed: float = 0.0
+    """Seed of the scale's errors and of the noise."""
 
     def __post_init__(self) -> None:
         for name in ("radius", "target", "noise"):

@@ -4,49 +4,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.campaign import Figure
-from flexstage.experiment.uncertainty import measured
+from flexstage.experiment.campaign.results import Figure
+from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.hysteresis import loop_width, tracking
 from flexstage.instruments.recording.attributes import read_metadata
 from flexstage.plans.following import LEARNING, NOTES, follow, following
 from flexstage.plans.reference import require_whole_cycles
-from flexstage.plans.results import FollowedRun, VerifiedStep
+from flexstage.plans.results import VerifiedStep
+from flexstage.plans.results_models import FollowedRun
 from flexstage.plans.verbs import Verify
 from flexstage.plans.work import Work
 from flexstage.records import Record, read_record
-
-__all__ = ["verified_from", "verify"]
-
-Array = NDArray[np.float64]
 
 _OPEN = "open loop"
 
 
 def verify(work: Work, name: str, action: Verify) -> list[Path]:
-    """Follow a reference in several ways, and record each.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Verify
-        What it does.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Files of the records, one for each way.
-
-    Raises
-    ------
-    FlexstageError
-        A run cannot be made, or failed.
-    """
+    """Follow a reference in several ways, and record each."""
     require_whole_cycles(name, action, work.plan.defaults.rate)
     own = following(work, action)
     files = []
@@ -57,24 +33,7 @@ def verify(work: Work, name: str, action: Verify) -> list[Path]:
 
 
 def verified_from(work: Work, name: str, action: Verify, files: list[Path]) -> VerifiedStep:
-    """Return the result of a step from its records.
-
-    Parameters
-    ----------
-    work : Work
-        The plan that is carried out.
-    name : str
-        Name of the step.
-    action : Verify
-        What it does.
-    files : list of pathlib.Path
-        Files of its records, in the order of its ways.
-
-    Returns
-    -------
-    VerifiedStep
-        Loop widths and errors.
-    """
+    """Return the result of a step from its records."""
     model = work.identified(action.model)
     runs = [
         _run(way, read_record(file), file, action)

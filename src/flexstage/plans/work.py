@@ -14,49 +14,35 @@ from flexstage.plans.results import IdentifiedStep, MeasuredStep, StepResult
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
-__all__ = ["Work", "base_rate_of"]
-
 
 @dataclass(slots=True, kw_only=True)
 class Work:
-    """A plan that is being carried out: the one thing here that changes.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    title : str
-        What it is called.
-    stage : Stage
-        The stage.
-    instrument : Instrument
-        The instrument.
-    folder : pathlib.Path
-        Where everything is written.
-    serial_number, operator, note : str
-        The stage's serial number, who works, and what they say about it.
-    settings : Mapping
-        Settings of the instrument at the start, as text.
-    frequency : float or None
-        Lowest natural frequency that commands keep clear of [Hz].
-    results : dict
-        What the steps gave so far, by name.
-    commands : dict
-        Commands that are ready to run, by the step that made them.
-    """
+    """A plan that is being carried out: the one thing here that changes."""
 
     plan: Plan
+    """The plan."""
     title: str
+    """What it is called."""
     stage: Stage
+    """The stage."""
     instrument: Instrument
+    """The instrument."""
     folder: Path
+    """Where everything is written."""
     serial_number: str = ""
+    """The stage's serial number, who works, and what they say about it."""
     operator: str = ""
+    """The stage's serial number, who works, and what they say about it."""
     note: str = ""
+    """The stage's serial number, who works, and what they say about it."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Settings of the instrument at the start, as text."""
     frequency: float | None = None
+    """Lowest natural frequency that commands keep clear of [Hz]."""
     results: dict[str, StepResult] = field(default_factory=dict)
+    """What the steps gave so far, by name."""
     commands: dict[str, Command | Strike] = field(default_factory=dict)
+    """Commands that are ready to run, by the step that made them."""
 
     @property
     def base_rate_hz(self) -> float:
@@ -64,74 +50,26 @@ class Work:
         return base_rate_of(self.instrument)
 
     def measured(self, name: str) -> MeasuredStep:
-        """Return what an earlier step measured.
-
-        Parameters
-        ----------
-        name : str
-            Name of the step.
-
-        Returns
-        -------
-        MeasuredStep
-            The record.
-        """
+        """Return what an earlier step measured."""
         found = self.results[name]
         if not isinstance(found, MeasuredStep):
             raise PlanError(f"step '{name}' has measured nothing")
         return found
 
     def identified(self, name: str) -> IdentifiedStep:
-        """Return the model that an earlier step identified.
-
-        Parameters
-        ----------
-        name : str
-            Name of the step.
-
-        Returns
-        -------
-        IdentifiedStep
-            The model.
-        """
+        """Return the model that an earlier step identified."""
         found = self.results[name]
         if not isinstance(found, IdentifiedStep):
             raise PlanError(f"step '{name}' has identified nothing")
         return found
 
     def signal(self, sensor: str) -> Signal:
-        """Return the signal of a sensor of the plan.
-
-        Parameters
-        ----------
-        sensor : str
-            Name of the sensor.
-
-        Returns
-        -------
-        Signal
-            What the recorder records.
-        """
+        """Return the signal of a sensor of the plan."""
         own = self.plan.sensor(sensor)
         return Signal(kind="channel", source=str(int(own.channel)), name=sensor, unit=own.unit)
 
     def metadata(self, step: str, kind: str, axis: str) -> RunMetadata:
-        """Return what is written at the head of a record.
-
-        Parameters
-        ----------
-        step : str
-            Name of the step.
-        kind : str
-            Kind of test.
-        axis : str
-            The axis, or both.
-
-        Returns
-        -------
-        RunMetadata
-            What is known of the run.
-        """
+        """Return what is written at the head of a record."""
         return RunMetadata(
             stage=self.stage.name,
             stage_hash=content_hash(self.stage),
@@ -149,18 +87,7 @@ class Work:
 
 
 def base_rate_of(instrument: Instrument) -> float:
-    """Return the highest rate of samples of a command.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        The instrument.
-
-    Returns
-    -------
-    float
-        The rate [Hz].
-    """
+    """Return the highest rate of samples of a command."""
     if Capability.WAVE_GENERATOR in instrument.capabilities:
         return instrument.waves.base_rate_hz
     return BASE_RATE_HZ

@@ -12,22 +12,9 @@ from flexstage.records.cmm_words import ANGLES, AXES, Reading
 from flexstage.records.columns import Column, Columns
 from flexstage.records.text_lines import text_lines
 
-__all__ = ["is_coordinate_report", "read_coordinates"]
-
 
 def is_coordinate_report(head: str) -> bool:
     r"""Say whether a text begins as a report of a coordinate measuring machine does.
-
-    Parameters
-    ----------
-    head : str
-        Its beginning.
-
-    Returns
-    -------
-    bool
-        Whether there is a heading over features, axes, nominal and measured values, or a table of
-        PC-DMIS.
 
     Examples
     --------
@@ -55,35 +42,10 @@ def read_coordinates(
     measurement of all features, as at successive positions of a stage. Distances and errors of form
     are called by their dimension, ``DIST1.M``.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which features, with commas between. All, where not given.
-    skip_lines : int
-        How many lines at the start are not looked at.
-    delimiter : str, optional
-        What divides the columns of a table; found where not given.
-    decimal : {".", ","}, optional
-        The decimal sign; found where not given.
-
-    Returns
-    -------
-    Columns
-        The columns, over points. Angles are in degrees; the unit of lengths is that of the report,
-        and the group ``length`` stands for all of them.
-
     Validity
     --------
     Values as printed, with the digits of the report. Tolerances are not read, and neither are rows
     of true position, whose nominal value is none.
-
-    Raises
-    ------
-    RecordError
-        A row is not understood, the decimal sign is not clear, or features and axes are not
-        measured equally often.
 
     Examples
     --------

@@ -5,8 +5,6 @@ from collections.abc import Iterable
 
 from flexstage.errors import RecordError
 
-__all__ = ["decimal_sign", "is_difference", "printed_number"]
-
 _BODY = re.compile(r"[+-]?([0-9.,]*[0-9][.,]?)([eE][+-]?\d+)?")
 # what divides thousands without being a decimal sign anywhere
 _SPACES = re.compile("(?<=[0-9])[\u00a0\u2009\u202f '\u2019](?=[0-9]{3}(?![0-9]))")
@@ -18,24 +16,6 @@ def decimal_sign(numbers: Iterable[tuple[int, str]], given: str | None = None) -
 
     ``0,025`` and ``10,0012`` can only have a decimal comma, ``1,234.5`` only a decimal point;
     ``1,234`` may be either.
-
-    Parameters
-    ----------
-    numbers : iterable of tuple
-        Number of the line, and a number as printed.
-    given : {".", ","}, optional
-        The sign, where it was said.
-
-    Returns
-    -------
-    str
-        ``"."`` or ``","``. Points of which none is surely decimal are taken as decimal, as in
-        ``10.000``.
-
-    Raises
-    ------
-    RecordError
-        The numbers contradict each other, or commas may divide thousands as well.
 
     Examples
     --------
@@ -96,25 +76,6 @@ def _shown(text: str) -> tuple[str, bool]:
 def printed_number(text: str, sign: str, where: str) -> float:
     """Return a number as printed.
 
-    Parameters
-    ----------
-    text : str
-        The number.
-    sign : {".", ","}
-        Its decimal sign; the other may divide thousands.
-    where : str
-        Where it stands, for the message.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    RecordError
-        It is none.
-
     Examples
     --------
     >>> printed_number("-1.234,5", ",", "line 3")
@@ -136,18 +97,6 @@ def printed_number(text: str, sign: str, where: str) -> float:
 
 def is_difference(deviation: str, measured: str, nominal: str, sign: str) -> bool:
     """Say whether a deviation is measured minus nominal, as far as the digits tell.
-
-    Parameters
-    ----------
-    deviation, measured, nominal : str
-        The numbers as printed.
-    sign : {".", ","}
-        Their decimal sign.
-
-    Returns
-    -------
-    bool
-        Whether it is, or is its negative: some machines count deviations away from zero.
 
     Examples
     --------

@@ -15,8 +15,6 @@ from flexstage.records.cmm_words import (
     role,
 )
 
-__all__ = ["has_report", "read_report"]
-
 _TOKEN = re.compile(r"\S+")
 _NUMBER = re.compile(r"[+-]?[0-9.,'\u2019]*[0-9][.,]?(?:[eE][+-]?\d+)?")
 # the bar that shows where in its tolerance a value is
@@ -66,16 +64,6 @@ class _Row:
 def has_report(lines: Sequence[str]) -> bool:
     """Say whether a text has a table as PC-DMIS writes it.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        The text.
-
-    Returns
-    -------
-    bool
-        Whether there is a heading that begins with the axis, with nominal and measured in it.
-
     Examples
     --------
     >>> has_report(["AX    NOMINAL   +TOL   -TOL   MEAS   DEV   OUTTOL"])
@@ -93,28 +81,7 @@ def _heading(line: str) -> _Heading | None:
 
 
 def read_report(lines: Sequence[str], decimal: str | None) -> tuple[list[Reading], tuple[str, ...]]:
-    """Read the tables of a report.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The text.
-    decimal : str, optional
-        The decimal sign; found where not given.
-
-    Returns
-    -------
-    readings : list of Reading
-        The values, by the name of the feature; distances and errors of form (M) by that of the
-        dimension.
-    left_out : tuple of str
-        Kinds of rows that are no coordinates.
-
-    Raises
-    ------
-    RecordError
-        A row is not understood, or its deviation is not measured minus nominal.
-    """
+    """Read the tables of a report."""
     rows, left_out = _rows(lines)
     if not rows:
         raise RecordError("there is no row of an axis in its tables: print the report again")

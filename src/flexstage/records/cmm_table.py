@@ -9,8 +9,6 @@ from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_n
 from flexstage.records.cmm_words import Reading, axis_name, printed_unit, role
 from flexstage.records.text_heading import split_line
 
-__all__ = ["find_table", "read_table"]
-
 _NEEDED = ("feature", "axis", "nominal", "measured")
 _DELIMITERS = ("\t", ";", "|", ",", None)
 _HEADING = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]+?)\s*[\])]|(?:\s/|\sin)\s+(\S+))\s*")
@@ -21,49 +19,22 @@ _LONGEST_TITLE = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Where a table is in a text, and what its columns are.
-
-    Parameters
-    ----------
-    line : int
-        Number of the line of its heading, from 0.
-    delimiter : str or None
-        What divides the columns; None is any white space.
-    width : int
-        Number of columns.
-    places : dict
-        Number of the column of each role.
-    units : dict
-        Unit in the heading of each role.
-    """
+    """Where a table is in a text, and what its columns are."""
 
     line: int
+    """Number of the line of its heading, from 0."""
     delimiter: str | None
+    """What divides the columns; None is any white space."""
     width: int
+    """Number of columns."""
     places: dict[str, int]
+    """Number of the column of each role."""
     units: dict[str, str]
+    """Unit in the heading of each role."""
 
 
 def find_table(lines: Sequence[str], delimiter: str | None = None) -> Table | None:
-    """Return where a table of features, axes, nominal and measured values begins.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The text.
-    delimiter : str, optional
-        What divides the columns; found where not given.
-
-    Returns
-    -------
-    Table or None
-        The table; None where there is none.
-
-    Raises
-    ------
-    RecordError
-        Two columns have the same role.
-    """
+    """Return where a table of features, axes, nominal and measured values begins."""
     wanted = _DELIMITERS if delimiter is None else (delimiter,)
     for number, line in enumerate(lines[:_LONGEST_TITLE]):
         for sign in wanted:
@@ -112,27 +83,7 @@ def _split(heading: str) -> tuple[str, str]:
 
 
 def read_table(lines: Sequence[str], table: Table, decimal: str | None) -> list[Reading]:
-    """Read the rows of a table.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The text.
-    table : Table
-        Where the table is.
-    decimal : str, optional
-        The decimal sign; found where not given.
-
-    Returns
-    -------
-    list of Reading
-        Its rows in their order.
-
-    Raises
-    ------
-    RecordError
-        A row is not as wide as the heading, or a value is no number or contradicts another.
-    """
+    """Read the rows of a table."""
     rows = _rows(lines, table)
     values = ("nominal", "measured", "deviation")
     shown = [place for name, place in table.places.items() if name in values]

@@ -5,17 +5,6 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = [
-    "ANGLES",
-    "AXES",
-    "LEFT_OUT",
-    "Reading",
-    "axis_name",
-    "plain_word",
-    "printed_unit",
-    "role",
-]
-
 
 def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
@@ -68,43 +57,26 @@ _UNITS = {"mm": "mm", "in": "inch", "inch": "inch", "inches": "inch", "cm": "cm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """One value that a measuring machine reports.
-
-    Parameters
-    ----------
-    feature : str
-        What was measured.
-    axis : str
-        Which coordinate of it.
-    nominal, measured : float
-        Where it should be and where it is, in `unit`.
-    unit : str
-        The unit, where the report says it.
-    """
+    """One value that a measuring machine reports."""
 
     feature: str
+    """What was measured."""
     axis: str
+    """Which coordinate of it."""
     nominal: float
+    """Where it should be and where it is, in `unit`."""
     measured: float
+    """Where it should be and where it is, in `unit`."""
     unit: str = ""
+    """The unit, where the report says it."""
 
 
 def plain_word(text: str) -> str:
     """Return a word without case, accents and signs.
 
-    Parameters
-    ----------
-    text : str
-        The word.
-
-    Returns
-    -------
-    str
-        Its letters and digits.
-
     Examples
     --------
-    >>> plain_word("Nennma\u00df"), plain_word("Valeur mesur\u00e9e")
+    >>> plain_word("Nennmaß"), plain_word("Valeur mesurée")
     ('nennmass', 'valeurmesuree')
     """
     bare = unicodedata.normalize("NFKD", text.casefold())
@@ -114,19 +86,9 @@ def plain_word(text: str) -> str:
 def role(heading: str) -> str:
     """Return which column a heading is over.
 
-    Parameters
-    ----------
-    heading : str
-        The heading, without its unit.
-
-    Returns
-    -------
-    str
-        ``feature``, ``axis``, ``nominal``, ``measured``, ``deviation``, ``unit``, or nothing.
-
     Examples
     --------
-    >>> role("Istma\u00df"), role("+TOL")
+    >>> role("Istmaß"), role("+TOL")
     ('measured', '')
     """
     # a sign before a word makes it another: "+TOL", "-Dev"
@@ -136,16 +98,6 @@ def role(heading: str) -> str:
 
 def axis_name(text: str) -> str:
     """Return an axis as it is called here.
-
-    Parameters
-    ----------
-    text : str
-        As it is written, ``x``, ``X-Achse`` or ``Durchmesser``.
-
-    Returns
-    -------
-    str
-        Its letter; the text in capitals where that is not known.
 
     Examples
     --------
@@ -161,16 +113,6 @@ def axis_name(text: str) -> str:
 
 def printed_unit(text: str) -> str:
     """Return a unit as it is known here.
-
-    Parameters
-    ----------
-    text : str
-        As a report prints it, ``MM`` or ``IN``.
-
-    Returns
-    -------
-    str
-        The unit; the text where it is none of a report.
 
     Examples
     --------

@@ -12,18 +12,6 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError, UnitError
 from flexstage.units import si_unit
 
-__all__ = [
-    "GRAVITY",
-    "Column",
-    "Columns",
-    "as_float",
-    "complex_parts",
-    "gravity_unit",
-    "is_acceleration",
-    "labelled",
-    "measured_unit",
-]
-
 #: What stands for the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2], and its parts.
 GRAVITY = {
     **dict.fromkeys(("g", "G", "gn", "g_n", "gee"), 9.80665),
@@ -40,93 +28,54 @@ _LAST_EXACT = 2**53
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Column:
-    """One column as the file has it.
-
-    Parameters
-    ----------
-    name : str
-        Its heading, without the unit.
-    values : numpy.ndarray
-        Its numbers, in the unit of the file, shape (n,).
-    unit : str
-        The unit that the file says; empty where it says none that is known.
-    si : tuple, optional
-        How many SI units one `unit` is, and which, where the format says what the unit alone leaves
-        open: ``g`` of an acceleration is no gram.
-    words : numpy.ndarray, optional
-        What stands where a number should, shape (n,); empty where there is one.
-    texts : tuple of str
-        The texts that its values number, of a column that labels rows.
-    """
+    """One column as the file has it."""
 
     name: str
+    """Its heading, without the unit."""
     values: NDArray[np.float64]
+    """Its numbers, in the unit of the file, shape (n,)."""
     unit: str = ""
+    """The unit that the file says; empty where it says none that is known."""
     si: tuple[float, str] | None = None
+    """How many SI units one `unit` is, and which, where the format says what the unit alone leaves
+    open: ``g`` of an acceleration is no gram.
+    """
     words: NDArray[np.str_] | None = None
+    """What stands where a number should, shape (n,); empty where there is one."""
     texts: tuple[str, ...] = ()
+    """The texts that its values number, of a column that labels rows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Columns:
-    """Equally long columns of one file.
-
-    Parameters
-    ----------
-    columns : tuple of Column
-        The columns, in the order of the file.
-    sample_rate_hz : float, optional
-        The sample rate that the file says [Hz].
-    start : float
-        The time of the first sample that the file says [s]; read with `sample_rate_hz`.
-    rate_source : str
-        Where in the file the sample rate stands.
-    hint : str
-        What a user who gives no time should be told.
-    notes : tuple of str
-        What was understood and left out.
-    attributes : Mapping
-        Further text of the file.
-    over : {"time", "frequency", "point"}
-        What the samples follow one another by.
-    axis : numpy.ndarray, optional
-        The frequency of each sample, where they follow by frequency [Hz], shape (n,).
-    groups : Mapping
-        Names that stand for several columns at once, and the numbers of those.
-    lines : numpy.ndarray, optional
-        The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
-    """
+    """Equally long columns of one file."""
 
     columns: tuple[Column, ...]
+    """The columns, in the order of the file."""
     sample_rate_hz: float | None = None
+    """The sample rate that the file says [Hz]."""
     start: float = 0.0
+    """The time of the first sample that the file says [s]; read with `sample_rate_hz`."""
     rate_source: str = ""
+    """Where in the file the sample rate stands."""
     hint: str = ""
+    """What a user who gives no time should be told."""
     notes: tuple[str, ...] = ()
+    """What was understood and left out."""
     attributes: Mapping[str, str] = field(default_factory=dict)
+    """Further text of the file."""
     over: Literal["time", "frequency", "point"] = "time"
+    """What the samples follow one another by."""
     axis: NDArray[np.float64] | None = None
+    """The frequency of each sample, where they follow by frequency [Hz], shape (n,)."""
     groups: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Names that stand for several columns at once, and the numbers of those."""
     lines: NDArray[np.intp] | None = None
+    """The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
+    """
 
     def renamed(self, names: Sequence[str]) -> "Columns":
-        """Return the same columns with other names.
-
-        Parameters
-        ----------
-        names : sequence of str
-            One name for each.
-
-        Returns
-        -------
-        Columns
-            The same numbers and units.
-
-        Raises
-        ------
-        RecordError
-            There are more or fewer names than columns.
-        """
+        """Return the same columns with other names."""
         if len(names) != len(self.columns):
             raise RecordError(
                 f"there are {len(self.columns)} columns in the file, got {len(names)} names: give "
@@ -139,18 +88,7 @@ class Columns:
         return replace(self, columns=tuple(named))
 
     def part(self, rows: slice) -> "Columns":
-        """Return some of the rows.
-
-        Parameters
-        ----------
-        rows : slice
-            Which.
-
-        Returns
-        -------
-        Columns
-            The same columns with those.
-        """
+        """Return some of the rows."""
         first = rows.indices(self.columns[0].values.size)[0]
         return replace(
             self,
@@ -168,18 +106,7 @@ class Columns:
         )
 
     def numbered(self, number: int) -> "Columns":
-        """Return the same columns with the texts of one numbered as they first appear.
-
-        Parameters
-        ----------
-        number : int
-            Number of the column.
-
-        Returns
-        -------
-        Columns
-            The same, where the column holds no text.
-        """
+        """Return the same columns with the texts of one numbered as they first appear."""
         column = self.columns[number]
         if column.words is None or not (column.words != "").any():
             return self
@@ -192,18 +119,7 @@ class Columns:
         return replace(self, columns=columns, notes=(*self.notes, note))
 
     def require_numbers(self, number: int) -> None:
-        """Refuse a column with text among its numbers.
-
-        Parameters
-        ----------
-        number : int
-            Number of the column.
-
-        Raises
-        ------
-        RecordError
-            A text stands there; the line is said.
-        """
+        """Refuse a column with text among its numbers."""
         column = self.columns[number]
         if column.words is None or self.lines is None:
             return
@@ -220,23 +136,6 @@ class Columns:
 @lru_cache(maxsize=256)
 def measured_unit(text: str) -> tuple[float, str]:
     """Return what a unit is in SI, of a quantity or of one quantity over another.
-
-    Parameters
-    ----------
-    text : str
-        The unit, ``"um"``, ``"(m/s^2)/N"`` or ``"um/N"``.
-
-    Returns
-    -------
-    factor : float
-        The number of SI units that one of it is.
-    unit : str
-        The SI unit, ``"m/s^2/N"``.
-
-    Raises
-    ------
-    UnitError
-        No such unit is known.
 
     Examples
     --------
@@ -280,20 +179,6 @@ def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> Column:
     ``Voltage (V)``, ``pos [um]`` and ``U / V`` are understood. What stands in brackets and is no
     unit stays a part of the name.
 
-    Parameters
-    ----------
-    label : str
-        The heading.
-    values : numpy.ndarray
-        The numbers, shape (n,).
-    unit : str
-        The unit, where the file says it elsewhere.
-
-    Returns
-    -------
-    Column
-        The column.
-
     Examples
     --------
     >>> labelled("pos [um]", np.zeros(2)).unit
@@ -327,16 +212,6 @@ def _split(label: str) -> tuple[str, str]:
 def is_acceleration(name: str) -> bool:
     """Say whether a name is that of an acceleration.
 
-    Parameters
-    ----------
-    name : str
-        Of a column, or of a file.
-
-    Returns
-    -------
-    bool
-        Whether a word of it says so.
-
     Examples
     --------
     >>> is_acceleration("Acceleration_2"), is_acceleration("acc_x"), is_acceleration("accuracy")
@@ -347,18 +222,6 @@ def is_acceleration(name: str) -> bool:
 
 def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
     """Return what a unit is in SI that means the acceleration of gravity, and no gram.
-
-    Parameters
-    ----------
-    unit : str
-        The unit, ``"g"`` or ``"g/N"``.
-    name : str
-        Name of the column; without an acceleration in it, ``g_n`` and a unit over a force are one.
-
-    Returns
-    -------
-    tuple or None
-        How many SI units one of it is, and which; None where it is another unit.
 
     Examples
     --------
@@ -382,20 +245,7 @@ def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
 
 
 def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Column, Column]:
-    """Return a column of complex values as two, ``NAME real`` and ``NAME imaginary``.
-
-    Parameters
-    ----------
-    column : Column
-        The column, with the real part as its values.
-    imaginary : numpy.ndarray
-        The imaginary part, shape (n,).
-
-    Returns
-    -------
-    tuple of Column
-        Both parts, each with the unit.
-    """
+    """Return a column of complex values as two, ``NAME real`` and ``NAME imaginary``."""
     return (
         replace(column, name=f"{column.name} real"),
         replace(column, name=f"{column.name} imaginary", values=imaginary),
@@ -403,25 +253,7 @@ def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Colum
 
 
 def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
-    """Return an array of a file as floats, or say why that would not be the same numbers.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Any array.
-    what : str
-        What it is, for the message.
-
-    Returns
-    -------
-    numpy.ndarray
-        The same numbers in the same shape; dates become seconds after the first.
-
-    Raises
-    ------
-    RecordError
-        The numbers are integers that a float would round, or are no numbers.
-    """
+    """Return an array of a file as floats, or say why that would not be the same numbers."""
     kind = values.dtype.kind
     if kind in "Mm":
         return _seconds(values, what)

@@ -5,14 +5,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.record import Channel, Record
-
-__all__ = ["curves_in_columns", "curves_in_records", "curves_in_rows", "from_branches"]
-
-Array = NDArray[np.float64]
 
 #: An input that is measured may go back by this share of its range.
 _NOISE = 0.02
@@ -54,28 +50,6 @@ def from_branches(
     The input rises along the first branch and falls along the second. Where the loop is closed, it
     was run before: it then begins with a loop that nothing was measured in. Where it is open at its
     lower end, the first branch began at rest.
-
-    Parameters
-    ----------
-    record : Record
-        The table: one row for each input, rising or falling.
-    input : str or int
-        The column of the input.
-    up, down : str or int
-        The columns of the output, while the input rose and while it fell.
-    sample_rate_hz : float, optional
-        Rate at which the rows were measured [Hz]; 1 Hz where not given.
-
-    Returns
-    -------
-    Record
-        Input and output over time; the output is NaN, and so is the number of the sample, where
-        nothing was measured.
-
-    Raises
-    ------
-    RecordError
-        The input of the rows does not go one way, or the branches have other units.
 
     Examples
     --------
@@ -173,29 +147,7 @@ def curves_in_columns(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the measurement of reversal curves that have a column each.
-
-    Parameters
-    ----------
-    record : Record
-        The table; a row without an output was not measured.
-    inputs : sequence of str or int
-        The column of the input, or one for each curve.
-    outputs : sequence of str or int
-        The column of the output of each curve.
-    sample_rate_hz : float, optional
-        As of `curves_in_rows`.
-
-    Returns
-    -------
-    Record
-        As of `curves_in_rows`.
-
-    Raises
-    ------
-    RecordError
-        The columns do not belong together, or the input of a curve goes back and forth.
-    """
+    """Return the measurement of reversal curves that have a column each."""
     driven = [record.channel(c) for c in inputs]
     follow = [record.channel(c) for c in outputs]
     if len(driven) not in (1, len(follow)):
@@ -220,27 +172,7 @@ def curves_in_records(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the measurement of reversal curves that have a record each.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The curves, in the order in which they were measured.
-    input, output : str or int
-        The columns of input and output.
-    sample_rate_hz : float, optional
-        As of `curves_in_rows`.
-
-    Returns
-    -------
-    Record
-        As of `curves_in_rows`; the samples are numbered through all records.
-
-    Raises
-    ------
-    RecordError
-        The units differ, or the input of a curve goes back and forth.
-    """
+    """Return the measurement of reversal curves that have a record each."""
     pairs = [(r.channel(input), r.channel(output)) for r in records]
     units = sorted({(u.unit, y.unit) for u, y in pairs})
     if len(units) > 1:

@@ -11,8 +11,6 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns, as_float, complex_parts, labelled
 from flexstage.records.unpacked import require_unpacked
 
-__all__ = ["Leaf", "Tree", "chosen_columns"]
-
 _RATE_NAMES = frozenset(
     ("fs", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency")
 )
@@ -21,39 +19,26 @@ _INTERVAL_NAMES = frozenset(("ts", "dt", "deltat", "sampletime", "interval", "sa
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Leaf:
-    """An array in a file.
-
-    Parameters
-    ----------
-    parent : str
-        Path of the group or structure that holds it; empty at the root.
-    name : str
-        Its name there.
-    shape : tuple of int
-        Its shape in the file.
-    kind : str
-        NumPy's letter of its type: ``f`` float, ``c`` complex...
-    load : callable
-        Returns the array.
-    label : str
-        Its heading, where the file holds a better one than `name`.
-    unit : str
-        Its unit, where the file says it.
-    interval : float, optional
-        Its sample interval, where the file says it [s].
-    start : float
-        The time of its first sample, where the file says it [s].
-    """
+    """An array in a file."""
 
     parent: str
+    """Path of the group or structure that holds it; empty at the root."""
     name: str
+    """Its name there."""
     shape: tuple[int, ...]
+    """Its shape in the file."""
     kind: str
+    """NumPy's letter of its type: ``f`` float, ``c`` complex..."""
     load: Callable[[], NDArray]
+    """Returns the array."""
     label: str = ""
+    """Its heading, where the file holds a better one than `name`."""
     unit: str = ""
+    """Its unit, where the file says it."""
     interval: float | None = None
+    """Its sample interval, where the file says it [s]."""
     start: float = 0.0
+    """The time of its first sample, where the file says it [s]."""
 
     @property
     def path(self) -> str:
@@ -88,24 +73,16 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tree:
-    """All that a file holds.
-
-    Parameters
-    ----------
-    leaves : tuple of Leaf
-        Its arrays, in the order of the file.
-    numbers : Mapping
-        Its single numbers, by path.
-    texts : Mapping
-        Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading.
-    file_size : int
-        Size of the file [bytes].
-    """
+    """All that a file holds."""
 
     leaves: tuple[Leaf, ...]
+    """Its arrays, in the order of the file."""
     numbers: Mapping[str, float] = field(default_factory=dict)
+    """Its single numbers, by path."""
     texts: Mapping[str, str] = field(default_factory=dict)
+    """Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
     file_size: int
+    """Size of the file [bytes]."""
 
 
 def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
@@ -113,23 +90,6 @@ def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
 
     Arrays in one group that have as many samples as each other belong together; so do the columns
     of a matrix, whose samples run along its longer side.
-
-    Parameters
-    ----------
-    tree : Tree
-        What the file holds.
-    dataset : str, optional
-        Path of a group or an array, or of several arrays with commas between.
-
-    Returns
-    -------
-    Columns
-        The columns, with the sample rate that stands beside them.
-
-    Raises
-    ------
-    RecordError
-        There is no such dataset, none at all, or several that could be meant.
     """
     leaves = _asked(tree, dataset) if dataset else _only(tree.leaves)
     for leaf in leaves:

@@ -9,8 +9,6 @@ from flexstage.records.text_lines import decoded
 from flexstage.records.touchstone import is_touchstone
 from flexstage.records.universal_sets import is_universal
 
-__all__ = ["FORMATS", "format_of"]
-
 #: Suffixes of the formats that `read_record` knows; reports of measuring machines have none.
 FORMATS: dict[str, tuple[str, ...]] = {
     "text": (".csv", ".txt", ".dat", ".tsv", ".asc", ".lvm"),
@@ -36,25 +34,7 @@ _HEAD = 65_536
 
 
 def format_of(file: Path, wanted: str | None = None) -> str:
-    """Return the format of a file: as told, by its first bytes, by its suffix.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        The file.
-    wanted : str, optional
-        Name of a format, or a suffix.
-
-    Returns
-    -------
-    str
-        One of `FORMATS`.
-
-    Raises
-    ------
-    RecordError
-        There is no such format.
-    """
+    """Return the format of a file: as told, by its first bytes, by its suffix."""
     if wanted is not None:
         suffix = f".{wanted.lower().lstrip('.')}"
         for name, suffixes in FORMATS.items():

@@ -11,8 +11,6 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Columns, labelled
 from flexstage.records.text_lines import text_lines
 
-__all__ = ["is_gcs_array", "read_gcs_array"]
-
 _KEY = re.compile(r"#\s*(?:REM\s+)?([A-Z_]+[0-9]*)\s*=\s*(.*)")
 _KEYS = re.compile(r"^#\s*(SEPARATOR|DIM|NDATA|SAMPLE_TIME|END_HEADER)\b", re.MULTILINE)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE)
@@ -21,16 +19,6 @@ _SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
 
 def is_gcs_array(head: str) -> bool:
     r"""Say whether a text begins as an array file of a GCS controller does.
-
-    Parameters
-    ----------
-    head : str
-        Its beginning.
-
-    Returns
-    -------
-    bool
-        Whether it begins with comments, and two keys of such a heading are among them.
 
     Examples
     --------
@@ -42,22 +30,6 @@ def is_gcs_array(head: str) -> bool:
 
 def read_gcs_array(path: Path) -> Columns:
     r"""Read the columns of an array file of a GCS controller.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Returns
-    -------
-    Columns
-        The columns by their ``NAME``; ``SAMPLE_TIME`` gives the sample rate. Units are not part of
-        the format.
-
-    Raises
-    ------
-    RecordError
-        The heading is damaged, or the rows are not as many or not as wide as it says.
 
     Examples
     --------

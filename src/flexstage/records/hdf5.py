@@ -11,32 +11,12 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.datasets import Leaf, Tree, chosen_columns
 
-__all__ = ["read_hdf5"]
-
 _DEEPEST = 12
 _MOST = 20_000
 
 
 def read_hdf5(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of an HDF5 file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which group, ``run1``, or which datasets, ``run1/u,run1/y``.
-
-    Returns
-    -------
-    Columns
-        The columns. Attributes ``unit`` and ``name`` of a dataset are its unit and heading.
-
-    Raises
-    ------
-    RecordError
-        The file is damaged, or does not say which columns are meant.
-    """
+    """Read the columns of an HDF5 file."""
     import h5py
 
     try:

@@ -12,33 +12,13 @@ from flexstage.records.datasets import Leaf, Tree, chosen_columns
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab_structure import require_sound
 
-__all__ = ["read_matlab"]
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _DEEPEST = 12
 _MOST_ITEMS = 200
 
 
 def read_matlab(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of a MATLAB file, of any version.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which variables, ``data.u,data.y``, or which structure, ``data``.
-
-    Returns
-    -------
-    Columns
-        The columns.
-
-    Raises
-    ------
-    RecordError
-        The file is damaged, or does not say which columns are meant.
-    """
+    """Read the columns of a MATLAB file, of any version."""
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5 in (head[:8], head[512:520]):

@@ -10,8 +10,6 @@ import zlib
 
 from flexstage.records.unpacked import most_unpacked, require_unpacked
 
-__all__ = ["require_sound"]
-
 _MATRIX, _COMPRESSED = 14, 15
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 _NAMES = (1, 2, 16)
@@ -23,20 +21,7 @@ _DEEPEST = 40
 
 
 def require_sound(data: bytes) -> None:
-    """Refuse a MATLAB 5 file whose tags contradict each other.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-
-    Raises
-    ------
-    ValueError
-        It is cut short or damaged; the message says what is wrong.
-    RecordError
-        It unpacks to too much.
-    """
+    """Refuse a MATLAB 5 file whose tags contradict each other."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("its heading is damaged")

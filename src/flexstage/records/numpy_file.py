@@ -11,30 +11,11 @@ from flexstage.records.columns import Columns
 from flexstage.records.datasets import Leaf, Tree, chosen_columns
 from flexstage.records.unpacked import require_unpacked
 
-__all__ = ["read_numpy"]
-
 
 def read_numpy(path: Path, dataset: str | None = None) -> Columns:
     """Read the columns of a NumPy file, ``.npy`` or ``.npz``.
 
     Pickled objects are never loaded, as that would run what the file says.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which arrays of an archive, ``u,y``.
-
-    Returns
-    -------
-    Columns
-        The columns; the fields of a structured array are columns with their names.
-
-    Raises
-    ------
-    RecordError
-        The file is damaged, holds objects, or does not say which columns are meant.
     """
     try:
         return chosen_columns(_tree(_arrays(path), path.stat().st_size), dataset)

@@ -9,43 +9,30 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import RecordError
 from flexstage.records.record import Record
 
-__all__ = [
-    "Saturation",
-    "constant_columns",
-    "difference_noise",
-    "noise_estimate",
-    "quantisation_step",
-    "saturation",
-]
-
 # a normal distribution's rms over the median of its absolute values
 _RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """How a column rests at its ends.
-
-    Parameters
-    ----------
-    low, high : float
-        The least and the greatest value, in the unit of the column.
-    at_low, at_high : int
-        How many samples are at each.
-    longest_low, longest_high : int
-        The longest run of samples at each.
-    clipped_low, clipped_high : bool
-        Whether the column looks cut off there.
-    """
+    """How a column rests at its ends."""
 
     low: float
+    """The least and the greatest value, in the unit of the column."""
     high: float
+    """The least and the greatest value, in the unit of the column."""
     at_low: int
+    """How many samples are at each."""
     at_high: int
+    """How many samples are at each."""
     longest_low: int
+    """The longest run of samples at each."""
     longest_high: int
+    """The longest run of samples at each."""
     clipped_low: bool
+    """Whether the column looks cut off there."""
     clipped_high: bool
+    """Whether the column looks cut off there."""
 
     @property
     def clipped(self) -> bool:
@@ -65,16 +52,6 @@ def _finite(values: ArrayLike, least: int) -> NDArray[np.float64]:
 
 def constant_columns(record: Record) -> tuple[str, ...]:
     """Return the names of the columns that never change, as a channel without a sensor does.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    tuple of str
-        Their names.
 
     Examples
     --------

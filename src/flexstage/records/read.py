@@ -20,7 +20,7 @@ from flexstage.records.columns import (
     is_acceleration,
     measured_unit,
 )
-from flexstage.records.detect import FORMATS, format_of
+from flexstage.records.detect import format_of
 from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
@@ -32,8 +32,6 @@ from flexstage.records.text import read_text
 from flexstage.records.times import timed
 from flexstage.records.touchstone import read_touchstone
 from flexstage.records.universal_file import read_universal
-
-__all__ = ["FORMATS", "read_record"]
 
 # with marks of thousands, two decimal signs, or none that is known
 _LIKE_NUMBER = re.compile(r"(?!\d\d?\.\d\d?\.\d{2,4}$)[+-]?[\d.,' ]+([eE][+-]?\d+)?")

@@ -5,76 +5,54 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.short_repr import short_repr
-
-__all__ = ["Channel", "Record", "column_number"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channel:
-    """One column of a record.
-
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    values : numpy.ndarray
-        Its samples, shape (n,): SI where `unit` is an SI unit, else as in the file.
-    unit : str
-        Unit of `values`: ``V``, ``m``, ``N``...; empty where nobody has said.
-    texts : tuple of str
-        The texts that `values` number, from 0, of a column that labels rows.
-    """
+    """One column of a record."""
 
     name: str
+    """What it is called."""
     values: Array
+    """Its samples, shape (n,): SI where `unit` is an SI unit, else as in the file."""
     unit: str = ""
+    """Unit of `values`: ``V``, ``m``, ``N``...; empty where nobody has said."""
     texts: tuple[str, ...] = ()
+    """The texts that `values` number, from 0, of a column that labels rows."""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Record:
-    """Columns that were sampled together.
-
-    Parameters
-    ----------
-    channels : tuple of Channel
-        The columns, each with n samples.
-    time : numpy.ndarray
-        Time of each sample, rising [s], shape (n,); the frequency [Hz], or the number of the point
-        from 0, where `over` says so.
-    source : str
-        Where it comes from: a file, an instrument, a simulation.
-    source_hash : str
-        SHA-256 of the file; empty where there is none.
-    notes : tuple of str
-        What a reader should know.
-    attributes : Mapping
-        Further text from the file.
-    over : {"time", "frequency", "point"}
-        What the samples follow one another by: time, frequency as in a spectrum, or no more than
-        their number, as points of a measuring machine.
-    numbers : numpy.ndarray, optional
-        Number that each sample has in the file, from 0, where it is not the one that it has here:
-        of a part, and between two where it was resampled; NaN where nothing was measured. Shape
-        (n,).
-    """
+    """Columns that were sampled together."""
 
     channels: tuple[Channel, ...]
+    """The columns, each with n samples."""
     time: Array
+    """Time of each sample, rising [s], shape (n,); the frequency [Hz], or the number of the point
+    from 0, where `over` says so.
+    """
     source: str = ""
+    """Where it comes from: a file, an instrument, a simulation."""
     source_hash: str = ""
+    """SHA-256 of the file; empty where there is none."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
     attributes: Mapping[str, str] = field(default_factory=dict)
+    """Further text from the file."""
     over: Literal["time", "frequency", "point"] = "time"
+    """What the samples follow one another by: time, frequency as in a spectrum, or no more than
+    their number, as points of a measuring machine.
+    """
     numbers: Array | None = None
+    """Number that each sample has in the file, from 0, where it is not the one that it has here: of
+    a part, and between two where it was resampled; NaN where nothing was measured. Shape (n,).
+    """
 
     __repr__ = short_repr
 
@@ -133,23 +111,6 @@ class Record:
 
 def column_number(names: Sequence[str], selector: str | int) -> int:
     """Return the number of a column that is asked for by name or by number.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the columns.
-    selector : str or int
-        A name, or a number from 0, which may be a text; a name goes before a number.
-
-    Returns
-    -------
-    int
-        The number of the column, from 0.
-
-    Raises
-    ------
-    RecordError
-        There is no such column, or more than one of that name.
 
     Examples
     --------

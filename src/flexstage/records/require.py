@@ -7,27 +7,13 @@ from flexstage.records.quality import saturation
 from flexstage.records.record import Channel, Record
 from flexstage.units import DIMENSIONS
 
-__all__ = ["require_live", "require_unclipped", "require_unit"]
-
 
 def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
     """Refuse columns that are cut off at an end, as by the range of a converter.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    columns : sequence of str or int
-        Names or numbers of the columns of sensors.
-
     Validity
     --------
     That of `saturation`: a motion that holds its end looks the same, if it is free of noise.
-
-    Raises
-    ------
-    RecordError
-        A column is cut off, is not finite, or is not there.
 
     Examples
     --------
@@ -66,21 +52,9 @@ def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
 def require_live(record: Record, columns: Sequence[str | int]) -> None:
     """Refuse columns that never change, as those of a sensor that is dead or not connected.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    columns : sequence of str or int
-        Names or numbers of the columns of sensors.
-
     Validity
     --------
     An open input that picks up noise is not found.
-
-    Raises
-    ------
-    RecordError
-        A column has one value at all of its samples, or is not there.
 
     Examples
     --------
@@ -106,25 +80,6 @@ def require_live(record: Record, columns: Sequence[str | int]) -> None:
 
 def require_unit(record: Record, column: str | int, unit: str) -> Channel:
     """Return a column, and refuse one that is in another unit or in none.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    column : str or int
-        Name or number of the column.
-    unit : str
-        The SI unit that it must have, such as ``m``.
-
-    Returns
-    -------
-    Channel
-        The column.
-
-    Raises
-    ------
-    RecordError
-        Its unit is another, or nobody has said it, or it is not there.
 
     Examples
     --------

@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import gravity_unit, measured_unit
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.sampling import require_complete
 from flexstage.records.touchstone import from_polar
-
-__all__ = ["responses_in_columns"]
-
-Array = NDArray[np.float64]
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "real": ("real", "re", "realpart"),

@@ -2,28 +2,9 @@
 
 from flexstage.errors import RecordError
 
-__all__ = ["row_range"]
-
 
 def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | None:
     """Return a range of samples.
-
-    Parameters
-    ----------
-    text : str or None
-        What the option was given.
-    option : str
-        The option, for the message.
-
-    Returns
-    -------
-    tuple of int or None
-        First sample, and the one before which to stop; None where nothing was given.
-
-    Raises
-    ------
-    RecordError
-        It is no range.
 
     Examples
     --------

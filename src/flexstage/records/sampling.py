@@ -5,27 +5,12 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.quality import quantisation_step
 from flexstage.records.record import Channel, Record
 from flexstage.units import readable
-
-__all__ = [
-    "LARGEST_STEP",
-    "LARGEST_UNEVEN_STEP",
-    "evened",
-    "require_complete",
-    "require_rising",
-    "require_uniform",
-    "resampled",
-    "selected",
-    "step_uncertainty",
-    "time_jitter",
-]
-
-Array = NDArray[np.float64]
 
 #: A step this many times the usual one means that samples are missing, ...
 LARGEST_STEP = 1.5
@@ -46,20 +31,7 @@ _FEWEST = 20
 
 
 def require_complete(values: Array, name: str) -> None:
-    """Refuse a column with samples that are no numbers.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The samples, shape (n,).
-    name : str
-        What the column is called.
-
-    Raises
-    ------
-    RecordError
-        A sample is NaN or infinite.
-    """
+    """Refuse a column with samples that are no numbers."""
     bad = ~np.isfinite(values)
     if bad.any():
         first, count = int(bad.argmax()), int(bad.sum())
@@ -72,22 +44,7 @@ def require_complete(values: Array, name: str) -> None:
 
 
 def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
-    """Refuse times that do not rise, and gaps between them.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (n,).
-    name : str
-        What the column is called.
-    largest_step : float
-        Longest step that is no gap, over the median one.
-
-    Raises
-    ------
-    RecordError
-        A time is no number, is repeated or goes back, or a step is a gap.
-    """
+    """Refuse times that do not rise, and gaps between them."""
     require_complete(time, name)
     if time.size < 2:
         raise RecordError(f"a record needs at least two samples, got {time.size}")
@@ -129,16 +86,6 @@ def _mean_rate(time: Array) -> str:
 
 def time_jitter(time: Array) -> float:
     """Return how much the steps of time differ from their mean, relative to it.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Rising times [s], shape (n,).
-
-    Returns
-    -------
-    float
-        The largest difference, over the mean step.
 
     Examples
     --------
@@ -197,18 +144,7 @@ def _digits(value: float) -> int:
 
 
 def require_uniform(record: Record) -> None:
-    """Refuse a record whose samples are not evenly spaced in time.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Raises
-    ------
-    RecordError
-        Its steps of time differ by more than a thousandth.
-    """
+    """Refuse a record whose samples are not evenly spaced in time."""
     if not record.uniform:
         mend = "make them even by the option resample, resampled(record) in Python, or"
         if _is_rounded(record.time):

@@ -13,31 +13,11 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Columns
 from flexstage.records.datasets import Leaf, Tree, chosen_columns
 
-__all__ = ["read_tdms"]
-
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
 
 def read_tdms(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of a TDMS file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which group, ``run1``, or which channels, ``run1/drive,run1/position``.
-
-    Returns
-    -------
-    Columns
-        The columns; ``wf_increment`` and ``wf_start_offset`` of the channels give their times.
-
-    Raises
-    ------
-    RecordError
-        The file is damaged or was not closed, or does not say which columns are meant.
-    """
+    """Read the columns of a TDMS file."""
     from nptdms import TdmsFile
 
     try:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns, complex_parts, labelled
 from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
@@ -24,10 +24,6 @@ from flexstage.records.text_rows import (
     is_missing,
     row_of,
 )
-
-__all__ = ["read_text"]
-
-Array = NDArray[np.float64]
 
 _DELIMITER_NAMES = {"tab": "\t", "comma": ",", "semicolon": ";", "space": None, " ": None}
 #: Letters of a text that are kept to tell it by.
@@ -51,29 +47,7 @@ def read_text(
     delimiter: str | None = None,
     decimal: str | None = None,
 ) -> Columns:
-    """Read the columns of a text file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file: UTF-8, UTF-16 with a mark, or Latin-1.
-    skip_lines : int
-        How many lines at the start are not looked at.
-    delimiter : str, optional
-        What divides the columns, or tab, comma, semicolon, space; found where not given.
-    decimal : str, optional
-        ``"."`` or ``","``; found where not given.
-
-    Returns
-    -------
-    Columns
-        The columns. An empty field is not a number (NaN), nor is text, which is kept beside.
-
-    Raises
-    ------
-    RecordError
-        The file is no text, has no numbers, or a row unlike the others; the line is said.
-    """
+    """Read the columns of a text file."""
     if decimal not in (None, ".", ","):
         raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
     if skip_lines < 0:

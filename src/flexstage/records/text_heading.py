@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from flexstage.errors import RecordError, UnitError
 from flexstage.units import si_unit
 
-__all__ = ["COMMENT_MARKS", "X_VALUE", "Heading", "heading_of", "split_line"]
-
 COMMENT_MARKS = ("#", "%", ";", "//", "!")
 
 # a word with the bracket behind it, for headings that only spaces divide
@@ -21,50 +19,26 @@ X_VALUE = "X_Value"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heading:
-    """What the lines above the numbers say.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Heading of each column; empty where there is none that fits.
-    units : tuple of str
-        Unit of each column; empty where there is no line of units.
-    interval : float, optional
-        Sample interval [s].
-    start : float
-        Time of the first sample [s].
-    interval_source : str
-        Where the interval stands.
-    empty_first : bool
-        Whether the first column is left empty, as LabVIEW does where it writes no times.
-    text : str
-        The lines themselves.
-    """
+    """What the lines above the numbers say."""
 
     names: tuple[str, ...] = ()
+    """Heading of each column; empty where there is none that fits."""
     units: tuple[str, ...] = ()
+    """Unit of each column; empty where there is no line of units."""
     interval: float | None = None
+    """Sample interval [s]."""
     start: float = 0.0
+    """Time of the first sample [s]."""
     interval_source: str = ""
+    """Where the interval stands."""
     empty_first: bool = False
+    """Whether the first column is left empty, as LabVIEW does where it writes no times."""
     text: str = ""
+    """The lines themselves."""
 
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
-    """Return the fields of a line of text.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-    delimiter : str, optional
-        What divides them; white space where not given.
-
-    Returns
-    -------
-    list of str
-        The fields without spaces and quotation marks around them.
-    """
+    """Return the fields of a line of text."""
     if delimiter is None:
         return line.replace('"', "").split()
     if '"' in line:
@@ -74,27 +48,7 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
 
 
 def heading_of(lines: Sequence[str], width: int, delimiter: str | None) -> Heading:
-    """Understand the lines above the numbers.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The lines.
-    width : int
-        The number of columns below.
-    delimiter : str, optional
-        What divides the columns; white space where not given.
-
-    Returns
-    -------
-    Heading
-        Names, units, and LabVIEW's sample interval.
-
-    Raises
-    ------
-    RecordError
-        The file is LabVIEW's and holds more than one part.
-    """
+    """Understand the lines above the numbers."""
     written = [line for line in lines if line.strip()]
     text = "\n".join(written)[:4000]
     if written and written[0].startswith("LabVIEW Measurement"):

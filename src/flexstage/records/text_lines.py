@@ -5,30 +5,12 @@ from pathlib import Path
 
 from flexstage.errors import RecordError
 
-__all__ = ["decoded", "text_lines"]
-
 # control characters that no text has: a form feed, an escape and the old end of file may occur
 _BINARY = re.compile("[\x00-\x08\x0e-\x19\x1c-\x1f]")
 
 
 def text_lines(path: Path) -> list[str]:
-    """Return the lines of a text file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file: UTF-8, UTF-16 with a mark, or Latin-1.
-
-    Returns
-    -------
-    list of str
-        Its lines, without white space at the end of the last.
-
-    Raises
-    ------
-    RecordError
-        The file is empty or is no text.
-    """
+    """Return the lines of a text file."""
     data = path.read_bytes()
     if not data.strip():
         raise RecordError(f"'{path}' is empty: there is nothing to read")
@@ -41,18 +23,7 @@ def text_lines(path: Path) -> list[str]:
 
 
 def decoded(data: bytes) -> str:
-    """Return bytes as text.
-
-    Parameters
-    ----------
-    data : bytes
-        UTF-8, UTF-16 with a mark, or Latin-1.
-
-    Returns
-    -------
-    str
-        The text; empty where UTF-16 has half a letter.
-    """
+    """Return bytes as text."""
     wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         try:

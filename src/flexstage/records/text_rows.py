@@ -8,18 +8,6 @@ from datetime import date
 
 from flexstage.records.text_heading import COMMENT_MARKS, split_line
 
-__all__ = [
-    "COMPLEX",
-    "NUMBER",
-    "STAMP",
-    "Layout",
-    "day",
-    "first_row",
-    "is_comment",
-    "is_missing",
-    "row_of",
-]
-
 NUMBER = re.compile(
     r"[+-]?(?:(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?|nan)", re.IGNORECASE
 )
@@ -45,86 +33,36 @@ _MANY = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How a row is written.
-
-    Parameters
-    ----------
-    delimiter : str, optional
-        What divides the columns; white space where None.
-    comma : bool
-        Whether numbers have a decimal comma.
-    width : int
-        Number of columns.
-    trailing : bool
-        Whether rows end in a delimiter.
-    stamps : tuple of int
-        Columns of dates and times of day.
-    words : frozenset of int
-        Columns that hold text and no numbers, as far as was looked.
-    first_day : int
-        Number of the day of the first date.
-    """
+    """How a row is written."""
 
     delimiter: str | None
+    """What divides the columns; white space where None."""
     comma: bool
+    """Whether numbers have a decimal comma."""
     width: int
+    """Number of columns."""
     trailing: bool
+    """Whether rows end in a delimiter."""
     stamps: tuple[int, ...] = ()
+    """Columns of dates and times of day."""
     words: frozenset[int] = frozenset()
+    """Columns that hold text and no numbers, as far as was looked."""
     first_day: int = 0
+    """Number of the day of the first date."""
 
 
 def is_comment(line: str, delimiter: str | None = None) -> bool:
-    """Say whether a line is a remark as a whole.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-    delimiter : str, optional
-        What divides the columns.
-
-    Returns
-    -------
-    bool
-        Whether it begins with the mark of one.
-    """
+    """Say whether a line is a remark as a whole."""
     return line.lstrip().startswith(tuple(m for m in COMMENT_MARKS if m != delimiter))
 
 
 def is_missing(field: str) -> bool:
-    """Say whether a field stands for a number that is not there.
-
-    Parameters
-    ----------
-    field : str
-        The field.
-
-    Returns
-    -------
-    bool
-        Whether it is empty or says so.
-    """
+    """Say whether a field stands for a number that is not there."""
     return field.lower() in _MISSING
 
 
 def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
-    """Return the fields of a row, and the remark at its end.
-
-    Parameters
-    ----------
-    line : str
-        The line.
-    delimiter : str, optional
-        What divides the columns; white space where not given.
-
-    Returns
-    -------
-    fields : list of str
-        Its fields.
-    remark : str
-        What stands behind the mark of a remark; empty where there is none.
-    """
+    """Return the fields of a row, and the remark at its end."""
     if '"' not in line and delimiter not in COMMENT_MARKS[:2]:
         found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
         if found is not None:
@@ -133,18 +71,7 @@ def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
 
 
 def day(field: str) -> int:
-    """Return the number of the day of a date.
-
-    Parameters
-    ----------
-    field : str
-        A date with a time of day, or that alone.
-
-    Returns
-    -------
-    int
-        0 for a time alone, -1 for a date that is none.
-    """
+    """Return the number of the day of a date."""
     if len(field) < 10 or field[4] != "-":
         return 0
     try:
@@ -156,24 +83,7 @@ def day(field: str) -> int:
 def first_row(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
 ) -> tuple[int, Layout] | None:
-    """Find the first row of numbers, or of numbers beside text.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The lines of the file.
-    skip : int
-        Lines at the start that are not looked at.
-    delimiters : sequence of str or None
-        What may divide the columns; None is white space.
-    decimal : str, optional
-        The decimal sign, where it is known.
-
-    Returns
-    -------
-    tuple of int and Layout, or None
-        Number of the line, and how it is written; None where there is no such row.
-    """
+    """Find the first row of numbers, or of numbers beside text."""
     found = _numbers_alone(lines, skip, delimiters, decimal)
     if found is not None and found[1].width > 1:
         first, layout = found

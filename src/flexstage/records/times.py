@@ -12,8 +12,6 @@ from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
 from flexstage.records.text_heading import X_VALUE
 
-__all__ = ["timed"]
-
 _TIME_NAMES = frozenset(("t", "time", "times", "timestamp", "zeit", "x_value"))
 # two statements of one sample rate may differ by their printed digits, and by no more
 _SAME_RATE = 0.01
@@ -26,35 +24,7 @@ def timed(
     rate: float | None,
     largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
-    """Return the times, and the channels with the column of time in seconds.
-
-    Parameters
-    ----------
-    raw : Columns
-        What the file says.
-    channels : list of Channel
-        Its columns in SI units; the one that is chosen as time is replaced by one in seconds.
-    wanted : str or int, optional
-        Name or number of the column of time.
-    rate : float, optional
-        The sample rate that was given [Hz].
-    largest_step : float
-        Longest step that is no gap, over the median one.
-
-    Returns
-    -------
-    channels : list of Channel
-        The columns.
-    times : numpy.ndarray
-        Times [s], shape (n,).
-    notes : list of str
-        Where they come from.
-
-    Raises
-    ------
-    RecordError
-        There are no times, or two statements of them conflict.
-    """
+    """Return the times, and the channels with the column of time in seconds."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"the sample rate must be positive, got {rate} Hz")
     names = [c.name for c in channels]

@@ -10,8 +10,6 @@ from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns, complex_parts
 from flexstage.records.text_lines import text_lines
 
-__all__ = ["from_polar", "is_touchstone", "read_touchstone"]
-
 _OPTIONS = re.compile(
     r"^[ \t]*#[ \t]*(?:(?P<unit>[kMG]?hz)\b)?[ \t]*(?:(?P<kind>[syzhg])\b)?[ \t]*"
     r"(?:(?P<form>ri|ma|db)\b)?[ \t]*(?:r[ \t]+(?P<reference>[\d.+e-]+))?[ \t]*(?:!.*)?$",
@@ -25,16 +23,6 @@ _PORTS = {3: 1, 9: 2}
 
 def is_touchstone(text: str) -> bool:
     r"""Say whether a text is a Touchstone file.
-
-    Parameters
-    ----------
-    text : str
-        Its first lines.
-
-    Returns
-    -------
-    bool
-        Whether a line of options says so.
 
     Examples
     --------
@@ -50,20 +38,6 @@ def from_polar(
 ) -> NDArray[np.complex128]:
     """Return complex values by their magnitudes and phases.
 
-    Parameters
-    ----------
-    magnitude : numpy.ndarray
-        Magnitudes, shape (n,).
-    phase : numpy.ndarray
-        Phases [rad], shape (n,).
-    decibel : bool
-        Whether a magnitude is 20 times its common logarithm.
-
-    Returns
-    -------
-    numpy.ndarray
-        The values, shape (n,).
-
     Examples
     --------
     >>> from_polar(np.array([20.0]), np.array([np.pi / 2]), decibel=True).imag
@@ -75,22 +49,6 @@ def from_polar(
 
 def read_touchstone(path: Path) -> Columns:
     r"""Read the responses of a Touchstone file, version 1.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file. Its line of options says unit of frequency and form of the values: real and
-        imaginary part (RI), magnitude and degrees (MA), decibels and degrees (DB).
-
-    Returns
-    -------
-    Columns
-        ``2/1 real`` and ``2/1 imaginary`` of the response at port 2 to port 1, over frequency.
-
-    Raises
-    ------
-    RecordError
-        It is cut short, of version 2, or holds no numbers.
 
     Examples
     --------

@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import Column, Columns
 from flexstage.records.universal_sets import KINDS, Function, read_sets
 from flexstage.records.universal_units import axis_unit, function_units
 
-__all__ = ["read_universal"]
-
-Array = NDArray[np.float64]
 Domain = Literal["time", "frequency"]
 
 _DOMAINS: dict[int, Domain] = {17: "time", 18: "frequency"}
@@ -35,28 +32,10 @@ def read_universal(path: Path, dataset: str | None = None) -> Columns:
     the point and direction of the response, then those of the reference, ``12:+z/3:+x``; what is
     neither a time response nor a frequency response function has its kind before it.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    dataset : str, optional
-        Which functions: names, numbers from 0, or ranges of numbers such as ``0-11``, with commas
-        between. All, where not given.
-
-    Returns
-    -------
-    Columns
-        The columns, over time or frequency. Attributes say what each function is.
-
     Validity
     --------
     Functions over time and frequency: not those over order, revolutions or temperature. A step of
     the abscissa is printed with six digits, and what follows from it is as exact.
-
-    Raises
-    ------
-    RecordError
-        The file is damaged, has no functions, or those chosen do not share their abscissa.
 
     Examples
     --------

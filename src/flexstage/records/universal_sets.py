@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.universal_values import Layout, binary_end, decoded_values
 
-__all__ = ["KINDS", "Axis", "Function", "UnitSystem", "is_universal", "read_sets"]
-
 #: What a function is, by its number.
 KINDS = (
     "general function",
@@ -40,88 +38,59 @@ _LONGEST = 160
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """What is on an axis of a function.
-
-    Parameters
-    ----------
-    quantity : int
-        Number of the kind of quantity: 8 displacement, 12 acceleration, 13 force, 17 time...
-    label : str
-        The unit that the file says; empty where it says none.
-    rotational : bool
-        Whether it is of a rotation.
-    """
+    """What is on an axis of a function."""
 
     quantity: int
+    """Number of the kind of quantity: 8 displacement, 12 acceleration, 13 force, 17 time..."""
     label: str = ""
+    """The unit that the file says; empty where it says none."""
     rotational: bool = False
+    """Whether it is of a rotation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitSystem:
-    """The units of data set 164: how many of each are one SI unit.
-
-    Parameters
-    ----------
-    length, force : float
-        Units of the file in a metre, and in a newton.
-    """
+    """The units of data set 164: how many of each are one SI unit."""
 
     length: float
+    """Units of the file in a metre, and in a newton."""
     force: float
+    """Units of the file in a metre, and in a newton."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Function:
-    """One function at a point, data set 58, with its values still as the file has them.
-
-    Parameters
-    ----------
-    title, date : str
-        Its first line of text, and the third, by convention when it was measured.
-    kind : int
-        What it is, as numbered by `KINDS`.
-    response, reference : str
-        Point and direction, ``12:+z``; empty where there is none.
-    abscissa, ordinate, denominator : Axis
-        What is on its axes; the denominator is that of the ordinate.
-    start, step : float
-        First abscissa, and the step, where the samples are even.
-    layout : Layout
-        How its values are stored.
-    content : bytes
-        Its values.
-    system : UnitSystem, optional
-        The units of the file.
-    """
+    """One function at a point, data set 58, with its values still as the file has them."""
 
     title: str
+    """Its first line of text, and the third, by convention when it was measured."""
     date: str
+    """Its first line of text, and the third, by convention when it was measured."""
     kind: int
+    """What it is, as numbered by `KINDS`."""
     response: str
+    """Point and direction, ``12:+z``; empty where there is none."""
     reference: str
+    """Point and direction, ``12:+z``; empty where there is none."""
     abscissa: Axis
+    """What is on its axes; the denominator is that of the ordinate."""
     ordinate: Axis
+    """What is on its axes; the denominator is that of the ordinate."""
     denominator: Axis
+    """What is on its axes; the denominator is that of the ordinate."""
     start: float
+    """First abscissa, and the step, where the samples are even."""
     step: float
+    """First abscissa, and the step, where the samples are even."""
     layout: Layout
+    """How its values are stored."""
     content: bytes
+    """Its values."""
     system: UnitSystem | None = None
+    """The units of the file."""
 
     def table(self) -> NDArray[np.float64]:
-        """Return the abscissa, the real part, and the imaginary part where there is one.
-
-        Returns
-        -------
-        numpy.ndarray
-            In the units of the file, shape (n, 2 or 3).
-
-        Raises
-        ------
-        RecordError
-            The values are not those that the heading says.
-        """
+        """Return the abscissa, the real part, and the imaginary part where there is one."""
         values = decoded_values(self.content, self.layout)
         if self.layout.uneven:
             return values
@@ -132,16 +101,6 @@ class Function:
 def is_universal(head: bytes) -> bool:
     r"""Say whether a file begins as a universal file does.
 
-    Parameters
-    ----------
-    head : bytes
-        Its first bytes.
-
-    Returns
-    -------
-    bool
-        Whether the first lines open a data set.
-
     Examples
     --------
     >>> is_universal(b"    -1\n    58\n"), is_universal(b"    -1\n 0.5 2.5\n")
@@ -151,23 +110,7 @@ def is_universal(head: bytes) -> bool:
 
 
 def read_sets(data: bytes) -> list[Function]:
-    """Return the functions of a universal file.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-
-    Returns
-    -------
-    list of Function
-        Its data sets 58 in their order.
-
-    Raises
-    ------
-    RecordError
-        A data set is not closed, or a heading is not understood.
-    """
+    """Return the functions of a universal file."""
     functions: list[Function] = []
     system: UnitSystem | None = None
     at, number = 0, 0

@@ -6,8 +6,6 @@ from flexstage.errors import UnitError
 from flexstage.records.columns import GRAVITY, measured_unit
 from flexstage.records.universal_sets import Axis, Function, UnitSystem
 
-__all__ = ["FunctionUnits", "axis_unit", "function_units"]
-
 _ACCELERATION = 12
 # kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
 _BY_SYSTEM = {
@@ -27,42 +25,22 @@ _COHERENCE = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionUnits:
-    """What the units of a function are in SI.
-
-    Parameters
-    ----------
-    text : str
-        The unit of its values as the file has it.
-    si : tuple, optional
-        Number of SI units that one of it is, and the SI unit; None where that is not known.
-    output, input : str
-        SI units of output and input; empty where they are not known.
-    note : str
-        What a reader should know.
-    """
+    """What the units of a function are in SI."""
 
     text: str = ""
+    """The unit of its values as the file has it."""
     si: tuple[float, str] | None = None
+    """Number of SI units that one of it is, and the SI unit; None where that is not known."""
     output: str = ""
+    """SI units of output and input; empty where they are not known."""
     input: str = ""
+    """SI units of output and input; empty where they are not known."""
     note: str = ""
+    """What a reader should know."""
 
 
 def axis_unit(axis: Axis, system: UnitSystem | None) -> tuple[float, str] | None:
     """Return what the unit of an axis is in SI.
-
-    Parameters
-    ----------
-    axis : Axis
-        The axis.
-    system : UnitSystem, optional
-        The units of the file.
-
-    Returns
-    -------
-    tuple or None
-        Number of SI units that one of it is, and the SI unit; None where nobody has said, or the
-        label is no unit that is known.
 
     Examples
     --------
@@ -86,16 +64,6 @@ def axis_unit(axis: Axis, system: UnitSystem | None) -> tuple[float, str] | None
 
 def function_units(function: Function) -> FunctionUnits:
     """Return what the units of a function are in SI.
-
-    Parameters
-    ----------
-    function : Function
-        The function.
-
-    Returns
-    -------
-    FunctionUnits
-        Its units, as far as the file says them.
 
     Validity
     --------

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 
-__all__ = ["Layout", "binary_end", "decoded_values"]
-
 _CLOSING = re.compile(rb"\r?\n? {4}-1[ \t]*\r?(?:\n|\Z)")
 _TEXT_OF_NUMBERS = re.compile(rb"[-+.0-9EeNnAaIiFf\s]*")
 _TO_E = bytes.maketrans(b"Dd", b"EE")
@@ -17,30 +15,20 @@ _TO_E = bytes.maketrans(b"Dd", b"EE")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How the numbers of a function are stored.
-
-    Parameters
-    ----------
-    count : int
-        Number of samples.
-    double : bool
-        Double precision, else single.
-    is_complex : bool
-        Whether each value has a real and an imaginary part.
-    uneven : bool
-        Whether the abscissa of each value stands before it.
-    binary : bool
-        Binary numbers, else text.
-    order : str
-        Byte order of binary numbers, ``<`` or ``>``.
-    """
+    """How the numbers of a function are stored."""
 
     count: int
+    """Number of samples."""
     double: bool
+    """Double precision, else single."""
     is_complex: bool
+    """Whether each value has a real and an imaginary part."""
     uneven: bool
+    """Whether the abscissa of each value stands before it."""
     binary: bool = False
+    """Binary numbers, else text."""
     order: str = "<"
+    """Byte order of binary numbers, ``<`` or ``>``."""
 
     @property
     def width(self) -> int:
@@ -62,25 +50,6 @@ def binary_end(data: bytes, start: int, layout: Layout) -> tuple[int, int]:
 
     The abscissa of uneven samples is single in the original format even where values are double,
     and double in what some programs write: the line that closes the data set tells which.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    start : int
-        Where the numbers begin.
-    layout : Layout
-        What the heading says.
-
-    Returns
-    -------
-    end, after : int
-        Where the numbers end, and the data set.
-
-    Raises
-    ------
-    RecordError
-        The data set does not end where the heading says.
     """
     sizes = [layout.count * kind.itemsize for kind in _binary_types(layout)]
     for size in sizes:
@@ -104,25 +73,7 @@ def _binary_types(layout: Layout) -> list[np.dtype]:
 
 
 def decoded_values(content: bytes, layout: Layout) -> NDArray[np.float64]:
-    """Return the numbers of a function, one row for each sample.
-
-    Parameters
-    ----------
-    content : bytes
-        The lines of text, or the binary numbers and no more.
-    layout : Layout
-        How they are stored.
-
-    Returns
-    -------
-    numpy.ndarray
-        Abscissa where uneven, real part, imaginary part where complex, shape (n, width).
-
-    Raises
-    ------
-    RecordError
-        They are more or fewer than the heading says, or no numbers.
-    """
+    """Return the numbers of a function, one row for each sample."""
     if not layout.binary:
         return _text_values(content, layout).reshape(layout.count, layout.width)
     kind = next(k for k in _binary_types(layout) if layout.count * k.itemsize == len(content))

@@ -2,8 +2,6 @@
 
 from flexstage.errors import RecordError
 
-__all__ = ["most_unpacked", "require_unpacked"]
-
 #: Every file may unpack to `_ALWAYS`, a large one to `_RATIO` times its size, none to more than
 #: `_NEVER` [bytes]. Measured data with noise pack to a half or a tenth.
 _ALWAYS, _RATIO, _NEVER = 2**28, 100, 2**32
@@ -11,16 +9,6 @@ _ALWAYS, _RATIO, _NEVER = 2**28, 100, 2**32
 
 def most_unpacked(packed: int) -> int:
     """Return how much a file may unpack to.
-
-    Parameters
-    ----------
-    packed : int
-        Size of the file [bytes].
-
-    Returns
-    -------
-    int
-        The most that is read of it [bytes].
 
     Examples
     --------
@@ -31,22 +19,7 @@ def most_unpacked(packed: int) -> int:
 
 
 def require_unpacked(unpacked: int, packed: int, what: str) -> None:
-    """Refuse what unpacks to more than measured data do, before memory is taken for it.
-
-    Parameters
-    ----------
-    unpacked : int
-        What it says that it holds [bytes].
-    packed : int
-        Size of the file [bytes].
-    what : str
-        What it is, for messages.
-
-    Raises
-    ------
-    RecordError
-        It is too much.
-    """
+    """Refuse what unpacks to more than measured data do, before memory is taken for it."""
     if unpacked > most_unpacked(packed):
         raise RecordError(
             f"{what} is too large to read: {unpacked / 1e6:,.0f} MB from a file of "

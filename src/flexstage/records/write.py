@@ -15,8 +15,6 @@ from flexstage.errors import RecordError
 from flexstage.records.record import Channel, Record
 from flexstage.records.text_heading import COMMENT_MARKS
 
-__all__ = ["record_bytes", "write_record"]
-
 _SUFFIXES = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 _RESERVED = frozenset(("units", "names"))
 
@@ -28,27 +26,9 @@ def record_bytes(record: Record, format: str) -> bytes:
     seconds, put first where the record has none that is the same. A record over points has no such
     column, and is read back as ``over="point"``. Equal records give equal bytes.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    format : {"csv", "npz", "hdf5", "mat"}
-        The format.
-
-    Returns
-    -------
-    bytes
-        The content.
-
     Validity
     --------
     Notes and attributes of the record are not written. Line breaks in names become spaces.
-
-    Raises
-    ------
-    RecordError
-        The format is unknown, a column is called time and is not the record's, or the record is
-        over frequency.
 
     Examples
     --------

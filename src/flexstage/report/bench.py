@@ -6,32 +6,22 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
-from flexstage.report.figures import draw_polar, inline_svg
+from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.resonance import draw_resonance
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import Measurement, set_beside
 from flexstage.report.page import captioned, figure, row_of, table_html
 from flexstage.report.quantities import beside, display
 
 if TYPE_CHECKING:
-    from flexstage.centring import HarmonicFit
+    from flexstage.centring.harmonic_fit import HarmonicFit
     from flexstage.centring.procedure import Centring
     from flexstage.estimate import Estimate
     from flexstage.stage import Stage
-
-__all__ = [
-    "CentringTrial",
-    "bench_section",
-    "centring_results",
-    "centring_section",
-    "run_centring",
-    "run_measurement",
-]
-
-Array = NDArray[np.float64]
 
 #: Quantities of the simulated measurement that the report of a study shows.
 _MAIN = (
@@ -56,45 +46,26 @@ _DIRECTION = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentringTrial:
-    """A scale that was centred on the virtual table.
-
-    Parameters
-    ----------
-    done : Centring
-        The procedure, step by step.
-    left : float
-        Eccentricity that is truly left [m].
-    fits : tuple of HarmonicFit
-        Readings of the first head before and after.
-    angles : tuple of numpy.ndarray
-        Angles of their samples [rad].
-    """
+    """A scale that was centred on the virtual table."""
 
     done: "Centring"
+    """The procedure, step by step."""
     left: float
+    """Eccentricity that is truly left [m]."""
     fits: "tuple[HarmonicFit, HarmonicFit]"
+    """Readings of the first head before and after."""
     angles: tuple[Array, Array]
+    """Angles of their samples [rad]."""
 
 
 def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
     """Measure a virtual stage.
 
     It is made from published values and random errors, so that its figures are compared with none.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    seed : int
-        Seed of the virtual stage and of its measurement.
-
-    Returns
-    -------
-    Measurement or str
-        The figures; or why there are none.
     """
-    from flexstage.experiment.campaign import evaluate
-    from flexstage.experiment.virtual import as_built, virtual_campaign
+    from flexstage.experiment.campaign.evaluate import evaluate
+    from flexstage.experiment.virtual.as_built import as_built
+    from flexstage.experiment.virtual.campaign import virtual_campaign
 
     try:
         made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
@@ -105,20 +76,7 @@ def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
-    """Centre a scale with the virtual stage on a virtual table.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    seed : int
-        Seed of noise and of the lines of the scale.
-
-    Returns
-    -------
-    CentringTrial or str
-        How it went; or why it could not be tried.
-    """
+    """Centre a scale with the virtual stage on a virtual table."""
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
@@ -161,20 +119,7 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
 
 
 def bench_section(found: Measurement | str | None, file: str) -> str:
-    """Write half a page on the simulated measurement, which has a report of its own.
-
-    Parameters
-    ----------
-    found : Measurement or str or None
-        What it gave, or why it could not be done.
-    file : str
-        Name of its report, beside this one.
-
-    Returns
-    -------
-    str
-        HTML; empty where it was not asked for.
-    """
+    """Write half a page on the simulated measurement, which has a report of its own."""
     if found is None:
         return ""
     if isinstance(found, str):
@@ -245,18 +190,7 @@ def _resonances(found: Measurement) -> Iterator[str]:
 
 
 def centring_section(found: CentringTrial | str | None) -> str:
-    """Write the section on the scale that was centred.
-
-    Parameters
-    ----------
-    found : CentringTrial or str or None
-        How it went, or why it could not be tried.
-
-    Returns
-    -------
-    str
-        HTML; empty where it was not asked for.
-    """
+    """Write the section on the scale that was centred."""
     if found is None:
         return ""
     if isinstance(found, str):
@@ -295,18 +229,7 @@ def centring_section(found: CentringTrial | str | None) -> str:
 
 
 def centring_results(found: CentringTrial | str | None) -> dict[str, Any]:
-    """Return the scale that was centred as plain data.
-
-    Parameters
-    ----------
-    found : CentringTrial or str or None
-        How it went, or why it could not be tried.
-
-    Returns
-    -------
-    dict
-        What is left [m], and every step; the reason where there is none.
-    """
+    """Return the scale that was centred as plain data."""
     if found is None:
         return {}
     if isinstance(found, str):

@@ -7,64 +7,30 @@ from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
 from flexstage.report.quantities import display
 from flexstage.short_repr import short_repr
 
-__all__ = ["Comparison", "ComparisonRow", "compare", "difference_percent", "shared_rows"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRow:
     """One quantity on one axis, from every origin that has it.
 
     An origin that gives a quantity more than once, for different conditions, has a row for each.
-
-    Parameters
-    ----------
-    quantity : str
-        One of `flexstage.characteristic.QUANTITIES`.
-    axis : str
-        The axis.
-    cells : Mapping
-        The characteristic of each column that has one.
-    remark : str
-        What tells it from other rows of the same quantity and axis; empty where there are none.
     """
 
     quantity: str
+    """One of `flexstage.characteristic.QUANTITIES`."""
     axis: str
+    """The axis."""
     cells: Mapping[str, Characteristic]
+    """The characteristic of each column that has one."""
     remark: str = ""
+    """What tells it from other rows of the same quantity and axis; empty where there are none."""
 
     def value(self, column: str) -> float | None:
-        """Return the value of a column.
-
-        Parameters
-        ----------
-        column : str
-            One of the columns of the comparison.
-
-        Returns
-        -------
-        float or None
-            In the unit of the quantity; None where the column has none.
-        """
+        """Return the value of a column."""
         cell = self.cells.get(column)
         return None if cell is None else cell.value
 
     def difference_percent(self, column: str, reference: str) -> float | None:
-        """Return by how much a column is above another.
-
-        Parameters
-        ----------
-        column : str
-            The column.
-        reference : str
-            What it is compared with.
-
-        Returns
-        -------
-        float or None
-            Percent of the reference; None where one is missing, the reference is 0, or the
-            value is 0 but for rounding.
-        """
+        """Return by how much a column is above another."""
         value = self.value(column)
         # a value that is shown as zero is what the model leaves out, not 100 % less
         if value is not None and abs(value) < display(self.quantity).zero:
@@ -74,21 +40,14 @@ class ComparisonRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A table: a row for each quantity and axis, a column for each origin.
-
-    Parameters
-    ----------
-    published : tuple of str
-        Columns of what others gave.
-    ours : tuple of str
-        Columns of what was computed or measured here.
-    rows : tuple of ComparisonRow
-        The rows.
-    """
+    """A table: a row for each quantity and axis, a column for each origin."""
 
     published: tuple[str, ...]
+    """Columns of what others gave."""
     ours: tuple[str, ...]
+    """Columns of what was computed or measured here."""
     rows: tuple[ComparisonRow, ...]
+    """The rows."""
 
     __repr__ = short_repr
 
@@ -113,16 +72,6 @@ class Comparison:
 
 def difference_percent(value: float | None, reference: float | None) -> float | None:
     """Return by how much a value is above a reference, in percent of it.
-
-    Parameters
-    ----------
-    value, reference : float or None
-        The two values.
-
-    Returns
-    -------
-    float or None
-        The difference; None where one is missing or the reference is 0.
 
     Examples
     --------
@@ -186,19 +135,7 @@ def compare(
 
 
 def shared_rows(rows: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Write rows that are the same on several axes once.
-
-    Parameters
-    ----------
-    rows : iterable of ComparisonRow
-        Rows by quantity.
-
-    Returns
-    -------
-    list of ComparisonRow
-        Rows of one quantity that hold the same values have become one, with the names of its axes
-        between commas.
-    """
+    """Write rows that are the same on several axes once."""
     out: list[ComparisonRow] = []
     for row in rows:
         same = next((i for i, kept in enumerate(out) if _same(kept, row)), None)

@@ -7,22 +7,9 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-__all__ = ["require_writable", "write_files"]
-
 
 def require_writable(directory: Path) -> None:
-    """Refuse a directory that cannot be written to, before the work whose result goes there.
-
-    Parameters
-    ----------
-    directory : pathlib.Path
-        The directory; it need not exist, and is not made.
-
-    Raises
-    ------
-    OSError
-        What is there is no directory, or it, or the nearest directory above, cannot be written to.
-    """
+    """Refuse a directory that cannot be written to, before the work whose result goes there."""
     nearest = directory
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
@@ -40,23 +27,6 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
 
     Each is written under another name beside its place and moved there when all are complete, so
     a reader never sees half a file, and a failure leaves what was there before.
-
-    Parameters
-    ----------
-    directory : pathlib.Path
-        The directory; made where it does not exist.
-    contents : Mapping
-        Bytes by file name, with folders inside the directory as ``FOLDER/NAME``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files.
-
-    Raises
-    ------
-    OSError
-        The directory or a file cannot be written.
     """
     drafts: list[tuple[Path, Path]] = []
     made: list[Path] = []

@@ -12,8 +12,6 @@ from flexstage.report.tables import percent
 if TYPE_CHECKING:
     from flexstage.report.study import Study
 
-__all__ = ["FINDINGS"]
-
 
 def _theory(study: "Study") -> str:
     """Say what the lumped model consists of."""

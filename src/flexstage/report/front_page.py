@@ -6,16 +6,16 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.report.comparison import ComparisonRow
-from flexstage.report.figures import draw_bode, draw_stage, inline_svg
+from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.compensation import draw_loop
+from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, table_html
 from flexstage.report.quantities import display, number
 from flexstage.report.tables import MANUFACTURE, percent
 
 if TYPE_CHECKING:
     from flexstage.report.study import Study
-
-__all__ = ["best_model", "front_page", "listed", "model_name", "outer_size", "verdict"]
 
 #: The rows of the first table.
 _MAIN = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
@@ -33,50 +33,17 @@ _FEM, _MEASURED = "published-fem", "published-measured"
 
 
 def best_model(study: "Study") -> str:
-    """Return the model of a study that leaves the least out.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        Its name.
-    """
+    """Return the model of a study that leaves the least out."""
     return next((m for m in _BEST if m in study.analyses), next(iter(study.analyses)))
 
 
 def model_name(model: str) -> str:
-    """Return what a model is called in a sentence.
-
-    Parameters
-    ----------
-    model : str
-        One of `flexstage.report.MODELS`.
-
-    Returns
-    -------
-    str
-        Its name in words.
-    """
+    """Return what a model is called in a sentence."""
     return _NAMES.get(model, model)
 
 
 def outer_size(study: "Study") -> str:
-    """Return outer size and mass of the stage, from its outlines.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        Length, width and thickness, and the mass of all bodies and of the moving ones.
-    """
+    """Return outer size and mass of the stage, from its outlines."""
     from flexstage.report.figures.shapes import body_shapes, extent
     from flexstage.stage.mass import mass_properties
 
@@ -92,37 +59,14 @@ def outer_size(study: "Study") -> str:
 
 
 def verdict(study: "Study") -> tuple[str, ...]:
-    """Say in sentences what was reproduced, how well, and what was not.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    tuple of str
-        Plain sentences, computed from the rows of the study; of a stage with nothing published what
-        is known of it.
-    """
+    """Say in sentences what was reproduced, how well, and what was not."""
     if not study.comparison.published:
         return tuple(_known(study))
     return tuple(s for s in (_to_fem(study), _to_measured(study), _not_reproduced(study)) if s)
 
 
 def front_page(study: "Study") -> str:
-    """Write the first page.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML: sentences, a table, the drawing, a Bode diagram, and a loop where there is one.
-    """
+    """Write the first page."""
     sentences = "".join(f"<p>{_marked(s)}</p>" for s in verdict(study))
     name = escape(study.stage.name)
     left = figure(
@@ -373,18 +317,7 @@ def _known(study: "Study") -> Iterator[str]:
 
 
 def listed(words: Iterable[str]) -> str:
-    """Write words with commas, and "and" before the last.
-
-    Parameters
-    ----------
-    words : iterable of str
-        The words.
-
-    Returns
-    -------
-    str
-        One phrase.
-    """
+    """Write words with commas, and "and" before the last."""
     items = list(words)
     if len(items) < 2:
         return "".join(items)

@@ -6,17 +6,14 @@ from html import escape
 
 from flexstage.characteristic import QUANTITIES, Characteristics
 from flexstage.report.bench import bench_section, centring_section
-from flexstage.report.figures import (
-    body_symbols,
-    draw_bode,
-    draw_stage,
-    draw_static_shape,
-    draw_stress,
-    draw_stroke,
-    inline_svg,
-    mode_cards,
-)
 from flexstage.report.figures.bench import draw_bench
+from flexstage.report.figures.bode import draw_bode
+from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.mode_shapes import body_symbols, mode_cards
+from flexstage.report.figures.static_shape import draw_static_shape
+from flexstage.report.figures.stress_bars import draw_stress
+from flexstage.report.figures.stroke import draw_stroke
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
@@ -38,8 +35,6 @@ from flexstage.report.tables import (
     published_table,
 )
 
-__all__ = ["CHAPTERS", "SECTIONS", "Chapter", "report_html", "report_pages"]
-
 _DYNAMICS = ("natural_frequency_hz", "out_of_plane_frequency_hz", "damping_ratio")
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
 _STATICS = tuple(name for name in QUANTITIES if name not in (*_DYNAMICS, *_STRESS))
@@ -48,19 +43,14 @@ _VIRTUAL_FILE = "virtual-measurement.html"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """A chapter of the report.
-
-    Parameters
-    ----------
-    title : str
-        Its title.
-    sections : Mapping
-        Title and writer of each section, by its id; a chapter of one section without a title is
-        that section.
-    """
+    """A chapter of the report."""
 
     title: str
+    """Its title."""
     sections: Mapping[str, tuple[str, Callable[[Study], str]]]
+    """Title and writer of each section, by its id; a chapter of one section without a title is that
+    section.
+    """
 
 
 def report_html(study: Study) -> str:
@@ -105,18 +95,7 @@ def report_html(study: Study) -> str:
 
 
 def report_pages(study: Study) -> dict[str, str]:
-    """Write the report of a study, and that of its simulated measurement.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    dict of str to str
-        Pages by file name, which stand in one folder.
-    """
+    """Write the report of a study, and that of its simulated measurement."""
     pages = {"report.html": report_html(study)}
     if isinstance(study.virtual, Measurement):
         pages[_VIRTUAL_FILE] = measurement_text(study.virtual)

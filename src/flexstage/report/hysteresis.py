@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
 from flexstage.progress import share
-from flexstage.report.figures import draw_compensation, inline_svg
+from flexstage.report.figures.compensation import draw_compensation
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, row_of, table_html
 from flexstage.report.quantities import number
 from flexstage.stage import PiezoStack, Stage
@@ -15,8 +16,6 @@ from flexstage.system import MechanicalSystem
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
-
-__all__ = ["experiment_results", "hysteresis_section", "run_experiments"]
 
 _UM = 1e6
 _CAPTION = (
@@ -28,21 +27,7 @@ _CAPTION = (
 def run_experiments(
     stage: Stage, system: MechanicalSystem
 ) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that is driven by a piezo stack.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        A model of it.
-
-    Returns
-    -------
-    tuple of dict
-        Experiment by axis, and why it could not be made, by axis; both are empty where no axis has
-        a piezo stack.
-    """
+    """Identify and compensate each axis of a stage that is driven by a piezo stack."""
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
     stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
@@ -67,22 +52,7 @@ def run_experiments(
 def hysteresis_section(
     stage: Stage, experiments: "Mapping[str, AxisExperiment]", left_out: Mapping[str, str]
 ) -> str:
-    """Write the section.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage, for what is published of it.
-    experiments : Mapping
-        Experiment by axis.
-    left_out : Mapping
-        Why there is none, by axis.
-
-    Returns
-    -------
-    str
-        HTML; empty where no axis has a piezo stack.
-    """
+    """Write the section."""
     reasons = "".join(
         f"<p>Axis {escape(axis)} was left out: {escape(why)}.</p>" for axis, why in left_out.items()
     )
@@ -159,18 +129,7 @@ def _published(stage: Stage, axis: str, quantity: str) -> float | None:
 
 
 def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:
-    """Return the figures of the experiments as plain data.
-
-    Parameters
-    ----------
-    experiments : Mapping
-        Experiment by axis.
-
-    Returns
-    -------
-    dict
-        By axis: stroke, widths, errors [m], reductions [%], and how good each model is [%].
-    """
+    """Return the figures of the experiments as plain data."""
     return {
         axis: {
             "kind": "virtual experiment",

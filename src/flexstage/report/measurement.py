@@ -10,17 +10,8 @@ from flexstage.report.positioning_tables import positioning_data
 from flexstage.report.quantities import display
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign import Characterisation, Figure, TestResult
+    from flexstage.experiment.campaign.results import Characterisation, Figure, TestResult
     from flexstage.stage import Stage
-
-__all__ = [
-    "MeasuredRow",
-    "Measurement",
-    "measurement",
-    "measurement_results",
-    "set_beside",
-]
-
 
 #: Quantities whose measured value has no sign.
 _RANGES = frozenset(("parasitic_rotation",))
@@ -28,46 +19,30 @@ _RANGES = frozenset(("parasitic_rotation",))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredRow:
-    """One measured figure, and how far it is from what others say.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    references : Mapping
-        What others say, by origin.
-    differences : Mapping
-        The differences of the figure to them, by origin.
-    """
+    """One measured figure, and how far it is from what others say."""
 
     figure: "Figure"
+    """The figure."""
     references: Mapping[str, Characteristic]
+    """What others say, by origin."""
     differences: Mapping[str, Difference]
+    """The differences of the figure to them, by origin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measurement:
-    """A characterisation beside its references.
-
-    Parameters
-    ----------
-    found : Characterisation
-        What the tests gave.
-    stage : Stage or None
-        The stage, where it is described.
-    rows : tuple of MeasuredRow
-        Its figures.
-    references : tuple of str
-        Origins that have something to compare with.
-    left_out : Mapping
-        Why a model could not be made of the stage, by model.
-    """
+    """A characterisation beside its references."""
 
     found: "Characterisation"
+    """What the tests gave."""
     stage: "Stage | None"
+    """The stage, where it is described."""
     rows: tuple[MeasuredRow, ...]
+    """Its figures."""
     references: tuple[str, ...]
+    """Origins that have something to compare with."""
     left_out: Mapping[str, str] = field(default_factory=dict)
+    """Why a model could not be made of the stage, by model."""
 
     @property
     def title(self) -> str:
@@ -131,24 +106,7 @@ def set_beside(
     references: Characteristics,
     left_out: Mapping[str, str] | None = None,
 ) -> Measurement:
-    """Compare what was measured with rows that are there already.
-
-    Parameters
-    ----------
-    found : Characterisation
-        What the tests gave.
-    stage : Stage or None
-        The stage.
-    references : Characteristics
-        Rows of models and publications.
-    left_out : Mapping, optional
-        Why a model could not be made of the stage, by model.
-
-    Returns
-    -------
-    Measurement
-        Figures, references, differences and their verdicts.
-    """
+    """Compare what was measured with rows that are there already."""
     measured = {(row.quantity, row.axis): row for row in found.characteristics}
     rows = []
     present: dict[str, None] = {}
@@ -190,19 +148,7 @@ def _compared(own: Characteristic, other: Characteristic) -> Difference:
 
 
 def measurement_results(result: Measurement) -> dict[str, Any]:
-    """Return what was measured as plain data.
-
-    Parameters
-    ----------
-    result : Measurement
-        The figures.
-
-    Returns
-    -------
-    dict
-        stage, origin, characteristics (with interval, degrees of freedom, budget and differences),
-        tests (of positioning with every figure and target), sources, notes. SI units.
-    """
+    """Return what was measured as plain data."""
     return {
         "stage": result.stage.name if result.stage is not None else "",
         "origin": result.found.campaign.origin,

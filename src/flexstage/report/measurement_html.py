@@ -5,25 +5,18 @@ from html import escape
 from typing import Any
 
 import flexstage
-from flexstage.experiment.campaign import TestResult
-from flexstage.report.figures import (
-    draw_hold,
-    draw_modal_fit,
-    draw_motion_error,
-    draw_positioning,
-    draw_stabilisation,
-    draw_staircase,
-    draw_workspace,
-    inline_svg,
-)
+from flexstage.experiment.campaign.results import TestResult
+from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
+from flexstage.report.figures.noise import draw_hold, draw_staircase
+from flexstage.report.figures.positioning import draw_positioning
 from flexstage.report.figures.resonance import strongest_output
+from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasuredRow, Measurement
 from flexstage.report.page import figure, page_html, row_of
 from flexstage.report.positioning_tables import positioning_tables
 from flexstage.report.quantities import beside, display, number
 from flexstage.report.tables import column_title
-
-__all__ = ["measurement_section", "measurement_text"]
 
 _MOTIONS = {
     "across": "motion across, in the plane",
@@ -35,18 +28,7 @@ _MOTIONS = {
 
 
 def measurement_text(result: Measurement) -> str:
-    """Write a page of what was measured, which needs nothing else.
-
-    Parameters
-    ----------
-    result : Measurement
-        The figures.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Write a page of what was measured, which needs nothing else."""
     parts = dict(_parts(result))
     notes = "".join(f"<li>{escape(note)}</li>" for note in result.found.campaign.notes)
     return page_html(
@@ -67,20 +49,7 @@ def measurement_text(result: Measurement) -> str:
 
 
 def measurement_section(result: Measurement, *, prefix: str = "") -> str:
-    """Write what was measured as a section of another page.
-
-    Parameters
-    ----------
-    result : Measurement
-        The figures.
-    prefix : str
-        What the ids of its pictures begin with, where a page has several such sections.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Write what was measured as a section of another page."""
     whole = "".join(
         content if key == "figures" else f"<h3>{title}</h3>{content}"
         for key, (title, content) in _parts(result, prefix)

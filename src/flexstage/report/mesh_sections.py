@@ -4,13 +4,10 @@ from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING
 
-from flexstage.report.figures import (
-    draw_convergence,
-    draw_fe_modes,
-    draw_neck_stress,
-    inline_svg,
-)
-from flexstage.report.figures.neck_stress import neck_sampler
+from flexstage.report.figures.convergence import draw_convergence
+from flexstage.report.figures.fe_modes import draw_fe_modes
+from flexstage.report.figures.neck_stress import draw_neck_stress, neck_sampler
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import figure, row_of
 from flexstage.report.quantities import display
 
@@ -18,22 +15,9 @@ if TYPE_CHECKING:
     from flexstage.report.models import ModelRun
     from flexstage.report.study import Study
 
-__all__ = ["convergence_section", "fe_modes_section", "mesh_words", "neck_stress_section"]
-
 
 def neck_stress_section(study: "Study") -> str:
-    """Return the stress at the necks, by the model with a mesh that leaves the least out.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML; empty where no model has a mesh.
-    """
+    """Return the stress at the necks, by the model with a mesh that leaves the least out."""
     for name, run in _meshed(study):
         shown = [a.axis for a in run.analysis.axes if any(a.static.hinge_stress.values())]
         if not shown:
@@ -65,18 +49,7 @@ def neck_stress_section(study: "Study") -> str:
 
 
 def fe_modes_section(study: "Study") -> str:
-    """Return the modes by the model with a mesh that leaves the least out.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML; empty where no model has a mesh.
-    """
+    """Return the modes by the model with a mesh that leaves the least out."""
     for name, run in _meshed(study):
         if run.analysis.modes["removed"].frequency_hz.size:
             assert run.mesh is not None
@@ -93,18 +66,7 @@ def fe_modes_section(study: "Study") -> str:
 
 
 def convergence_section(study: "Study") -> str:
-    """Return how models settled as their meshes became finer.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML; empty where no mesh was refined.
-    """
+    """Return how models settled as their meshes became finer."""
     parts = []
     for name, run in _meshed(study):
         found = run.refinement
@@ -130,20 +92,7 @@ def convergence_section(study: "Study") -> str:
 
 
 def mesh_words(name: str, run: "ModelRun") -> str:
-    """Return a model with a mesh in a few words.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    run : ModelRun
-        Its run.
-
-    Returns
-    -------
-    str
-        HTML without a full stop.
-    """
+    """Return a model with a mesh in a few words."""
     mesh = run.mesh
     assert mesh is not None
     held = mesh.system.settings.get("held", "")

@@ -12,71 +12,44 @@ from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
-    from flexstage.fem import FiniteStroke, MeshSettings, Refinement, StageModel
-
-__all__ = [
-    "MODELS",
-    "ModelRun",
-    "Plane",
-    "Wanted",
-    "analyse_model",
-    "known_model",
-    "run_model",
-]
+    from flexstage.fem import MeshSettings, Refinement, StageModel
+    from flexstage.fem.stroke import FiniteStroke
 
 Plane = Literal["auto", "stress", "strain"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelRun:
-    """What one model made of a stage.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        What it says of the stage.
-    mesh : StageModel or None
-        The finite-element model behind it, for pictures; None where there is none.
-    refinement : Refinement or None
-        How its mesh was refined, where an accuracy was asked for.
-    strokes : tuple of FiniteStroke
-        Motion over the whole stroke with finite displacements, where it was asked for.
-    bars : Mapping
-        Axial load at which each bar between two notches buckles [N], where that was asked for.
-    """
+    """What one model made of a stage."""
 
     analysis: Analysis
+    """What it says of the stage."""
     mesh: "StageModel | None" = None
+    """The finite-element model behind it, for pictures; None where there is none."""
     refinement: "Refinement | None" = None
+    """How its mesh was refined, where an accuracy was asked for."""
     strokes: "tuple[FiniteStroke, ...]" = ()
+    """Motion over the whole stroke with finite displacements, where it was asked for."""
     bars: Mapping[str, float] = field(default_factory=dict)
+    """Axial load at which each bar between two notches buckles [N], where that was asked for."""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
-    """What is asked of a model beyond its stage.
-
-    Parameters
-    ----------
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-    accuracy : float or None
-        Relative accuracy of `quantity` [1]; None for the usual mesh.
-    quantity : str
-        The quantity that shall be accurate.
-    supports : str
-        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
-    stroke : bool
-        Whether to follow the stage over its stroke with finite displacements (plane model).
-    """
+    """What is asked of a model beyond its stage."""
 
     plane: Plane = "auto"
+    """``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck."""
     accuracy: float | None = None
+    """Relative accuracy of `quantity` [1]; None for the usual mesh."""
     quantity: str = "natural_frequency_hz"
+    """The quantity that shall be accurate."""
     supports: Literal["rigid", "elastic"] = "rigid"
+    """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
     stroke: bool = False
+    """Whether to follow the stage over its stroke with finite displacements (plane model)."""
 
 
 def _lumped(stage: Stage, wanted: Wanted) -> ModelRun:
@@ -97,7 +70,9 @@ def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
 
 
 def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
-    from flexstage.fem import bar_buckling_load, plane_model, two_notch_bars, with_stroke
+    from flexstage.fem import plane_model
+    from flexstage.fem.legs import bar_buckling_load, two_notch_bars
+    from flexstage.fem.stroke import with_stroke
 
     with share(0.0, 0.4 if wanted.stroke else 1.0):
         run = _meshed(
@@ -193,20 +168,7 @@ def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRu
 
 
 def known_model(model: str, wanted: Wanted | None = None) -> None:
-    """Refuse a model that there is not, or choices that it cannot have.
-
-    Parameters
-    ----------
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, no such plane state, or no such supports.
-    """
+    """Refuse a model that there is not, or choices that it cannot have."""
     wanted = wanted or Wanted()
     if wanted.plane not in ("auto", "stress", "strain"):
         raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")

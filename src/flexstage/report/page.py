@@ -9,8 +9,6 @@ from string import Template
 
 from flexstage.report.figures.style import css_variables
 
-__all__ = ["captioned", "figure", "folded", "page_html", "row_of", "table_html"]
-
 #: A hyphen that is a minus sign: before a digit, and after nothing that it could belong to.
 _HYPHEN_MINUS = re.compile(r"(?<![\w\])−–-])-(?=\.?\d)")
 
@@ -26,28 +24,7 @@ def page_html(
     notes: str = "",
     symbols: str = "",
 ) -> str:
-    """Fill the template, number its figures and tables, and write every minus as U+2212.
-
-    Parameters
-    ----------
-    title, heading, lead : str
-        Title of the window, heading, and the line under it, as plain text.
-    version : str
-        Version of flexstage.
-    links : iterable of tuple of str
-        Id and title of each part that the navigation names.
-    body : str
-        HTML of the parts.
-    notes : str
-        HTML under the heading.
-    symbols : str
-        SVG that others refer to.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Fill the template, number its figures and tables, and write every minus as U+2212."""
     page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
     return page.substitute(
         version=escape(version),
@@ -64,80 +41,24 @@ def page_html(
 
 
 def figure(svg: str, caption: str, *, kind: str = "") -> str:
-    """Return a figure with its caption, which `page_html` numbers.
-
-    Parameters
-    ----------
-    svg : str
-        The drawing.
-    caption : str
-        HTML that says what it shows, and by which model.
-    kind : str
-        Classes of the element.
-
-    Returns
-    -------
-    str
-        A ``<figure>``.
-    """
+    """Return a figure with its caption, which `page_html` numbers."""
     return f'<figure class="{kind or "whole"}">{svg}<figcaption>{caption}</figcaption></figure>'
 
 
 def row_of(figures: Iterable[str], *, columns: int = 1) -> str:
-    """Return figures side by side.
-
-    Parameters
-    ----------
-    figures : iterable of str
-        The figures.
-    columns : int
-        How many stand in a row, from 1 to 3.
-
-    Returns
-    -------
-    str
-        HTML; empty where there is none.
-    """
+    """Return figures side by side."""
     shown = "".join(figures)
     kind = {1: "", 2: " two", 3: " three"}[columns]
     return f'<div class="plots{kind}">{shown}</div>' if shown else ""
 
 
 def captioned(table: str, caption: str) -> str:
-    """Give a table its caption, which `page_html` numbers.
-
-    Parameters
-    ----------
-    table : str
-        HTML with one ``<table>`` in it; empty where there is none.
-    caption : str
-        HTML that says what it holds.
-
-    Returns
-    -------
-    str
-        The same with a ``<caption>``.
-    """
+    """Give a table its caption, which `page_html` numbers."""
     return table.replace("<table>", f"<table><caption>{caption}</caption>", 1)
 
 
 def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") -> str:
-    """Write a table that may be scrolled where the window is narrow.
-
-    Parameters
-    ----------
-    heads : iterable of str
-        The ``<th>`` of each column.
-    lines : iterable of str
-        The ``<tr>`` of each row.
-    groups : str
-        The ``<th>`` of a row above the heads.
-
-    Returns
-    -------
-    str
-        A ``<table>``.
-    """
+    """Write a table that may be scrolled where the window is narrow."""
     above = f'<tr class="groups">{groups}</tr>' if groups else ""
     return (
         f'<div class="scroll"><table><thead>{above}<tr>{"".join(heads)}</tr></thead>'
@@ -146,24 +67,7 @@ def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") 
 
 
 def folded(key: str, title: str, finding: str, content: str) -> str:
-    """Return a chapter that is folded behind its title and its finding.
-
-    Parameters
-    ----------
-    key : str
-        Its id.
-    title : str
-        Its title, with its number.
-    finding : str
-        What it found, in one line of HTML.
-    content : str
-        HTML of the chapter.
-
-    Returns
-    -------
-    str
-        A ``<section>``.
-    """
+    """Return a chapter that is folded behind its title and its finding."""
     return (
         f'<section id="{key}" class="chapter"><details><summary><h2>{title}</h2>'
         f"<p>{finding}</p></summary>{content}</details></section>"

@@ -5,10 +5,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from flexstage.estimate import Estimate
-from flexstage.experiment.motion import Positioning
+from flexstage.experiment.motion.positioning import Positioning
 from flexstage.report.quantities import prefixed
-
-__all__ = ["PositioningTables", "positioning_data", "positioning_tables"]
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (
@@ -25,38 +23,22 @@ _DIGITS = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningTables:
-    """The two tables of a test: figures of the axis, and values at the targets.
-
-    Parameters
-    ----------
-    unit : str
-        Unit of all figures but the targets.
-    axis_heads, target_heads : tuple of str
-        Headings of the columns.
-    axis, targets : tuple of tuple of str
-        Rows of cells.
-    """
+    """The two tables of a test: figures of the axis, and values at the targets."""
 
     unit: str
+    """Unit of all figures but the targets."""
     axis_heads: tuple[str, ...]
+    """Headings of the columns."""
     axis: tuple[tuple[str, ...], ...]
+    """Rows of cells."""
     target_heads: tuple[str, ...]
+    """Headings of the columns."""
     targets: tuple[tuple[str, ...], ...]
+    """Rows of cells."""
 
 
 def positioning_tables(found: Positioning) -> PositioningTables:
-    """Write the figures of an axis and of its targets.
-
-    Parameters
-    ----------
-    found : Positioning
-        The figures.
-
-    Returns
-    -------
-    PositioningTables
-        Cells, in a unit and with decimals that suit the accuracy.
-    """
+    """Write the figures of an axis and of its targets."""
     accuracy = abs(found.accuracy.value)
     factor, prefix = prefixed(accuracy)
     shown = factor * accuracy
@@ -95,18 +77,7 @@ def positioning_tables(found: Positioning) -> PositioningTables:
 
 
 def positioning_data(found: Positioning) -> dict[str, Any]:
-    """Return everything that a test of positioning gave as plain data.
-
-    Parameters
-    ----------
-    found : Positioning
-        The figures.
-
-    Returns
-    -------
-    dict
-        runs; figures, each with value, uncertainty and interval; values at the targets. SI units.
-    """
+    """Return everything that a test of positioning gave as plain data."""
     figures = {
         f.name: value
         for f in fields(found)

@@ -5,45 +5,25 @@ from dataclasses import dataclass, replace
 
 from flexstage.characteristic import QUANTITIES, Characteristic
 
-__all__ = ["Display", "beside", "display", "number", "prefixed"]
-
 _SMALLER = {"µ": "n", "n": "p"}
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Display:
-    """How a quantity is shown.
-
-    Parameters
-    ----------
-    label : str
-        Its name in words.
-    unit : str
-        The unit that it is shown in; empty for a plain number.
-    factor : float
-        What a value in the unit of `flexstage.characteristic.QUANTITIES` is multiplied by.
-    zero : float
-        Magnitude below which a value is rounding and no motion, in that same unit.
-    """
+    """How a quantity is shown."""
 
     label: str
+    """Its name in words."""
     unit: str
+    """The unit that it is shown in; empty for a plain number."""
     factor: float
+    """What a value in the unit of `flexstage.characteristic.QUANTITIES` is multiplied by."""
     zero: float = 0.0
+    """Magnitude below which a value is rounding and no motion, in that same unit."""
 
     def text(self, value: float | None) -> str:
         """Write a value without its unit.
-
-        Parameters
-        ----------
-        value : float or None
-            A value in the unit of `flexstage.characteristic.QUANTITIES`; None if there is none.
-
-        Returns
-        -------
-        str
-            Four significant digits; a dash for no value.
 
         Examples
         --------
@@ -58,18 +38,6 @@ class Display:
 
     def cell(self, row: Characteristic) -> str:
         """Write the value of a characteristic with the digits that are known of it.
-
-        Parameters
-        ----------
-        row : Characteristic
-            The characteristic.
-
-        Returns
-        -------
-        str
-            Published values as they are printed; measured ones to the second digit of their
-            uncertainty; those of models with four significant digits, or fewer where their
-            uncertainty says so.
 
         Examples
         --------
@@ -89,18 +57,6 @@ class Display:
 
     def fitting(self, largest: float) -> "Display":
         """Return the same quantity in a smaller unit where its values are tiny.
-
-        Parameters
-        ----------
-        largest : float
-            The largest magnitude that is shown, in the unit of
-            `flexstage.characteristic.QUANTITIES`.
-
-        Returns
-        -------
-        Display
-            In nanometres or nanoradians where less than a tenth of a micrometre or microradian is
-            shown, and in pico units below that.
 
         Examples
         --------
@@ -215,18 +171,6 @@ def number(value: float, digits: int = 4) -> str:
 def prefixed(largest: float) -> tuple[float, str]:
     """Return the prefix of a unit in which values are neither long nor tiny.
 
-    Parameters
-    ----------
-    largest : float
-        The largest magnitude, in the unit without prefix.
-
-    Returns
-    -------
-    factor : float
-        What values are multiplied by.
-    prefix : str
-        The prefix, from none to pico.
-
     Examples
     --------
     >>> prefixed(63e-6)
@@ -240,18 +184,6 @@ def prefixed(largest: float) -> tuple[float, str]:
 
 def beside(value: float, uncertainty: float) -> tuple[str, str]:
     """Write a value and its uncertainty with the same decimals.
-
-    Parameters
-    ----------
-    value : float
-        The value.
-    uncertainty : float
-        Its uncertainty, in the same unit.
-
-    Returns
-    -------
-    tuple of str
-        Both, so that two digits of the uncertainty are seen, and seven of the value at most.
 
     Examples
     --------

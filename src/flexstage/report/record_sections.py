@@ -6,40 +6,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from flexstage.report.study import Study
 
-__all__ = ["provenance_section", "validity_section"]
-
 
 def validity_section(study: "Study") -> str:
-    """Return where the stage and its models stop being valid.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML; empty where nothing is said of it.
-    """
+    """Return where the stage and its models stop being valid."""
     notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
     notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
     return f'<div class="columns">{_list(notes)}</div>' if notes else ""
 
 
 def provenance_section(study: "Study") -> str:
-    """Return what the results rest on.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML: settings of each model, versions, hash of the stage.
-    """
+    """Return what the results rest on."""
     entries: list[tuple[str, str]] = []
     for name, analysis in study.analyses.items():
         settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())

@@ -12,22 +12,9 @@ if TYPE_CHECKING:
     from flexstage.report.measurement import Measurement
     from flexstage.report.study import Study
 
-__all__ = ["analysis_results", "characteristic_row", "results_json", "run_results", "study_results"]
-
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
-    """Return a characteristic as a row of the tidy table.
-
-    Parameters
-    ----------
-    row : Characteristic
-        The characteristic.
-
-    Returns
-    -------
-    dict
-        quantity, axis, origin, value, unit, uncertainty, note.
-    """
+    """Return a characteristic as a row of the tidy table."""
     return {
         "quantity": row.quantity,
         "axis": row.axis,
@@ -40,22 +27,7 @@ def characteristic_row(row: Characteristic) -> dict[str, Any]:
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
-    """Return an analysis as plain data.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    responses : bool
-        Whether to give the frequency responses as well, which are long.
-
-    Returns
-    -------
-    dict
-        model, characteristics, modes by condition of the drives, stress by axis and hinge, motion
-        of the probes under one unit of each load on the whole stage [m], validity, provenance; SI
-        units, frequencies in Hz.
-    """
+    """Return an analysis as plain data."""
     origin = analysis.provenance
     readings = load_readings(analysis.system) if _is_held(analysis) else {}
     out: dict[str, Any] = {
@@ -105,19 +77,7 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
 
 
 def run_results(run: ModelRun) -> dict[str, Any]:
-    """Return what a run has beyond its analysis, as plain data.
-
-    Parameters
-    ----------
-    run : ModelRun
-        The run.
-
-    Returns
-    -------
-    dict
-        refinement (the meshes and their values), strokes (the path of each axis), and
-        bar_buckling_load [N]; only what there is. SI units, frequencies in Hz.
-    """
+    """Return what a run has beyond its analysis, as plain data."""
     out: dict[str, Any] = {}
     if run.refinement is not None:
         out["refinement"] = {

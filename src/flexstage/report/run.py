@@ -6,16 +6,18 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.characteristic import Characteristics
-from flexstage.experiment.campaign import Campaign, Characterisation, Test, TestResult
+from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.experiment.campaign.results import Characterisation, TestResult
 from flexstage.plans.results import (
     CentredStep,
     CharacterisedStep,
-    FollowedRun,
     IdentifiedStep,
     PlanResult,
     VerifiedStep,
 )
-from flexstage.report.figures import draw_drive_fit, draw_following, inline_svg
+from flexstage.plans.results_models import FollowedRun
+from flexstage.report.figures.following import draw_drive_fit, draw_following
+from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import Measurement, set_beside
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.page import figure, page_html
@@ -23,8 +25,6 @@ from flexstage.report.quantities import beside, display, number
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
-
-__all__ = ["run_measurement_of", "run_text"]
 
 _UM, _NM = 1e6, 1e9
 #: How the ways of following a reference are told.
@@ -38,18 +38,7 @@ _WAYS = {
 
 
 def run_text(result: PlanResult) -> str:
-    """Write a page of what a plan gave.
-
-    Parameters
-    ----------
-    result : PlanResult
-        What its steps gave.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Write a page of what a plan gave."""
     parts = list(_parts(result))
     name = result.plan.title or f"experiments on {result.stage.name}"
     return page_html(
@@ -67,18 +56,7 @@ def run_text(result: PlanResult) -> str:
 
 
 def run_measurement_of(result: PlanResult) -> Measurement:
-    """Set all figures of a plan beside what was published of the stage.
-
-    Parameters
-    ----------
-    result : PlanResult
-        What its steps gave.
-
-    Returns
-    -------
-    Measurement
-        Figures, references and differences.
-    """
+    """Set all figures of a plan beside what was published of the stage."""
     found: list[TestResult] = []
     instruments, sources, notes = {}, {}, {}
     for step in result.steps:

@@ -13,22 +13,9 @@ from flexstage.stage import PiezoStack
 if TYPE_CHECKING:
     from flexstage.report.study import Study
 
-__all__ = ["diagram_section", "equations_section"]
-
 
 def equations_section(study: "Study") -> str:
-    """Return what the lumped model rests on.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML; empty where the study has no lumped model.
-    """
+    """Return what the lumped model rests on."""
     if "lumped" not in study.analyses:
         return ""
     order = study.analyses["lumped"].system.order
@@ -45,24 +32,12 @@ def equations_section(study: "Study") -> str:
 
 
 def diagram_section(study: "Study") -> str:
-    """Return the structural diagrams of a stage: of each axis, then of the whole stage.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        HTML with the drawings in it; empty where the study has no lumped model, or the stage no
-        drive.
-    """
+    """Return the structural diagrams of a stage: of each axis, then of the whole stage."""
     lumped = study.analyses.get("lumped")
     if lumped is None or not study.stage.drives:
         return ""
     from flexstage.export import dynamic_model
-    from flexstage.export.diagram import diagram_files
+    from flexstage.export.diagram.files import diagram_files
 
     identified = {
         axis: made.runs[0].identification.model for axis, made in study.experiments.items()

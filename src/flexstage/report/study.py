@@ -8,7 +8,8 @@ import numpy as np
 
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
-from flexstage.lumped import StrokePath, mechanism, stroke_path
+from flexstage.lumped import mechanism, stroke_path
+from flexstage.lumped.stroke import StrokePath
 from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
@@ -18,12 +19,10 @@ from flexstage.stage import Stage
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
-    from flexstage.experiment.campaign import Characterisation
+    from flexstage.experiment.campaign.results import Characterisation
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
     from flexstage.report.bench import CentringTrial
     from flexstage.report.measurement import Measurement
-
-__all__ = ["Study", "run_study"]
 
 #: What a study asks of a model beyond its usual mesh.
 _ASKED: Mapping[str, Wanted] = {"plane": Wanted(accuracy=1e-3, stroke=True)}
@@ -45,45 +44,30 @@ _STEPS = 21  # states along a stroke
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Study:
-    """A stage, what each model says of it, and what others gave for it.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    analyses : Mapping
-        Analysis by model.
-    variants : Mapping
-        The same models with another choice of plane stress or strain, by what they are called.
-    paths : Mapping
-        Motion over the whole stroke with finite rotations, by axis; of the lumped model.
-    runs : Mapping
-        Run of each model, with the mesh behind it.
-    left_out : Mapping
-        Why a model could not be made of this stage, by model.
-    experiments : Mapping
-        Identification and compensation of hysteresis on the virtual stage, by axis.
-    experiments_left_out : Mapping
-        Why that could not be done, by axis.
-    measured : Characterisation or None
-        What was measured of the stage; its rows stand in the table.
-    virtual : Measurement or str or None
-        What measuring a virtual stage gave, or why that could not be done.
-    centring : CentringTrial or str or None
-        An encoder scale that was centred on the virtual table, or why that could not be done.
-    """
+    """A stage, what each model says of it, and what others gave for it."""
 
     stage: Stage
+    """The stage."""
     analyses: Mapping[str, Analysis]
+    """Analysis by model."""
     variants: Mapping[str, Analysis]
+    """The same models with another choice of plane stress or strain, by what they are called."""
     paths: Mapping[str, StrokePath]
+    """Motion over the whole stroke with finite rotations, by axis; of the lumped model."""
     runs: Mapping[str, ModelRun] = field(default_factory=dict)
+    """Run of each model, with the mesh behind it."""
     left_out: Mapping[str, str] = field(default_factory=dict)
+    """Why a model could not be made of this stage, by model."""
     experiments: "Mapping[str, AxisExperiment]" = field(default_factory=dict)
+    """Identification and compensation of hysteresis on the virtual stage, by axis."""
     experiments_left_out: Mapping[str, str] = field(default_factory=dict)
+    """Why that could not be done, by axis."""
     measured: "Characterisation | None" = None
+    """What was measured of the stage; its rows stand in the table."""
     virtual: "Measurement | str | None" = None
+    """What measuring a virtual stage gave, or why that could not be done."""
     centring: "CentringTrial | str | None" = None
+    """An encoder scale that was centred on the virtual table, or why that could not be done."""
 
     __repr__ = short_repr
 

@@ -13,16 +13,6 @@ from flexstage.report.quantities import Display, display, number
 from flexstage.stage import Stage
 from flexstage.units import DIMENSIONS
 
-__all__ = [
-    "MANUFACTURE",
-    "characteristics_table",
-    "column_title",
-    "differences_table",
-    "hinge_table",
-    "published_table",
-    "shown_in",
-]
-
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",
@@ -41,34 +31,12 @@ _PAIRS = (
 
 
 def column_title(column: str) -> str:
-    """Return what a column of a comparison is called.
-
-    Parameters
-    ----------
-    column : str
-        An origin, or the name of a variant.
-
-    Returns
-    -------
-    str
-        Its title.
-    """
+    """Return what a column of a comparison is called."""
     return _TITLES.get(column, column)
 
 
 def percent(value: float | None) -> str:
-    """Write a difference in percent with its sign.
-
-    Parameters
-    ----------
-    value : float or None
-        The difference [%].
-
-    Returns
-    -------
-    str
-        One decimal; empty for none.
-    """
+    """Write a difference in percent with its sign."""
     if value is None:
         return ""
     # a difference that rounds to nothing has no sign
@@ -76,23 +44,7 @@ def percent(value: float | None) -> str:
 
 
 def characteristics_table(comparison: Comparison, quantities: Collection[str], caption: str) -> str:
-    """Write some quantities by all origins side by side, the best of ours set off.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The table.
-    quantities : collection of str
-        The quantities.
-    caption : str
-        HTML that stands above it.
-
-    Returns
-    -------
-    str
-        A ``<table>``; each value also stands unrounded in ``data-value``. Empty where we have no
-        value of any of them. A row that is the same for all axes stands once.
-    """
+    """Write some quantities by all origins side by side, the best of ours set off."""
     rows = [
         row
         for row in shared_rows(comparison.rows)
@@ -122,18 +74,7 @@ def characteristics_table(comparison: Comparison, quantities: Collection[str], c
 
 
 def differences_table(comparison: Comparison) -> str:
-    """Write by how much each of our models differs from each published origin.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The table.
-
-    Returns
-    -------
-    str
-        A ``<table>``; empty where nothing was published.
-    """
+    """Write by how much each of our models differs from each published origin."""
     models = comparison.models
     groups = "<th></th><th></th>" + "".join(
         f'<th colspan="{len(models)}">to {column_title(c)}</th>' for c in comparison.published
@@ -159,18 +100,7 @@ def differences_table(comparison: Comparison) -> str:
 
 
 def published_table(comparison: Comparison) -> str:
-    """Write what was published alone, with the differences between its own columns.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The table.
-
-    Returns
-    -------
-    str
-        A ``<table>``; empty where nothing was published.
-    """
+    """Write what was published alone, with the differences between its own columns."""
     if not comparison.published:
         return ""
     pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
@@ -197,22 +127,7 @@ def published_table(comparison: Comparison) -> str:
 
 
 def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> str:
-    """Write the stiffness of every kind of hinge of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    method : str
-        How the stiffness is found.
-    plane : str
-        ``stress``, ``strain`` or ``auto``.
-
-    Returns
-    -------
-    str
-        A ``<table>``; hinges that are alike in notch and roots share a row.
-    """
+    """Write the stiffness of every kind of hinge of a stage."""
     from flexstage.lumped import hinge_springs
 
     numbers = {hinge.name: i for i, hinge in enumerate(stage.hinges, start=1)}
@@ -251,19 +166,7 @@ def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> 
 
 
 def shown_in(row: ComparisonRow) -> Display:
-    """Return the unit that a row is shown in.
-
-    Parameters
-    ----------
-    row : ComparisonRow
-        The row.
-
-    Returns
-    -------
-    Display
-        One in which its values are not tiny; the usual one where some are published, as it is the
-        one that they are printed in.
-    """
+    """Return the unit that a row is shown in."""
     if any(column.startswith("published") for column in row.cells):
         return display(row.quantity)
     return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))

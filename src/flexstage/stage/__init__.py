@@ -10,12 +10,10 @@ if TYPE_CHECKING:
     from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
     from flexstage.stage.mass import MassProperties, mass_properties
     from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
-    from flexstage.stage.notch import half_notch
-    from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
-    from flexstage.stage.roots import Root, hinge_root, root_widths
+    from flexstage.stage.outline import Circle, Loop, Point
+    from flexstage.stage.roots import Root, root_widths
 
 __all__ = [
-    "AreaIntegrals",
     "Axis",
     "Body",
     "Circle",
@@ -34,8 +32,6 @@ __all__ = [
     "Screw",
     "Stage",
     "check",
-    "half_notch",
-    "hinge_root",
     "mass_properties",
     "read_stage",
     "root_widths",

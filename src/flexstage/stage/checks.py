@@ -13,8 +13,6 @@ from flexstage.stage.model import Hinge, Stage
 from flexstage.stage.roots import hinge_root
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
-__all__ = ["Finding", "check"]
-
 # how far a drive or probe may be off its body [m]
 _ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]

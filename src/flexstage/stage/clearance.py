@@ -8,8 +8,6 @@ import numpy as np
 from flexstage.stage.finding import Finding, millimetres
 from flexstage.stage.shapes import CHORD, Shape
 
-__all__ = ["overlaps", "slots_between", "slots_within"]
-
 # Two polygons of arcs are off by CHORD each, so shapes that only touch overlap by at most twice
 # that. An overlap counts if a disc of this radius fits into it: twice what touching can give.
 _DISC = 2.0 * CHORD
@@ -21,18 +19,7 @@ _ARC_STEPS = 32
 
 
 def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
-    """Find pairs of bodies and notches that fill the same place.
-
-    Parameters
-    ----------
-    shapes : list of Shape
-        Bodies without their notches, and notches.
-
-    Yields
-    ------
-    Finding
-        One for each pair.
-    """
+    """Find pairs of bodies and notches that fill the same place."""
     from shapely import STRtree
 
     # a tree of nothing cannot be asked
@@ -81,20 +68,6 @@ def slots_between(
     compared without their notches; a notch is compared with everything but its own two bodies, from
     which it grows. What is left out in this way is the opening of the notch itself, and that is as
     wide as the profile says.
-
-    Parameters
-    ----------
-    shapes : list of Shape
-        Bodies without their notches, and notches.
-    wire_width : float
-        Width of the narrowest slot that can be cut [m].
-    skip : set of frozenset of str
-        Pairs of names that have been spoken of.
-
-    Yields
-    ------
-    Finding
-        One for each pair.
     """
     from shapely import STRtree, box
     from shapely.ops import nearest_points
@@ -128,18 +101,6 @@ def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
 
     What a disc as wide as the wire cannot reach outside of the body is either the rest of a sharp
     corner, which the wire rounds, or a narrow slot, which has two sides that face each other.
-
-    Parameters
-    ----------
-    shape : Shape
-        A body without its notches.
-    wire_width : float
-        Width of the narrowest slot that can be cut [m].
-
-    Yields
-    ------
-    Finding
-        One for each slot.
     """
     radius = 0.5 * wire_width - _SLACK
     if radius <= 0.0:

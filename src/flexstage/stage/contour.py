@@ -10,8 +10,6 @@ from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
 from flexstage.stage.roots import TOLERANCE, root_line
 
-__all__ = ["body_contour", "inner_notch"]
-
 _Pair = tuple[float, float]
 _SAME = 1e-9  # two points are one [m]
 
@@ -78,20 +76,6 @@ def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
 
     Where a notch runs out tangent to the edge it grows from, a region that ends there would end in
     a cusp without an angle, which no mesh can bear; this one ends before.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        The hinge.
-    which : int
-        0 for the half of body a, 1 for that of body b.
-    share : float
-        How far it reaches, in half lengths of the notch, above 0 and below 1 [1].
-
-    Returns
-    -------
-    Loop
-        Neck, two sides, and a straight line across.
     """
     inner, _ = _sides(hinge, share)
     half_neck = 0.5 * hinge.profile.neck_thickness
@@ -111,25 +95,6 @@ def body_contour(
     stage: Stage, body: Body, share: float = 0.0
 ) -> tuple[Loop, tuple[Loop | Circle, ...]]:
     """Return a body as it is cut: its outline and holes with its half notches grown on.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    body : Body
-        One of its bodies.
-    share : float
-        Part of each half notch, from the neck on, that is left off [1]; 0 keeps it whole.
-
-    Returns
-    -------
-    tuple
-        The outline and the holes.
-
-    Raises
-    ------
-    StageError
-        A root does not lie on one straight stretch of the body's outline or holes.
 
     Examples
     --------

@@ -23,72 +23,32 @@ from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
 from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence
 from flexstage.units import DIMENSIONS, Dimension, parse
 
-__all__ = ["Decoder"]
-
 # More than a drawn curve needs; checks of clearance take tens of seconds beyond it.
 _MOST_POINTS = 10_000
 
 
 @dataclass(slots=True)
 class Decoder:
-    """Builds descriptions from the nodes of one file.
-
-    Parameters
-    ----------
-    source : str
-        What to call the file in messages.
-    length_unit : str, optional
-        The unit of lengths that are bare numbers.
-    bounded : bool
-        Whether lengths are those of a stage's bodies, which a machine can make. An offset of an
-        instrument may be any.
-    """
+    """Builds descriptions from the nodes of one file."""
 
     source: str
+    """What to call the file in messages."""
     length_unit: str | None = None
+    """The unit of lengths that are bare numbers."""
     bounded: bool = False
+    """Whether lengths are those of a stage's bodies, which a machine can make. An offset of an
+    instrument may be any.
+    """
 
     def refuse(
         self, node: Node, path: str, message: str, error: type[Exception] = StageError
     ) -> NoReturn:
-        """Raise the error of a place in the file.
-
-        Parameters
-        ----------
-        node : Node
-            The place.
-        path : str
-            Its path of keys.
-        message : str
-            What is wrong, and how to mend it.
-        error : type
-            The class of error.
-        """
+        """Raise the error of a place in the file."""
         where = f", {path}" if path else ""
         raise error(f"{self.source}, line {node.line}{where}: {message}")
 
     def decode(self, kind: Any, node: Node, path: str) -> Any:
-        """Read a value of a type.
-
-        Parameters
-        ----------
-        kind : type
-            The annotation of a field, or a description.
-        node : Node
-            What the file holds.
-        path : str
-            Its path of keys, for messages.
-
-        Returns
-        -------
-        object
-            The value.
-
-        Raises
-        ------
-        FlexstageError
-            The node does not hold one.
-        """
+        """Read a value of a type."""
         if (inner := optional_part(kind)) is not None:
             if isinstance(node, Scalar) and node.value is None:
                 return None
@@ -129,29 +89,7 @@ class Decoder:
     def build(
         self, kind: type, node: Mapping, path: str, given: dict[str, Any] | None = None
     ) -> Any:
-        """Read a description from a mapping.
-
-        Parameters
-        ----------
-        kind : type
-            A dataclass, or a family of them of which ``kind`` names one.
-        node : Mapping
-            Its fields.
-        path : str
-            Its path of keys, for messages.
-        given : dict of str to object, optional
-            Fields that come from elsewhere.
-
-        Returns
-        -------
-        object
-            The description.
-
-        Raises
-        ------
-        FlexstageError
-            A key is unknown or missing, or a value is not possible.
-        """
+        """Read a description from a mapping."""
         values: dict[str, Any] = dict(given or {})
         allowed: list[str] = []
         if kind in FAMILIES:
@@ -172,22 +110,7 @@ class Decoder:
             self.refuse(node, path, str(error), type(error))
 
     def check_keys(self, node: Mapping, path: str, known: list[str]) -> None:
-        """Refuse keys that mean nothing.
-
-        Parameters
-        ----------
-        node : Mapping
-            The mapping.
-        path : str
-            Its path of keys, for messages.
-        known : list of str
-            The keys that it can have.
-
-        Raises
-        ------
-        StageError
-            There is another key; the nearest known one is named.
-        """
+        """Refuse keys that mean nothing."""
         for key, value in node.items.items():
             if key not in known:
                 near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)

@@ -5,32 +5,12 @@ from typing import Annotated, ClassVar
 
 from flexstage.errors import StageError
 from flexstage.stage.outline import Point
-from flexstage.units import DIMENSIONS
-
-__all__ = ["Drive", "Force", "PiezoStack", "Screw"]
-
-Length = Annotated[float, DIMENSIONS["length"]]
-Stiffness = Annotated[float, DIMENSIONS["stiffness"]]
+from flexstage.units import DIMENSIONS, Length, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
     """What every drive has; use one of its kinds.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    pushes : str
-        The body that it moves.
-    reacts : str
-        The body that it stands on.
-    at : tuple of tuple of float
-        The points on the pushed and on the reacting body [m].
-    direction : float
-        Direction in which it pushes, from the x axis to the left [rad].
-    patch_half_width : float
-        Half of the width over which the force is spread [m].
 
     Notes
     -----
@@ -42,11 +22,17 @@ class Drive:
     kind: ClassVar[str]
 
     name: str
+    """Its name."""
     pushes: str
+    """The body that it moves."""
     reacts: str
+    """The body that it stands on."""
     at: tuple[Point, Point]
+    """The points on the pushed and on the reacting body [m]."""
     direction: Annotated[float, DIMENSIONS["angle"]]
+    """Direction in which it pushes, from the x axis to the left [rad]."""
     patch_half_width: Length = 3e-3
+    """Half of the width over which the force is spread [m]."""
 
     @property
     def stroke(self) -> float | None:
@@ -74,101 +60,55 @@ class Drive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screw(Drive):
-    """An adjustment screw.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    pushes : str
-        The body that it moves.
-    reacts : str
-        The body that it stands on.
-    at : tuple of tuple of float
-        The points on the pushed and on the reacting body [m].
-    direction : float
-        Direction in which it pushes, from the x axis to the left [rad].
-    patch_half_width : float
-        Half of the width over which the force is spread [m].
-    pitch : float
-        Advance in one turn [m].
-    smallest_step : float
-        Smallest displacement that can be set [m].
-    travel : float
-        Displacement that is used [m].
-    stiffness : float, optional
-        Axial stiffness of screw and nut [N/m]; rigid where not given.
-    largest_speed : float, optional
-        Largest speed at which it may be turned, as its advance [m/s].
-    """
+    """An adjustment screw."""
 
     kind: ClassVar[str] = "screw"
 
     pitch: Length
+    """Advance in one turn [m]."""
     smallest_step: Length
+    """Smallest displacement that can be set [m]."""
     travel: Length
+    """Displacement that is used [m]."""
     stiffness: Stiffness | None = None
+    """Axial stiffness of screw and nut [N/m]; rigid where not given."""
     largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
+    """Largest speed at which it may be turned, as its advance [m/s]."""
 
     def __post_init__(self) -> None:
         self._positive("pitch", "smallest_step", "travel", "stiffness", "largest_speed")
 
     @property
     def stroke(self) -> float | None:
-        """Displacement that is used [m]."""
         return self.travel
 
     @property
     def smallest_displacement(self) -> float | None:
-        """Smallest displacement that can be set [m]."""
         return self.smallest_step
 
     @property
     def spring(self) -> float | None:
-        """Axial stiffness [N/m]; None if rigid."""
         return self.stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PiezoStack(Drive):
-    """A piezoelectric stack.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    pushes : str
-        The body that it moves.
-    reacts : str
-        The body that it stands on.
-    at : tuple of tuple of float
-        The points on the pushed and on the reacting body [m].
-    direction : float
-        Direction in which it pushes, from the x axis to the left [rad].
-    patch_half_width : float
-        Half of the width over which the force is spread [m].
-    free_stroke : float
-        Free displacement over the voltage range [m].
-    stiffness : float
-        Axial stiffness of the stack [N/m].
-    blocking_force : float, optional
-        Force at the full voltage and no displacement [N].
-    capacitance : float, optional
-        Electrical capacitance [F].
-    voltage_range : tuple of float, optional
-        Lowest and highest allowed voltage [V].
-    largest_slew : float, optional
-        Largest rate at which its voltage may change [V/s].
-    """
+    """A piezoelectric stack."""
 
     kind: ClassVar[str] = "piezo"
 
     free_stroke: Length
+    """Free displacement over the voltage range [m]."""
     stiffness: Stiffness
+    """Axial stiffness of the stack [N/m]."""
     blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
+    """Force at the full voltage and no displacement [N]."""
     capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
+    """Electrical capacitance [F]."""
     voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
+    """Lowest and highest allowed voltage [V]."""
     largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
+    """Largest rate at which its voltage may change [V/s]."""
 
     def __post_init__(self) -> None:
         self._positive("free_stroke", "stiffness", "blocking_force", "capacitance", "largest_slew")
@@ -179,45 +119,25 @@ class PiezoStack(Drive):
 
     @property
     def stroke(self) -> float | None:
-        """Free displacement over the voltage range [m]."""
         return self.free_stroke
 
     @property
     def spring(self) -> float | None:
-        """Axial stiffness of the stack [N/m]."""
         return self.stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Force(Drive):
-    """A force that does not depend on displacement, such as a voice coil's.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    pushes : str
-        The body that it moves.
-    reacts : str
-        The body that it stands on.
-    at : tuple of tuple of float
-        The points on the pushed and on the reacting body [m].
-    direction : float
-        Direction in which it pushes, from the x axis to the left [rad].
-    patch_half_width : float
-        Half of the width over which the force is spread [m].
-    largest_force : float
-        Largest force [N].
-    """
+    """A force that does not depend on displacement, such as a voice coil's."""
 
     kind: ClassVar[str] = "force"
 
     largest_force: Annotated[float, DIMENSIONS["force"]]
+    """Largest force [N]."""
 
     def __post_init__(self) -> None:
         self._positive("largest_force")
 
     @property
     def spring(self) -> float | None:
-        """A force has no stiffness [N/m]."""
         return 0.0

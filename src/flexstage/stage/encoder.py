@@ -17,8 +17,6 @@ from flexstage.stage.field_types import (
 from flexstage.stage.outline import Loop
 from flexstage.units import DIMENSIONS, Dimension, to_text
 
-__all__ = ["Number", "encode"]
-
 
 class Number(str):
     """Digits that stand in a file without quotes."""
@@ -27,22 +25,7 @@ class Number(str):
 
 
 def encode(kind: Any, value: Any, length_unit: str | None) -> Any:
-    """Return plain data that `Decoder` reads back to the same bits.
-
-    Parameters
-    ----------
-    kind : type
-        The annotation of the field.
-    value : object
-        Its value.
-    length_unit : str, optional
-        The unit of lengths that are bare numbers.
-
-    Returns
-    -------
-    object
-        Texts, booleans, `Number`, lists and dicts.
-    """
+    """Return plain data that `Decoder` reads back to the same bits."""
     if (inner := optional_part(kind)) is not None:
         return None if value is None else encode(inner, value, length_unit)
     origin = typing.get_origin(kind)

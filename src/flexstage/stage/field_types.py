@@ -17,16 +17,6 @@ from flexstage.hinges.registry import PROFILES
 from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
 from flexstage.units import DIMENSIONS
 
-__all__ = [
-    "DIMENSION_OF_UNIT",
-    "FAMILIES",
-    "check_name",
-    "field_types",
-    "is_named",
-    "optional_part",
-    "required",
-]
-
 #: Classes of which a file names the kind.
 FAMILIES: dict[type, dict[str, type]] = {
     Drive: {kind.kind: kind for kind in (Screw, PiezoStack, Force)},
@@ -38,51 +28,18 @@ DIMENSION_OF_UNIT: dict[str, str] = {d.si: d.name for d in DIMENSIONS.values()}
 
 @lru_cache(maxsize=64)
 def field_types(kind: type) -> dict[str, tuple[Field, Any]]:
-    """Return the fields of a description with their types.
-
-    Parameters
-    ----------
-    kind : type
-        A dataclass.
-
-    Returns
-    -------
-    dict of str to tuple
-        Field and type, by name.
-    """
+    """Return the fields of a description with their types."""
     hints = typing.get_type_hints(kind, include_extras=True)
     return {f.name: (f, hints[f.name]) for f in fields(kind) if f.init}
 
 
 def required(field: Field) -> bool:
-    """Say whether a field must be given.
-
-    Parameters
-    ----------
-    field : dataclasses.Field
-        The field.
-
-    Returns
-    -------
-    bool
-        True if it has no default.
-    """
+    """Say whether a field must be given."""
     return field.default is MISSING and field.default_factory is MISSING
 
 
 def optional_part(kind: Any) -> Any | None:
-    """Return X of ``X | None``, and None for any other type.
-
-    Parameters
-    ----------
-    kind : type
-        Any annotation.
-
-    Returns
-    -------
-    type or None
-        The type that is left.
-    """
+    """Return X of ``X | None``, and None for any other type."""
     if typing.get_origin(kind) in (types.UnionType, typing.Union):
         rest = [a for a in typing.get_args(kind) if a is not types.NoneType]
         if len(rest) == 1 and len(rest) < len(typing.get_args(kind)):
@@ -91,30 +48,11 @@ def optional_part(kind: Any) -> Any | None:
 
 
 def is_named(kind: Any) -> bool:
-    """Say whether things of a type are listed by their names.
-
-    Parameters
-    ----------
-    kind : type
-        Any annotation.
-
-    Returns
-    -------
-    bool
-        True for a dataclass with a name, of which a stage has several.
-    """
+    """Say whether things of a type are listed by their names."""
     return isinstance(kind, type) and is_dataclass(kind) and "name" in field_types(kind)
 
 
 def check_name(name: str, refuse: Callable[[str], Any]) -> None:
-    """Refuse a name that could not stand in a one-line message.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-    refuse : callable
-        Called with what is wrong.
-    """
+    """Refuse a name that could not stand in a one-line message."""
     if not name.strip() or len(name) > 80 or not name.isprintable():
         refuse(f"a name must be 1 to 80 printable characters, got {name[:80]!r}")

@@ -22,15 +22,6 @@ from flexstage.stage.yaml_reader import Node, Scalar, parse_yaml, plain, read_te
 from flexstage.stage.yaml_writer import yaml_text
 from flexstage.units import DIMENSIONS
 
-__all__ = [
-    "FORMAT_VERSION",
-    "DesignBuilder",
-    "read_stage",
-    "stage_from_text",
-    "stage_to_text",
-    "write_stage",
-]
-
 #: Version of the format, the value of the key ``flexstage``.
 FORMAT_VERSION = 1
 

@@ -3,43 +3,23 @@
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Finding", "millimetres"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that is wrong with a stage, or looks so.
-
-    Parameters
-    ----------
-    severity : {"error", "warning"}
-        Whether the stage cannot be as described, or only looks unlike what is meant.
-    code : str
-        Short name of the kind of finding.
-    what : tuple of str
-        Names of the bodies, hinges, drives or probes that it is about.
-    message : str
-        One sentence: what is wrong, what was found, how to mend it.
-    """
+    """One thing that is wrong with a stage, or looks so."""
 
     severity: Literal["error", "warning"]
+    """Whether the stage cannot be as described, or only looks unlike what is meant."""
     code: str
+    """Short name of the kind of finding."""
     what: tuple[str, ...]
+    """Names of the bodies, hinges, drives or probes that it is about."""
     message: str
+    """One sentence: what is wrong, what was found, how to mend it."""
 
 
 def millimetres(*values: float) -> str:
     """Write lengths for people.
-
-    Parameters
-    ----------
-    *values : float
-        One length, or the coordinates of a point [m].
-
-    Returns
-    -------
-    str
-        ``"0.2 mm"`` or ``"(3, 4.5) mm"``.
 
     Examples
     --------

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from flexstage.stage.model import Stage
 
-__all__ = ["FreeMotion", "free_motion", "reachable_bodies"]
-
 # singular values below this, relative to the largest, are motions without strain
 _RANK = 1e-8
 # a body that moves less than this, relative to the one that moves most, stands still
@@ -21,21 +19,14 @@ _STILL = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeMotion:
-    """What can move while the drives are held still.
-
-    Parameters
-    ----------
-    freedoms : int
-        Number of independent motions.
-    turning : tuple of str
-        Bodies that mainly turn.
-    shifting : tuple of str
-        Bodies that mainly shift.
-    """
+    """What can move while the drives are held still."""
 
     freedoms: int
+    """Number of independent motions."""
     turning: tuple[str, ...]
+    """Bodies that mainly turn."""
     shifting: tuple[str, ...]
+    """Bodies that mainly shift."""
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -44,18 +35,7 @@ class FreeMotion:
 
 
 def reachable_bodies(stage: Stage) -> set[str]:
-    """Return the bodies that hang together with a fixed one through hinges.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    set of str
-        Their names.
-    """
+    """Return the bodies that hang together with a fixed one through hinges."""
     neighbours: dict[str, set[str]] = {b.name: set() for b in stage.bodies}
     for hinge in stage.hinges:
         a, b = hinge.bodies
@@ -73,18 +53,6 @@ def reachable_bodies(stage: Stage) -> set[str]:
 
 def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
     """Find the motions that the hinges, taken as pins, leave free.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    hold_drives : bool
-        Whether each drive keeps its length.
-
-    Returns
-    -------
-    FreeMotion
-        Number of motions, and what moves; bodies that no hinge ties to a fixed one are left out.
 
     Notes
     -----

@@ -7,26 +7,17 @@ from flexstage.hinges import Profile
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import AreaIntegrals, Circle, Loop, Point
 
-__all__ = ["MassProperties", "mass_properties"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MassProperties:
-    """Mass of a body and how it is spread in the plane.
-
-    Parameters
-    ----------
-    mass : float
-        Its mass [kg].
-    centre : tuple of float
-        Its centre of mass (x, y) [m].
-    inertia : float
-        Its moment of inertia about its own centre of mass, normal to the plane [kg m^2].
-    """
+    """Mass of a body and how it is spread in the plane."""
 
     mass: float
+    """Its mass [kg]."""
     centre: tuple[float, float]
+    """Its centre of mass (x, y) [m]."""
     inertia: float
+    """Its moment of inertia about its own centre of mass, normal to the plane [kg m^2]."""
 
 
 def mass_properties(stage: Stage) -> dict[str, MassProperties]:

@@ -13,27 +13,14 @@ from flexstage.material import Material
 from flexstage.short_repr import short_repr
 from flexstage.stage.drive import Drive
 from flexstage.stage.outline import Circle, Loop, Point
-from flexstage.units import DIMENSIONS
+from flexstage.units import DIMENSIONS, Angle, Length
 
-__all__ = ["Axis", "Body", "ExtraMass", "Hinge", "Manufacture", "Probe", "Stage"]
-
-Length = Annotated[float, DIMENSIONS["length"]]
-Angle = Annotated[float, DIMENSIONS["angle"]]
 _T = TypeVar("_T", "Body", "Hinge", "Drive", "Probe", "Axis")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtraMass:
     """Something mounted on a body that is not of the plate.
-
-    Parameters
-    ----------
-    mass : float
-        Its mass [kg].
-    at : tuple of float
-        Its centre of mass in the plane [m].
-    inertia : float
-        Its moment of inertia about its own centre, normal to the plane [kg m^2].
 
     Raises
     ------
@@ -42,8 +29,11 @@ class ExtraMass:
     """
 
     mass: Annotated[float, DIMENSIONS["mass"]]
+    """Its mass [kg]."""
     at: Point
+    """Its centre of mass in the plane [m]."""
     inertia: Annotated[float, DIMENSIONS["inertia"]] = 0.0
+    """Its moment of inertia about its own centre, normal to the plane [kg m^2]."""
 
     def __post_init__(self) -> None:
         for name, unit in (("mass", "kg"), ("inertia", "kg m^2")):
@@ -58,54 +48,36 @@ class Body:
     """A part of the plate that is meant to be rigid.
 
     Its outline leaves the notches out; the half of each notch that touches it belongs to it.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    outline : Loop
-        Its outline, without the half notches cut into it.
-    holes : tuple of Loop or Circle
-        Openings in it; other bodies may lie inside them.
-    mounting_holes : tuple of Circle
-        Holes by which it is bolted down or carries a load.
-    fixed : bool
-        Whether it is held.
-    extra_masses : tuple of ExtraMass
-        What is mounted on it.
     """
 
     name: str
+    """Its name."""
     outline: Loop
+    """Its outline, without the half notches cut into it."""
     holes: tuple[Loop | Circle, ...] = ()
+    """Openings in it; other bodies may lie inside them."""
     mounting_holes: tuple[Circle, ...] = ()
+    """Holes by which it is bolted down or carries a load."""
     fixed: bool = False
+    """Whether it is held."""
     extra_masses: tuple[ExtraMass, ...] = ()
+    """What is mounted on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hinge:
-    """A notch between two bodies.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    bodies : tuple of str
-        The bodies a and b that it joins.
-    at : tuple of float
-        Centre of the neck [m].
-    direction : float
-        Direction from body a to body b, from the x axis to the left [rad].
-    profile : Profile
-        The shape of the notch.
-    """
+    """A notch between two bodies."""
 
     name: str
+    """Its name."""
     bodies: tuple[str, str]
+    """The bodies a and b that it joins."""
     at: Point
+    """Centre of the neck [m]."""
     direction: Angle
+    """Direction from body a to body b, from the x axis to the left [rad]."""
     profile: Profile
+    """The shape of the notch."""
 
     def to_plane(self, along: float, across: float) -> tuple[float, float]:
         """Map a point in the hinge's own axes to the plane of the stage.
@@ -128,58 +100,35 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """A place where motion is read.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    body : str
-        The body whose motion is read.
-    at : tuple of float
-        The point [m].
-    direction : float
-        The direction that is read, from the x axis to the left [rad].
-    relative_to : str, optional
-        The body against which it is read; the ground where not given.
-    """
+    """A place where motion is read."""
 
     name: str
+    """Its name."""
     body: str
+    """The body whose motion is read."""
     at: Point
+    """The point [m]."""
     direction: Angle
+    """The direction that is read, from the x axis to the left [rad]."""
     relative_to: str | None = None
+    """The body against which it is read; the ground where not given."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One direction of positioning: what drives it and where its motion is read.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    drive : str
-        The drive that moves it.
-    probe : str
-        The probe that reads it.
-    """
+    """One direction of positioning: what drives it and where its motion is read."""
 
     name: str
+    """Its name."""
     drive: str
+    """The drive that moves it."""
     probe: str
+    """The probe that reads it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manufacture:
     """Limits of the process that cuts the stage.
-
-    Parameters
-    ----------
-    wire_width : float
-        Width of the narrowest slot that can be cut [m].
-    minimum_neck : float
-        Thinnest neck that can be cut [m].
 
     Raises
     ------
@@ -188,7 +137,9 @@ class Manufacture:
     """
 
     wire_width: Length = 0.35e-3
+    """Width of the narrowest slot that can be cut [m]."""
     minimum_neck: Length = 0.3e-3
+    """Thinnest neck that can be cut [m]."""
 
     def __post_init__(self) -> None:
         for name in ("wire_width", "minimum_neck"):
@@ -200,33 +151,6 @@ class Manufacture:
 class Stage:
     """A monolithic flexure stage.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    title : str
-        One line that says what it is.
-    thickness : float
-        Thickness of the plate [m].
-    material : Material
-        What it is cut from.
-    bodies : tuple of Body
-        Its rigid parts.
-    hinges : tuple of Hinge
-        Its notches.
-    drives : tuple of Drive
-        What moves it.
-    probes : tuple of Probe
-        Where its motion is read.
-    axes : tuple of Axis
-        Its directions of positioning.
-    manufacture : Manufacture
-        Limits of the cutting process.
-    published : tuple of Characteristic
-        Figures that others have given for it.
-    notes : tuple of str
-        Remarks that belong to every result of it.
-
     Raises
     ------
     StageError
@@ -234,17 +158,29 @@ class Stage:
     """
 
     name: str
+    """Its name."""
     title: str = ""
+    """One line that says what it is."""
     thickness: Length
+    """Thickness of the plate [m]."""
     material: Material
+    """What it is cut from."""
     bodies: tuple[Body, ...]
+    """Its rigid parts."""
     hinges: tuple[Hinge, ...] = ()
+    """Its notches."""
     drives: tuple[Drive, ...] = ()
+    """What moves it."""
     probes: tuple[Probe, ...] = ()
+    """Where its motion is read."""
     axes: tuple[Axis, ...] = ()
+    """Its directions of positioning."""
     manufacture: Manufacture = field(default_factory=Manufacture)
+    """Limits of the cutting process."""
     published: tuple[Characteristic, ...] = ()
+    """Figures that others have given for it."""
     notes: tuple[str, ...] = ()
+    """Remarks that belong to every result of it."""
 
     # how a notebook shows a stage; set by the room that draws
     _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None

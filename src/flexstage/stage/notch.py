@@ -3,25 +3,11 @@
 from flexstage.stage.model import Hinge
 from flexstage.stage.outline import Loop
 
-__all__ = ["half_notch"]
-
 
 def half_notch(hinge: Hinge, which: int) -> Loop:
     """Return the outline of the half of a notch that belongs to one of its bodies.
 
     It is bounded by the neck, the two sides of the notch, and the root on the body.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        The hinge.
-    which : int
-        0 for the half of body a, 1 for that of body b.
-
-    Returns
-    -------
-    Loop
-        Lines and arcs; exact where the profile is made of them.
 
     Examples
     --------

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from flexstage.errors import StageError
 from flexstage.units import DIMENSIONS
 
-__all__ = ["AreaIntegrals", "Circle", "Loop", "Point"]
-
 Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 
 #: Shortest and longest length of a stage [m]. Beyond them one is a slip of the pen: figures leave
@@ -23,40 +21,23 @@ _LARGEST_BULGE = 1e3
 
 
 class AreaIntegrals(NamedTuple):
-    """Integrals over an area, about the origin.
-
-    Parameters
-    ----------
-    area : float
-        Integral of 1 [m^2].
-    x, y : float
-        Integrals of x and of y [m^3].
-    xx, yy, xy : float
-        Integrals of x^2, y^2 and x y [m^4].
-    """
+    """Integrals over an area, about the origin."""
 
     area: float
+    """Integral of 1 [m^2]."""
     x: float
+    """Integrals of x and of y [m^3]."""
     y: float
+    """Integrals of x and of y [m^3]."""
     xx: float
+    """Integrals of x^2, y^2 and x y [m^4]."""
     yy: float
+    """Integrals of x^2, y^2 and x y [m^4]."""
     xy: float
+    """Integrals of x^2, y^2 and x y [m^4]."""
 
     def plus(self, other: "AreaIntegrals", sign: float = 1.0) -> "AreaIntegrals":
-        """Add another area, or take it away.
-
-        Parameters
-        ----------
-        other : AreaIntegrals
-            The other area.
-        sign : float
-            1 to add, -1 to take away.
-
-        Returns
-        -------
-        AreaIntegrals
-            The sum.
-        """
+        """Add another area, or take it away."""
         return AreaIntegrals(*(a + sign * b for a, b in zip(self, other, strict=True)))
 
 
@@ -66,13 +47,6 @@ class Loop:
 
     Segment i runs from point i to point i + 1; its bulge is the tangent of a quarter of the angle
     of its arc, positive where the arc turns left, 0 for a straight line (the convention of DXF).
-
-    Parameters
-    ----------
-    points : tuple of tuple of float
-        The corners [m], each (x, y), at least three, or two where arcs join them.
-    bulges : tuple of float
-        One for each segment [1]; left out if all are straight.
 
     Raises
     ------
@@ -88,7 +62,9 @@ class Loop:
     """
 
     points: tuple[tuple[float, float], ...]
+    """The corners [m], each (x, y), at least three, or two where arcs join them."""
     bulges: tuple[float, ...] = ()
+    """One for each segment [1]; left out if all are straight."""
 
     def __post_init__(self) -> None:
         n = len(self.points)
@@ -191,13 +167,6 @@ class Loop:
 class Circle:
     """A circle.
 
-    Parameters
-    ----------
-    centre : tuple of float
-        Its centre [m].
-    radius : float
-        Its radius [m].
-
     Raises
     ------
     StageError
@@ -205,7 +174,9 @@ class Circle:
     """
 
     centre: Point
+    """Its centre [m]."""
     radius: Annotated[float, DIMENSIONS["length"]]
+    """Its radius [m]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius <= LARGEST:

@@ -7,8 +7,6 @@ from flexstage.errors import StageError
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Loop
 
-__all__ = ["Root", "hinge_root", "root_widths"]
-
 #: Largest distance of a root from the edge that it should lie on [m].
 TOLERANCE = 1e-6
 
@@ -16,41 +14,20 @@ _Pair = tuple[float, float]
 
 
 class Root(NamedTuple):
-    """The straight line on which a notch meets a body.
-
-    Parameters
-    ----------
-    body : str
-        Name of the body.
-    ends : tuple of tuple of float
-        The two ends of the root [m], right and left of the hinge's direction.
-    edge : tuple of tuple of float
-        The two ends of the edge of the body that holds the root [m], right and left as well.
-    width : float
-        Width of the body behind the root [m].
-    """
+    """The straight line on which a notch meets a body."""
 
     body: str
+    """Name of the body."""
     ends: tuple[_Pair, _Pair]
+    """The two ends of the root [m], right and left of the hinge's direction."""
     edge: tuple[_Pair, _Pair]
+    """The two ends of the edge of the body that holds the root [m], right and left as well."""
     width: float
+    """Width of the body behind the root [m]."""
 
 
 def root_line(hinge: Hinge, which: int) -> tuple[_Pair, _Pair]:
-    """Return the ends of the root of a hinge.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        The hinge.
-    which : int
-        0 for the root on body a, 1 for the one on body b.
-
-    Returns
-    -------
-    tuple of tuple of float
-        The two ends [m], right and left of the hinge's direction.
-    """
+    """Return the ends of the root of a hinge."""
     profile = hinge.profile
     along = (-0.5, 0.5)[which] * profile.length
     half_neck = 0.5 * profile.neck_thickness
@@ -59,27 +36,7 @@ def root_line(hinge: Hinge, which: int) -> tuple[_Pair, _Pair]:
 
 
 def hinge_root(stage: Stage, hinge: Hinge, which: int) -> Root:
-    """Find the edge of a body that a hinge grows from.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    hinge : Hinge
-        One of its hinges.
-    which : int
-        0 for the root on body a, 1 for the one on body b.
-
-    Returns
-    -------
-    Root
-        The root and its edge.
-
-    Raises
-    ------
-    StageError
-        No straight edge of the body's outline or holes holds the root.
-    """
+    """Find the edge of a body that a hinge grows from."""
     body = stage.body(hinge.bodies[which])
     right, left = root_line(hinge, which)
     for first, second in _straight_edges(body):

@@ -11,30 +11,21 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+from flexstage.field_texts import field_texts
 from flexstage.material import CATALOGUE, Material
 from flexstage.stage.field_types import FAMILIES, field_types, is_named, optional_part, required
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import Circle, Loop
 from flexstage.units import DIMENSIONS, Dimension
 
-__all__ = ["SCHEMA_PATH", "schema_text", "stage_schema"]
-
 #: The schema that is shipped with the package.
 SCHEMA_PATH = Path(__file__).with_name("stage.schema.json")
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
-# a field of a dataclass in the Parameters section of its docstring: name, text
-_ENTRY = re.compile(r"^(\w[\w, ]*) : .*\n((?:    .*\n?)+)", re.M)
 
 
 def stage_schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of stage files.
-
-    Returns
-    -------
-    dict
-        The schema.
-    """
+    """Return the JSON Schema (draft 2020-12) of stage files."""
     builder = _Builder()
     stage = builder.describe(Stage)
     needed = stage.pop("required")
@@ -69,13 +60,7 @@ def stage_schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Return the schema as the text of its file.
-
-    Returns
-    -------
-    str
-        JSON.
-    """
+    """Return the schema as the text of its file."""
     return json.dumps(stage_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
@@ -121,7 +106,7 @@ class _Builder:
 
     def describe(self, cls: type, kind: str | None = None) -> dict[str, Any]:
         """Return the schema of a mapping that holds the fields of a class."""
-        texts = _field_texts(cls)
+        texts = field_texts(cls)
         properties: dict[str, Any] = {} if kind is None else {"kind": {"const": kind}}
         needed = [] if kind is None else ["kind"]
         for name, (field, annotation) in field_types(cls).items():
@@ -226,15 +211,6 @@ _UNIT = "[A-Za-zµμ°1]"
 
 def _list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
     return {"type": "array", "items": item, "minItems": count, "maxItems": count}
-
-
-def _field_texts(cls: type) -> dict[str, str]:
-    """Return what the docstring of a class says about its fields."""
-    out = {}
-    for names, text in _ENTRY.findall(inspect.getdoc(cls) or ""):
-        for name in names.split(","):
-            out[name.strip()] = " ".join(text.split())
-    return out
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.notch import half_notch
 from flexstage.stage.outline import Circle, Loop
 
-__all__ = ["CHORD", "Shape", "body_shapes", "notch_shapes"]
-
 #: Largest distance of a polygon from the arc that it stands for [m].
 CHORD = 0.5e-6
 #: How far a hole may reach over the edge before it counts [m].
@@ -19,24 +17,16 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A body without its notches, or a notch, as a polygon.
-
-    Parameters
-    ----------
-    name : str
-        Name of the body or hinge.
-    polygon : shapely.Geometry
-        The area that it fills, to `CHORD`.
-    bodies : tuple of str
-        The body itself, or the two that a notch joins.
-    is_notch : bool
-        Whether it is a notch.
-    """
+    """A body without its notches, or a notch, as a polygon."""
 
     name: str
+    """Name of the body or hinge."""
     polygon: Any
+    """The area that it fills, to `CHORD`."""
     bodies: tuple[str, ...]
+    """The body itself, or the two that a notch joins."""
     is_notch: bool
+    """Whether it is a notch."""
 
     @property
     def label(self) -> str:
@@ -45,18 +35,7 @@ class Shape:
 
 
 def ring(shape: Loop | Circle) -> Any:
-    """Return the polygon of a closed line.
-
-    Parameters
-    ----------
-    shape : Loop or Circle
-        The closed line.
-
-    Returns
-    -------
-    shapely.Polygon
-        Its inside, to `CHORD`.
-    """
+    """Return the polygon of a closed line."""
     from shapely import Polygon
 
     loop = shape.loop() if isinstance(shape, Circle) else shape
@@ -64,18 +43,7 @@ def ring(shape: Loop | Circle) -> Any:
 
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Finding]]:
-    """Return the polygons of the bodies that have proper outlines.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    tuple of list
-        The shapes, and what is wrong with the outlines of the others.
-    """
+    """Return the polygons of the bodies that have proper outlines."""
     shapes: list[Shape] = []
     findings: list[Finding] = []
     for body in stage.bodies:
@@ -90,18 +58,7 @@ def body_shapes(stage: Stage) -> tuple[list[Shape], list[Finding]]:
 
 
 def notch_shapes(hinges: list[Hinge]) -> list[Shape]:
-    """Return the polygons of notches, both halves in one.
-
-    Parameters
-    ----------
-    hinges : list of Hinge
-        The hinges.
-
-    Returns
-    -------
-    list of Shape
-        One for each.
-    """
+    """Return the polygons of notches, both halves in one."""
     shapes = []
     for hinge in hinges:
         # a step at the root leaves a line without width, which a buffer of nothing takes away

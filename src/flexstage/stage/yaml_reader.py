@@ -15,8 +15,6 @@ from typing import Any, NoReturn
 
 from flexstage.errors import FlexstageError, StageError
 
-__all__ = ["Mapping", "Node", "Scalar", "Sequence", "parse_yaml", "plain", "read_text"]
-
 #: Largest file that is read [bytes].
 MAX_BYTES = 1_000_000
 #: Largest number of values in a file.
@@ -39,56 +37,36 @@ _OTHERS = {
 
 @dataclass(slots=True)
 class Scalar:
-    """A single value.
-
-    Parameters
-    ----------
-    line : int
-        Line of the file on which it stands, from 1.
-    text : str
-        The value as it is written, quotes and escapes resolved.
-    value : str or float or int or bool or None
-        The value by the core schema.
-    """
+    """A single value."""
 
     line: int
+    """Line of the file on which it stands, from 1."""
     text: str
+    """The value as it is written, quotes and escapes resolved."""
     value: str | float | int | bool | None
+    """The value by the core schema."""
 
 
 @dataclass(slots=True)
 class Sequence:
-    """A list.
-
-    Parameters
-    ----------
-    line : int
-        Line of the file on which it begins, from 1.
-    items : list of Node
-        Its entries.
-    """
+    """A list."""
 
     line: int
+    """Line of the file on which it begins, from 1."""
     items: "list[Node]" = field(default_factory=list)
+    """Its entries."""
 
 
 @dataclass(slots=True)
 class Mapping:
-    """A mapping of names to values.
-
-    Parameters
-    ----------
-    line : int
-        Line of the file on which it begins, from 1.
-    items : dict of str to Node
-        Its entries in order.
-    key_lines : dict of str to int
-        Line of each key.
-    """
+    """A mapping of names to values."""
 
     line: int
+    """Line of the file on which it begins, from 1."""
     items: "dict[str, Node]" = field(default_factory=dict)
+    """Its entries in order."""
     key_lines: dict[str, int] = field(default_factory=dict)
+    """Line of each key."""
 
 
 Node = Scalar | Sequence | Mapping
@@ -97,27 +75,7 @@ Node = Scalar | Sequence | Mapping
 def read_text(
     path: Path, kind: str = "stage file", error: type[FlexstageError] = StageError
 ) -> str:
-    """Read a small text file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    kind : str
-        What it should be, for messages.
-    error : type
-        The class of errors.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    FlexstageError
-        There is no such file, it is not a regular one, it is too large, or it is not UTF-8.
-    """
+    """Read a small text file."""
     try:
         # asked before it is opened: opening a named pipe would wait for ever
         status = path.stat()
@@ -155,32 +113,7 @@ def parse_yaml(
     *,
     finite: bool = True,
 ) -> Node:
-    """Parse the one YAML document of a text.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    source : str
-        What to call it in messages.
-    kind : str
-        What it should be, for messages.
-    error : type
-        The class of errors.
-    finite : bool
-        Whether infinity, and what is no number, is refused.
-
-    Returns
-    -------
-    Node
-        The document.
-
-    Raises
-    ------
-    FlexstageError
-        The text is not YAML, or it holds an alias, an anchor, a tag, a repeated key, a second
-        document, a number that is not finite, or too much.
-    """
+    """Parse the one YAML document of a text."""
     import yaml
 
     if len(text) > MAX_BYTES:
@@ -205,18 +138,7 @@ def parse_yaml(
 
 
 def plain(node: Node) -> object:
-    """Return what nodes hold as plain data.
-
-    Parameters
-    ----------
-    node : Node
-        The nodes.
-
-    Returns
-    -------
-    object
-        Dicts, lists and values.
-    """
+    """Return what nodes hold as plain data."""
     if isinstance(node, Mapping):
         return {key: plain(value) for key, value in node.items.items()}
     if isinstance(node, Sequence):

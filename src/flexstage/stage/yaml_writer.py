@@ -5,22 +5,9 @@ from typing import Any
 from flexstage.stage.encoder import Number
 from flexstage.stage.yaml_reader import NUMBER
 
-__all__ = ["plain_dumper", "yaml_text"]
-
 
 def yaml_text(data: Any) -> str:
-    """Write plain data as YAML.
-
-    Parameters
-    ----------
-    data : object
-        Texts, booleans, `Number`, lists and dicts.
-
-    Returns
-    -------
-    str
-        The text; what stands deep is written on one line.
-    """
+    """Write plain data as YAML."""
     import yaml
 
     return yaml.dump(
@@ -49,14 +36,7 @@ def _flow(value: Any, depth: int) -> Any:
 
 
 def plain_dumper() -> type:
-    """Make what writes plain data so that `yaml_reader` reads it back.
-
-    Returns
-    -------
-    type
-        A class for ``yaml.dump``: no part is named and referred to, and a text that is a number to
-        the reader stands in quotes.
-    """
+    """Make what writes plain data so that `yaml_reader` reads it back."""
     import yaml
 
     class Dumper(yaml.SafeDumper):

@@ -16,43 +16,29 @@ from flexstage.system.response import (
     frequency_response,
 )
 
-__all__ = ["Analysis", "analyse"]
-
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Analysis:
-    """What one model says of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        The system that was analysed.
-    axes : tuple of AxisAnalysis
-        Static state of each axis.
-    modes : dict
-        Modes by condition of the drives.
-    responses : tuple of FrequencyResponse
-        Response of each axis' probe to its drive, drives removed and in place.
-    characteristics : Characteristics
-        The figures that are quoted.
-    validity : tuple of str
-        Where they stop being valid.
-    provenance : Provenance
-        Where they come from.
-    """
+    """What one model says of a stage."""
 
     stage: Stage
+    """The stage."""
     system: MechanicalSystem
+    """The system that was analysed."""
     axes: tuple[AxisAnalysis, ...]
+    """Static state of each axis."""
     modes: dict[DriveCondition, Modes]
+    """Modes by condition of the drives."""
     responses: tuple[FrequencyResponse, ...]
+    """Response of each axis' probe to its drive, drives removed and in place."""
     characteristics: Characteristics
+    """The figures that are quoted."""
     validity: tuple[str, ...]
+    """Where they stop being valid."""
     provenance: Provenance
+    """Where they come from."""
 
     __repr__ = short_repr
 

@@ -7,38 +7,25 @@ from flexstage.short_repr import short_repr
 from flexstage.system.mechanical import AxisPort, MechanicalSystem
 from flexstage.system.statics import StaticSolution, drive_stiffness, static_displacements
 
-__all__ = ["AxisAnalysis", "analyse_axis"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisAnalysis:
-    """What one drive does to the stage over its stroke, the other drives removed.
-
-    Parameters
-    ----------
-    axis : str
-        Name of the axis.
-    drive : str
-        Its drive.
-    probe : str
-        Its probe.
-    input_displacement : float
-        Elongation of the drive [m].
-    output_displacement : float
-        Reading of the probe [m].
-    input_stiffness : float
-        Force of the drive over its elongation [N/m].
-    static : StaticSolution
-        The whole state.
-    """
+    """What one drive does to the stage over its stroke, the other drives removed."""
 
     axis: str
+    """Name of the axis."""
     drive: str
+    """Its drive."""
     probe: str
+    """Its probe."""
     input_displacement: float
+    """Elongation of the drive [m]."""
     output_displacement: float
+    """Reading of the probe [m]."""
     input_stiffness: float
+    """Force of the drive over its elongation [N/m]."""
     static: StaticSolution
+    """The whole state."""
 
     __repr__ = short_repr
 

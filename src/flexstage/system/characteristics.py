@@ -14,30 +14,12 @@ from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
 from flexstage.system.statics import probe_stiffness, static_loads
 
-__all__ = ["axis_characteristics", "axis_mode", "pulsating_limit"]
-
 
 def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -> int:
     r"""Return the mode by which a drive moves a probe.
 
     It is the one that gives most of the static response, by
     :math:`|p^T\phi\,\phi^T d|/\omega^2`.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-    result : Modes
-        Its modes.
-    drive : str
-        The drive.
-    probe : str
-        The probe.
-
-    Returns
-    -------
-    int
-        Index into the modes.
     """
     p = system.probe(probe).vector @ result.shapes
     d = system.drive(drive).vector @ result.shapes
@@ -48,25 +30,7 @@ def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -
 def axis_characteristics(
     stage: Stage, system: MechanicalSystem, axis: AxisAnalysis, removed: Modes
 ) -> list[Characteristic]:
-    """Return the characteristics of one axis.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        The model.
-    axis : AxisAnalysis
-        The axis at full stroke.
-    removed : Modes
-        Modes with the drives removed.
-
-    Returns
-    -------
-    list of Characteristic
-        Stroke, ratio, stress, safety, resolution, frequency, coupling, rotation, stiffness, and
-        what weight and temperature do, as far as the model knows.
-    """
+    """Return the characteristics of one axis."""
     ratio = axis.output_displacement / axis.input_displacement
     others = [a for a in system.axes if a.name != axis.axis]
     static = axis.static
@@ -157,16 +121,6 @@ def pulsating_limit(material: Material) -> float | None:
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
     mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
-
-    Parameters
-    ----------
-    material : Material
-        The material.
-
-    Returns
-    -------
-    float or None
-        The peak [Pa]; None if fatigue limit or yield strength is unknown.
 
     Examples
     --------

@@ -3,26 +3,17 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["Damping", "LossFactor", "ModalDamping", "RayleighDamping"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModalDamping:
-    """The same damping ratio for every mode.
-
-    Parameters
-    ----------
-    ratio : float
-        Damping ratio zeta [1].
-    """
+    """The same damping ratio for every mode."""
 
     ratio: float
+    """Damping ratio zeta [1]."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.ratio < 1.0:
@@ -53,17 +44,12 @@ class RayleighDamping:
     """Viscous damping C = alpha M + beta K (Lord Rayleigh, The Theory of Sound, 1877, art. 97).
 
     K is that of the stage with the springs of the drives that are in place.
-
-    Parameters
-    ----------
-    alpha : float
-        Factor of the mass matrix [1/s].
-    beta : float
-        Factor of the stiffness matrix [s].
     """
 
     alpha: float
+    """Factor of the mass matrix [1/s]."""
     beta: float
+    """Factor of the stiffness matrix [s]."""
 
     def __post_init__(self) -> None:
         if self.alpha < 0.0 or self.beta < 0.0:
@@ -93,16 +79,12 @@ class RayleighDamping:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LossFactor:
-    """Material damping of the hinges, as viscous damping that is right at each resonance.
-
-    Parameters
-    ----------
-    eta : float
-        Loss factor of the hinge material [1]: energy lost in a cycle over 2 pi times the largest
-        strain energy.
-    """
+    """Material damping of the hinges, as viscous damping that is right at each resonance."""
 
     eta: float
+    """Loss factor of the hinge material [1]: energy lost in a cycle over 2 pi times the largest
+    strain energy.
+    """
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.eta < 2.0:

@@ -1,14 +1,10 @@
 """The two linear-algebra jobs of the room, with errors that an engineer can act on."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh, null_space
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["generalized_modes", "solve_stiffness"]
-
-Array = NDArray[np.float64]
 
 # Cholesky of a singular matrix succeeds when rounding leaves a tiny positive pivot; this is that
 # pivot's size relative to the stiffest one that is taken for zero.
@@ -16,27 +12,7 @@ _PIVOT = 1e-13
 
 
 def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array, Array]:
-    """Solve K q = f with some linear combinations of q held at zero.
-
-    Parameters
-    ----------
-    stiffness : numpy.ndarray
-        Symmetric stiffness K, shape (n, n).
-    right : numpy.ndarray
-        Forces f, shape (n, k).
-    held : numpy.ndarray
-        Vectors v with v^T q = 0, one a column, shape (n, m).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        q, shape (n, k), and the forces that hold, shape (m, k).
-
-    Raises
-    ------
-    ModelError
-        The stage can move without deforming a hinge.
-    """
+    """Solve K q = f with some linear combinations of q held at zero."""
     # scaling to a unit diagonal makes metres and radians comparable
     diagonal = np.diag(stiffness)
     if stiffness.size and diagonal.min() <= 0.0:
@@ -67,29 +43,7 @@ _SINGULAR = (
 def generalized_modes(
     stiffness: Array, mass: Array, held: Array, count: int | None = None
 ) -> tuple[Array, Array]:
-    """Solve K phi = omega^2 M phi, lowest first.
-
-    Parameters
-    ----------
-    stiffness : numpy.ndarray
-        Symmetric stiffness K, shape (n, n).
-    mass : numpy.ndarray
-        Symmetric positive definite mass M, shape (n, n).
-    held : numpy.ndarray
-        Vectors v with v^T q = 0, one a column, shape (n, m).
-    count : int, optional
-        Number of modes; all where not given.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        omega [rad/s], shape (k,), and shapes with phi^T M phi = 1, one a column, shape (n, k).
-
-    Raises
-    ------
-    ModelError
-        The mass matrix is not positive definite.
-    """
+    """Solve K phi = omega^2 M phi, lowest first."""
     basis = null_space(held.T) if held.shape[1] else None
     if basis is not None:
         stiffness, mass = basis.T @ stiffness @ basis, basis.T @ mass @ basis

@@ -7,23 +7,10 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.system.damping import Damping, ModalDamping
-
-__all__ = [
-    "STANDARD_GRAVITY",
-    "AxisPort",
-    "BodyPort",
-    "DriveCondition",
-    "DrivePort",
-    "LoadPort",
-    "MechanicalSystem",
-    "ProbePort",
-    "StressMap",
-]
-
-Array = NDArray[np.float64]
 
 #: What is done with the drives: taken out, left in with their stiffness, or held at their length.
 DriveCondition = Literal["removed", "in place", "locked"]
@@ -36,117 +23,80 @@ _T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort", "LoadPort")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivePort:
-    """Where a drive acts.
-
-    Parameters
-    ----------
-    name : str
-        Name of the drive.
-    vector : numpy.ndarray
-        Elongation of the drive for each coordinate [m], shape (n,); also the force of the
-        coordinates for a unit force of the drive.
-    stiffness : float or None
-        Stiffness of the drive itself [N/m]; None if rigid, 0 if it is a pure force.
-    stroke : float or None
-        Largest free displacement [m].
-    smallest_displacement : float or None
-        Smallest commanded change [m].
-    largest_force : float or None
-        Largest force, of a drive that is a pure force [N].
-    """
+    """Where a drive acts."""
 
     name: str
+    """Name of the drive."""
     vector: Array
+    """Elongation of the drive for each coordinate [m], shape (n,); also the force of the
+    coordinates for a unit force of the drive.
+    """
     stiffness: float | None
+    """Stiffness of the drive itself [N/m]; None if rigid, 0 if it is a pure force."""
     stroke: float | None = None
+    """Largest free displacement [m]."""
     smallest_displacement: float | None = None
+    """Smallest commanded change [m]."""
     largest_force: float | None = None
+    """Largest force, of a drive that is a pure force [N]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProbePort:
-    """Where motion is read.
-
-    Parameters
-    ----------
-    name : str
-        Name of the probe.
-    vector : numpy.ndarray
-        Reading for each coordinate, shape (n,).
-    unit : str
-        Unit of the reading.
-    body : str
-        Body that is read.
-    """
+    """Where motion is read."""
 
     name: str
+    """Name of the probe."""
     vector: Array
+    """Reading for each coordinate, shape (n,)."""
     unit: str = "m"
+    """Unit of the reading."""
     body: str = ""
+    """Body that is read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyPort:
-    """Motion of a body, for drawing and for rotations.
-
-    Parameters
-    ----------
-    name : str
-        Name of the body.
-    centre : tuple of float
-        The point whose displacement is given [m].
-    matrix : numpy.ndarray
-        Displacement x, y [m] and rotation [rad] for each coordinate, shape (3, n).
-    """
+    """Motion of a body, for drawing and for rotations."""
 
     name: str
+    """Name of the body."""
     centre: tuple[float, float]
+    """The point whose displacement is given [m]."""
     matrix: Array
+    """Displacement x, y [m] and rotation [rad] for each coordinate, shape (3, n)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadPort:
-    """A load that acts on the whole stage, such as its weight or a change of temperature.
-
-    Parameters
-    ----------
-    name : str
-        Name of the load.
-    vector : numpy.ndarray
-        Force on each coordinate for a load of one unit, shape (n,).
-    unit : str
-        Unit of the load.
-    """
+    """A load that acts on the whole stage, such as its weight or a change of temperature."""
 
     name: str
+    """Name of the load."""
     vector: Array
+    """Force on each coordinate for a load of one unit, shape (n,)."""
     unit: str
+    """Unit of the load."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressMap:
-    """Stress at the critical points of each hinge, linear in the coordinates.
-
-    Parameters
-    ----------
-    hinges : tuple of str
-        Names of the hinges.
-    matrix : numpy.ndarray
-        For each place and coordinate the signed equivalent stress [Pa], shape (m, n), or the
-        components xx, yy, zz, yz, xz, xy of the stress [Pa], shape (m, 6, n), whose equivalent
-        stress is that of von Mises.
-    owner : numpy.ndarray
-        Index into `hinges` of each place, shape (m,).
-    point : numpy.ndarray or None
-        The point that each place belongs to, counted from 0, shape (m,); several places, one in
-        each finite element about it, share a point, and their stress is averaged there. None where
-        each is a point of its own.
-    """
+    """Stress at the critical points of each hinge, linear in the coordinates."""
 
     hinges: tuple[str, ...]
+    """Names of the hinges."""
     matrix: Array
+    """For each place and coordinate the signed equivalent stress [Pa], shape (m, n), or the
+    components xx, yy, zz, yz, xz, xy of the stress [Pa], shape (m, 6, n), whose equivalent
+    stress is that of von Mises.
+    """
     owner: NDArray[np.intp]
+    """Index into `hinges` of each place, shape (m,)."""
     point: NDArray[np.intp] | None = None
+    """The point that each place belongs to, counted from 0, shape (m,); several places, one in each
+    finite element about it, share a point, and their stress is averaged there. None where each
+    is a point of its own.
+    """
 
     def largest(self, q: Array) -> dict[str, float]:
         """Return the largest stress in each hinge.
@@ -221,21 +171,14 @@ def _equivalent(stress: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisPort:
-    """An axis of positioning.
-
-    Parameters
-    ----------
-    name : str
-        Name of the axis.
-    drive : str
-        Drive that moves it.
-    probe : str
-        Probe that reads it.
-    """
+    """An axis of positioning."""
 
     name: str
+    """Name of the axis."""
     drive: str
+    """Drive that moves it."""
     probe: str
+    """Probe that reads it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -247,37 +190,6 @@ class MechanicalSystem:
     M and K are those of the bare stage: fixed bodies held, drives removed. A drive in place adds
     the spring :math:`k d d^T` and the input :math:`k d w` of its free displacement w.
 
-    Parameters
-    ----------
-    name : str
-        Name of the stage.
-    model : str
-        Model that it comes from: lumped, superelement, plane or solid.
-    M : numpy.ndarray
-        Mass matrix, shape (n, n).
-    K : numpy.ndarray
-        Stiffness matrix, shape (n, n).
-    coordinates : tuple of str
-        Name and unit of each coordinate.
-    drives : tuple of DrivePort
-        Where drives act.
-    probes : tuple of ProbePort
-        Where motion is read.
-    bodies : tuple of BodyPort
-        Motion of the bodies.
-    stress : StressMap or None
-        Stress in the hinges.
-    loads : tuple of LoadPort
-        Loads on the whole stage.
-    axes : tuple of AxisPort
-        Directions of positioning.
-    damping : ModalDamping or RayleighDamping or LossFactor
-        Damping.
-    validity : tuple of str
-        Where the model stops being valid.
-    settings : Mapping
-        Choices of the model that change its figures.
-
     Raises
     ------
     ModelError
@@ -285,19 +197,33 @@ class MechanicalSystem:
     """
 
     name: str
+    """Name of the stage."""
     model: str
+    """Model that it comes from: lumped, superelement, plane or solid."""
     M: Array
+    """Mass matrix, shape (n, n)."""
     K: Array
+    """Stiffness matrix, shape (n, n)."""
     coordinates: tuple[str, ...]
+    """Name and unit of each coordinate."""
     drives: tuple[DrivePort, ...] = ()
+    """Where drives act."""
     probes: tuple[ProbePort, ...] = ()
+    """Where motion is read."""
     bodies: tuple[BodyPort, ...] = ()
+    """Motion of the bodies."""
     stress: StressMap | None = None
+    """Stress in the hinges."""
     loads: tuple[LoadPort, ...] = ()
+    """Loads on the whole stage."""
     axes: tuple[AxisPort, ...] = ()
+    """Directions of positioning."""
     damping: Damping = field(default_factory=lambda: ModalDamping(ratio=0.01))
+    """Damping."""
     validity: tuple[str, ...] = ()
+    """Where the model stops being valid."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Choices of the model that change its figures."""
 
     __repr__ = short_repr
 

@@ -3,37 +3,25 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.short_repr import short_repr
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
-__all__ = ["Modes", "modes"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Modes:
-    """Natural modes of a system.
-
-    Parameters
-    ----------
-    drives : str
-        Condition of the drives: ``removed``, ``in place`` or ``locked``.
-    frequency_hz : numpy.ndarray
-        Natural frequencies, lowest first [Hz], shape (k,).
-    shapes : numpy.ndarray
-        Mode shapes with phi^T M phi = 1, one a column, shape (n, k).
-    damping_ratio : numpy.ndarray
-        Damping ratio of each mode [1], shape (k,).
-    """
+    """Natural modes of a system."""
 
     drives: DriveCondition
+    """Condition of the drives: ``removed``, ``in place`` or ``locked``."""
     frequency_hz: Array
+    """Natural frequencies, lowest first [Hz], shape (k,)."""
     shapes: Array
+    """Mode shapes with phi^T M phi = 1, one a column, shape (n, k)."""
     damping_ratio: Array
+    """Damping ratio of each mode [1], shape (k,)."""
 
     __repr__ = short_repr
 

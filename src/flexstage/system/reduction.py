@@ -4,42 +4,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import modes
 
-__all__ = ["guyan_reduction", "modal_reduction", "transformed"]
-
-Array = NDArray[np.float64]
-
 
 def transformed(
     system: MechanicalSystem, basis: Array, coordinates: Sequence[str]
 ) -> MechanicalSystem:
-    """Return a system in other coordinates, q = basis @ r.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-    basis : numpy.ndarray
-        One new coordinate a column, shape (n, r).
-    coordinates : sequence of str
-        Names and units of the new coordinates, r of them.
-
-    Returns
-    -------
-    MechanicalSystem
-        The system with the same drives, probes, bodies and stress map.
-
-    Raises
-    ------
-    ModelError
-        The shapes do not fit.
-    """
+    """Return a system in other coordinates, q = basis @ r."""
     if basis.shape != (system.order, len(coordinates)):
         raise ModelError(
             f"the basis must have shape {(system.order, len(coordinates))}, got {basis.shape}"

@@ -6,21 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
-
-__all__ = [
-    "FrequencyResponse",
-    "TimeResponse",
-    "default_frequencies_hz",
-    "frequency_response",
-    "time_response",
-]
-
-Array = NDArray[np.float64]
 
 # Above this damping ratio, and below this angle of a mode in one step [rad], the closed form of a
 # step loses digits or does not exist.
@@ -30,78 +21,44 @@ _SHORT = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrequencyResponse:
-    """Response of one probe to one drive over frequency.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,).
-    value : numpy.ndarray
-        Complex response in `unit`, shape (k,).
-    drive : str
-        The drive.
-    probe : str
-        The probe.
-    drives : str
-        Condition of the drives.
-    input_kind : str
-        ``force``, or ``free displacement`` of a drive in place.
-    unit : str
-        Unit of `value`.
-    """
+    """Response of one probe to one drive over frequency."""
 
     frequency_hz: Array
+    """Frequencies [Hz], shape (k,)."""
     value: NDArray[np.complex128]
+    """Complex response in `unit`, shape (k,)."""
     drive: str
+    """The drive."""
     probe: str
+    """The probe."""
     drives: DriveCondition
+    """Condition of the drives."""
     input_kind: str
+    """``force``, or ``free displacement`` of a drive in place."""
     unit: str
+    """Unit of `value`."""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimeResponse:
-    """Response over time.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (k,).
-    q : numpy.ndarray
-        Coordinates, shape (k, n).
-    velocity : numpy.ndarray
-        Their rates, shape (k, n).
-    readings : dict
-        Reading of each probe [m], shape (k,).
-    """
+    """Response over time."""
 
     time: Array
+    """Times [s], shape (k,)."""
     q: Array
+    """Coordinates, shape (k, n)."""
     velocity: Array
+    """Their rates, shape (k, n)."""
     readings: dict[str, Array]
+    """Reading of each probe [m], shape (k,)."""
 
     __repr__ = short_repr
 
 
 def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance.
-
-    Parameters
-    ----------
-    result : Modes
-        Modes of the system.
-    count : int
-        Number of evenly spread points (in the logarithm).
-    modes_shown : int
-        Number of modes that are to be seen.
-
-    Returns
-    -------
-    numpy.ndarray
-        Frequencies [Hz], rising.
-    """
+    """Return frequencies that show the lowest modes, denser at each resonance."""
     shown = result.frequency_hz[:modes_shown]
     shown = shown[shown > 0.0]
     if shown.size == 0:

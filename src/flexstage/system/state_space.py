@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.system.imposed import imposed_shape
@@ -15,38 +15,25 @@ from flexstage.system.modes import modes
 if TYPE_CHECKING:
     import control
 
-__all__ = ["StateSpace", "state_space"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateSpace:
-    """x' = A x + B u, y = C x + D u in modal coordinates.
-
-    Parameters
-    ----------
-    A : numpy.ndarray
-        State matrix, shape (2k, 2k): modal coordinates, then their rates; where a displacement g w
-        of a mode is imposed, its rate less ``2 zeta omega g w``.
-    B : numpy.ndarray
-        Input matrix, shape (2k, m).
-    C : numpy.ndarray
-        Output matrix, shape (p, 2k).
-    D : numpy.ndarray
-        Feedthrough, shape (p, m).
-    inputs : tuple of str
-        Name and unit of each input.
-    outputs : tuple of str
-        Name and unit of each output.
-    """
+    """x' = A x + B u, y = C x + D u in modal coordinates."""
 
     A: Array
+    """State matrix, shape (2k, 2k): modal coordinates, then their rates; where a displacement g w
+    of a mode is imposed, its rate less ``2 zeta omega g w``.
+    """
     B: Array
+    """Input matrix, shape (2k, m)."""
     C: Array
+    """Output matrix, shape (p, 2k)."""
     D: Array
+    """Feedthrough, shape (p, m)."""
     inputs: tuple[str, ...]
+    """Name and unit of each input."""
     outputs: tuple[str, ...]
+    """Name and unit of each output."""
 
     __repr__ = short_repr
 

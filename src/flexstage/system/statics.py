@@ -5,24 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.system.linalg import solve_stiffness
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
-
-__all__ = [
-    "StaticSolution",
-    "drive_stiffness",
-    "load_readings",
-    "probe_stiffness",
-    "static_displacements",
-    "static_forces",
-    "static_loads",
-]
-
-Array = NDArray[np.float64]
 
 # two drives whose elongations are the same to this part are one
 _DEPENDENT = 1e12
@@ -30,30 +18,20 @@ _DEPENDENT = 1e12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticSolution:
-    """A state of equilibrium.
-
-    Parameters
-    ----------
-    q : numpy.ndarray
-        Coordinates, shape (n,).
-    drive_force : dict
-        Force of each drive that was given a force or a displacement [N].
-    drive_displacement : dict
-        Elongation of every drive [m].
-    readings : dict
-        Reading of every probe [m].
-    body_motion : dict
-        Displacement x, y [m] and rotation [rad] of every body.
-    hinge_stress : dict
-        Largest equivalent stress in every hinge [Pa].
-    """
+    """A state of equilibrium."""
 
     q: Array
+    """Coordinates, shape (n,)."""
     drive_force: dict[str, float]
+    """Force of each drive that was given a force or a displacement [N]."""
     drive_displacement: dict[str, float]
+    """Elongation of every drive [m]."""
     readings: dict[str, float]
+    """Reading of every probe [m]."""
     body_motion: dict[str, tuple[float, float, float]]
+    """Displacement x, y [m] and rotation [rad] of every body."""
     hinge_stress: dict[str, float]
+    """Largest equivalent stress in every hinge [Pa]."""
 
     __repr__ = short_repr
 

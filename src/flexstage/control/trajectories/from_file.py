@@ -8,8 +8,6 @@ from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Record
 
-__all__ = ["trajectory_of"]
-
 #: A gap between the end and the start of more than this share of the range is closed or refused.
 _GAP = 1e-3
 

@@ -7,8 +7,6 @@ import numpy as np
 from flexstage.control.trajectories.trajectory import Trajectory, period_samples
 from flexstage.errors import ModelError
 
-__all__ = ["lissajous"]
-
 
 def lissajous(
     axes: tuple[str, str],

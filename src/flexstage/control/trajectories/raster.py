@@ -18,8 +18,6 @@ from flexstage.control.trajectories.turns import (
 )
 from flexstage.errors import ModelError
 
-__all__ = ["raster"]
-
 
 def raster(
     axes: tuple[str, str],

@@ -4,8 +4,6 @@ import numpy as np
 
 from flexstage.control.trajectories.trajectory import Trajectory, checked_ends, period_samples
 
-__all__ = ["sine"]
-
 
 def sine(
     axis: str, low: float, high: float, rate_hz: float, *, sample_rate_hz: float

@@ -12,15 +12,11 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.control.trajectories.trajectory import Trajectory, period_samples
 from flexstage.control.trajectories.turns import linear_between_turns, there_and_back
 from flexstage.errors import ModelError
-
-__all__ = ["spiral"]
-
-Array = NDArray[np.float64]
 
 #: Points of the path from which its time law is inverted.
 _POINTS = 20001

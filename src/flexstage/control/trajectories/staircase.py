@@ -7,8 +7,6 @@ import numpy as np
 from flexstage.control.trajectories.trajectory import Trajectory, period_samples, smooth_step
 from flexstage.errors import ModelError
 
-__all__ = ["staircase"]
-
 
 def staircase(
     axis: str,

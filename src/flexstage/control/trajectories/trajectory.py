@@ -7,13 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import LimitError, ModelError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
-
-__all__ = ["Trajectory", "band_limited", "period_samples"]
-
-Array = NDArray[np.float64]
 
 #: A period is cut to whole samples; a change of the rate above this share is told.
 _TOLD = 1e-9
@@ -25,22 +22,6 @@ _FEWEST = 8
 class Trajectory:
     """One period of a motion of one or more axes, which repeats without a jump.
 
-    Parameters
-    ----------
-    positions : Mapping
-        Positions by axis [m], shape (n,). The sample after the last one is the first again.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    linear : numpy.ndarray
-        True where the motion is what it is run for: constant speed of a triangle or a raster,
-        standing still of a staircase; True throughout for sines. Shape (n,).
-    kind : str
-        What it is.
-    overshoot : float
-        How far turns lead beyond the linear part at each end [m]; 0 where there are none.
-    notes : tuple of str
-        What was changed, to be told.
-
     Raises
     ------
     ModelError
@@ -48,11 +29,19 @@ class Trajectory:
     """
 
     positions: Mapping[str, Array]
+    """Positions by axis [m], shape (n,). The sample after the last one is the first again."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     linear: NDArray[np.bool_]
+    """True where the motion is what it is run for: constant speed of a triangle or a raster,
+    standing still of a staircase; True throughout for sines. Shape (n,).
+    """
     kind: str
+    """What it is."""
     overshoot: float = 0.0
+    """How far turns lead beyond the linear part at each end [m]; 0 where there are none."""
     notes: tuple[str, ...] = field(default=())
+    """What was changed, to be told."""
 
     def __post_init__(self) -> None:
         self.waveform()  # checks lengths, finiteness and rate
@@ -234,23 +223,6 @@ class Trajectory:
 def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[str, ...]]:
     """Return the whole number of samples of a period.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Periods in a second [Hz].
-    sample_rate_hz : float
-        Samples in a second [Hz].
-
-    Returns
-    -------
-    tuple
-        The number, and a note where the rate had to be changed for it.
-
-    Raises
-    ------
-    ModelError
-        A rate is not positive, or there are fewer than 8 samples in a period.
-
     Examples
     --------
     >>> period_samples(3.0, 1000.0)
@@ -298,7 +270,7 @@ def band_limited(trajectory: Trajectory, band_hz: float) -> Trajectory:
 
     Examples
     --------
-    >>> from flexstage.control.trajectories import triangle
+    >>> from flexstage.control.trajectories.triangle import triangle
     >>> sharp = triangle("x", 0.0, 59.5e-6, 2.0, sample_rate_hz=2e3, turn_time=1e-3)
     >>> soft = band_limited(sharp, 100.0)
     >>> round(soft.linear_share, 2), round(float(np.ptp(soft.positions["x"])) * 1e6, 2)
@@ -322,25 +294,7 @@ def band_limited(trajectory: Trajectory, band_hz: float) -> Trajectory:
 
 
 def checked_ends(low: float, high: float, axis: str) -> tuple[float, float]:
-    """Return the ends of a motion after checking that they rise.
-
-    Parameters
-    ----------
-    low, high : float
-        The ends [m].
-    axis : str
-        The axis, for the message.
-
-    Returns
-    -------
-    tuple of float
-        The ends [m].
-
-    Raises
-    ------
-    ModelError
-        They are not finite, or do not rise.
-    """
+    """Return the ends of a motion after checking that they rise."""
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ModelError(f"the ends of the motion of '{axis}' must rise, got {low!r}, {high!r} m")
     return float(low), float(high)
@@ -353,16 +307,6 @@ def smooth_step(s: ArrayLike) -> Array:
 
     of T. Flash and N. Hogan (J. Neuroscience 5 (1985) 1688): speed and acceleration are zero at
     both ends, 1.875 and 5.774 at most in between.
-
-    Parameters
-    ----------
-    s : array_like
-        Share of the time [1]; held at its ends outside 0 to 1.
-
-    Returns
-    -------
-    numpy.ndarray
-        Share of the way [1].
     """
     at = np.clip(np.asarray(s, dtype=np.float64), 0.0, 1.0)
     return at**3 * (10.0 - 15.0 * at + 6.0 * at**2)

@@ -10,8 +10,6 @@ from flexstage.control.trajectories.turns import (
     turn_share,
 )
 
-__all__ = ["triangle"]
-
 
 def triangle(
     axis: str,

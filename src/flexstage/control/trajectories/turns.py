@@ -12,11 +12,8 @@ acceleration is at most :math:`3 v/T_t`, jerk :math:`12 v/T_t^2`.
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["BEYOND", "linear_between_turns", "there_and_back"]
-
-Array = NDArray[np.float64]
 
 #: How far a turn leads beyond the linear part, over speed and duration.
 BEYOND = 5.0 / 16.0
@@ -24,23 +21,6 @@ BEYOND = 5.0 / 16.0
 
 def there_and_back(phase: Array, turn: float) -> Array:
     """Return a motion from 0 to 1 and back, with round turns.
-
-    Parameters
-    ----------
-    phase : numpy.ndarray
-        Share of the period [1], any value; 0 is the middle of the lower turn.
-    turn : float
-        Duration of a turn over half the period [1], above 0 and at most 1.
-
-    Returns
-    -------
-    numpy.ndarray
-        Share of the way [1], from 0 to 1.
-
-    Raises
-    ------
-    ModelError
-        The duration of a turn is out of range.
 
     Examples
     --------
@@ -60,47 +40,14 @@ def there_and_back(phase: Array, turn: float) -> Array:
 
 
 def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
-    """Say where such a motion has constant speed.
-
-    Parameters
-    ----------
-    phase : numpy.ndarray
-        Share of the period [1], any value; 0 is the middle of the lower turn.
-    turn : float
-        Duration of a turn over half the period [1].
-
-    Returns
-    -------
-    numpy.ndarray
-        True where it has.
-    """
+    """Say where such a motion has constant speed."""
     t = 2.0 * np.abs(np.asarray(phase, dtype=np.float64) - np.round(phase))
     edge = 0.5 * turn - 1e-9
     return (t >= edge) & (t <= 1.0 - edge)
 
 
 def turn_share(turn_time: float | None, half_period: float, default: float = 0.1) -> float:
-    """Return the duration of a turn over half the period.
-
-    Parameters
-    ----------
-    turn_time : float or None
-        Duration of a turn [s].
-    half_period : float
-        Half of the period [s].
-    default : float
-        The share where no duration is given [1].
-
-    Returns
-    -------
-    float
-        The share [1].
-
-    Raises
-    ------
-    ModelError
-        The turn is not positive, or longer than half the period.
-    """
+    """Return the duration of a turn over half the period."""
     if turn_time is None:
         return default
     if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):

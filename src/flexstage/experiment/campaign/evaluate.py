@@ -17,8 +17,6 @@ from flexstage.experiment.campaign.workspace import evaluate_workspace
 from flexstage.progress import share, tell
 from flexstage.records import Record
 
-__all__ = ["EVALUATIONS", "characterise", "evaluate"]
-
 #: What evaluates each kind of test.
 EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] = {
     "motion": evaluate_motion,
@@ -35,27 +33,11 @@ EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] 
 def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
     """Evaluate all tests of a campaign.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The tests.
-    load : callable
-        Gives the records of a test.
-
-    Returns
-    -------
-    Characterisation
-        What the tests gave.
-
-    Raises
-    ------
-    FlexstageError
-        A test cannot be evaluated; the message names it.
-
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.experiment.virtual import as_built, virtual_campaign
+    >>> from flexstage.experiment.virtual.as_built import as_built
+    >>> from flexstage.experiment.virtual.campaign import virtual_campaign
     >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1), seed=1)
     >>> found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     >>> stroke = found.figure("output_displacement", "x").estimate

@@ -12,8 +12,6 @@ from flexstage.stage.yaml_reader import Mapping as MappingNode
 from flexstage.stage.yaml_reader import Scalar, parse_yaml, read_text
 from flexstage.stage.yaml_writer import yaml_text
 
-__all__ = ["campaign_text", "read_campaign"]
-
 _VERSION = 1
 
 
@@ -78,17 +76,6 @@ def _check_instruments(decoder: Decoder, root: MappingNode) -> None:
 
 
 def campaign_text(campaign: Campaign) -> str:
-    """Write the description of tests as the text of its file.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The tests.
-
-    Returns
-    -------
-    str
-        YAML that `read_campaign` reads back; what is as usual is left out.
-    """
+    """Write the description of tests as the text of its file."""
     data = {"campaign": Number(_VERSION), **encode(Campaign, campaign, None)}
     return yaml_text(data)

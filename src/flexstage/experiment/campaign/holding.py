@@ -8,43 +8,17 @@ from flexstage.experiment.campaign.loading import column
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.noise import (
-    allan_deviation,
-    hold_noise,
-    levels_of_command,
-    staircase,
-)
-from flexstage.experiment.uncertainty import SensorSetup, measured
-from flexstage.experiment.uncertainty.sensor import Role
-from flexstage.records import Record, require_uniform
-
-__all__ = ["evaluate_hold", "evaluate_staircase"]
+from flexstage.experiment.noise.allan import allan_deviation
+from flexstage.experiment.noise.hold import hold_noise
+from flexstage.experiment.noise.levels import levels_of_command
+from flexstage.experiment.noise.staircase import staircase
+from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
+from flexstage.records import Record
+from flexstage.records.sampling import require_uniform
 
 
 def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a staircase of small steps.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the command and ``along``.
-    records : list of Record
-        One record.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        The resolution: what the noise lets one tell apart, or the mean step where the steps are
-        the smallest that the drive can make.
-
-    Raises
-    ------
-    RecordError
-        The record cannot be evaluated, or its steps drown in the noise although they are to be the
-        resolution.
-    """
+    """Evaluate a staircase of small steps."""
     record = only(test, records)
     require_uniform(record)
     command = column(test, record, "command")
@@ -74,27 +48,7 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
 
 
 def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a record of an axis that is held.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose column is ``along``.
-    records : list of Record
-        One record.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Noise and drift, with spectrum and Allan deviation.
-
-    Raises
-    ------
-    RecordError
-        The record cannot be evaluated.
-    """
+    """Evaluate a record of an axis that is held."""
     record = only(test, records)
     require_uniform(record)
     along = column(test, record, "along")

@@ -7,21 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.campaign.plan import Columns, Test
-from flexstage.records import (
-    Channel,
-    Record,
-    read_record,
-    require_live,
-    require_unclipped,
-    saturation,
-)
+from flexstage.records import Channel, Record, read_record, saturation
+from flexstage.records.require import require_live, require_unclipped
 from flexstage.records.rows import row_range
-
-__all__ = ["column", "columns_of", "load_records", "optional_column", "runs_of", "sphere_columns"]
-
-Array = NDArray[np.float64]
 
 #: Kinds of tests whose rows follow one another by number where the file has no time.
 _POINTS = frozenset(("workspace", "spheres", "positioning"))
@@ -41,25 +32,7 @@ _FEWEST_LEVELS = 16
 
 
 def load_records(test: Test, folder: Path) -> list[Record]:
-    """Read the records of a test.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    folder : pathlib.Path
-        Where its files are named from.
-
-    Returns
-    -------
-    list of Record
-        One for each file.
-
-    Raises
-    ------
-    RecordError
-        A file cannot be used as it is.
-    """
+    """Read the records of a test."""
     how = test.reading
     units: dict[str, str] = {}
     for f in fields(Columns):
@@ -106,18 +79,7 @@ def _require_kind(test: Test, record: Record) -> None:
 
 
 def columns_of(test: Test) -> list[str]:
-    """Return the columns that a test uses, by name or number.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-
-    Returns
-    -------
-    list of str
-        The columns.
-    """
+    """Return the columns that a test uses, by name or number."""
     roles = test.columns
     listed = [*roles.named().values(), *roles.output, *roles.upward, *roles.downward]
     if test.kind == "spheres":
@@ -127,16 +89,6 @@ def columns_of(test: Test) -> list[str]:
 
 def sphere_columns(sphere: str) -> tuple[str, str, str]:
     """Return the columns of a sphere's centre.
-
-    Parameters
-    ----------
-    sphere : str
-        Its name.
-
-    Returns
-    -------
-    tuple of str
-        Columns of x, y and z.
 
     Examples
     --------
@@ -159,28 +111,7 @@ def _unit_of_each(role: str, at: Sequence[str], unit: Sequence[str], test: Test)
 
 
 def column(test: Test, record: Record, role: str) -> Array:
-    """Return the values of the column that has a role, in SI units.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    record : Record
-        Its record.
-    role : str
-        A field of `Columns`.
-
-    Returns
-    -------
-    numpy.ndarray
-        The values, shape (n,).
-
-    Raises
-    ------
-    RecordError
-        No column is named for the role, the record has none of that name, it never changes or is
-        cut off, or its unit is not said or not one that the role can have.
-    """
+    """Return the values of the column that has a role, in SI units."""
     named = getattr(test.columns, role)
     if not isinstance(named, str):
         raise RecordError(
@@ -194,28 +125,7 @@ def column(test: Test, record: Record, role: str) -> Array:
 
 
 def runs_of(test: Test, record: Record, role: str) -> Array:
-    """Return the values of the columns that have a role together, in SI units.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    record : Record
-        Its record.
-    role : str
-        A field of `Columns` that names several.
-
-    Returns
-    -------
-    numpy.ndarray
-        The values, shape (n, columns).
-
-    Raises
-    ------
-    RecordError
-        No column is named for the role, the record has none of that name, or its unit is not said
-        or not one that the role can have.
-    """
+    """Return the values of the columns that have a role together, in SI units."""
     named = getattr(test.columns, role)
     if not named:
         raise RecordError(
@@ -268,22 +178,7 @@ def _longest_rest(where: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def optional_column(test: Test, record: Record, role: str) -> Array | None:
-    """Return the values of the column that has a role, where one is named.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    record : Record
-        Its record.
-    role : str
-        A field of `Columns`.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        The values, shape (n,); None where no column is named.
-    """
+    """Return the values of the column that has a role, where one is named."""
     if getattr(test.columns, role) is None:
         return None
     return column(test, record, role)

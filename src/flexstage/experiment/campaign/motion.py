@@ -2,31 +2,21 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.characteristic import QUANTITIES
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, optional_column
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion import (
-    MotionCurve,
-    MotionCycles,
-    fit_motion_curve,
-    linearity,
-    motion_cycles,
-    stroke,
-)
-from flexstage.experiment.noise import screw_resolution
-from flexstage.experiment.uncertainty import SensorSetup, measured
-from flexstage.experiment.uncertainty.sensor import Role
+from flexstage.experiment.motion.curve_fit import fit_motion_curve
+from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
+from flexstage.experiment.motion.linearity import linearity
+from flexstage.experiment.motion.motion_curve import MotionCurve
+from flexstage.experiment.motion.stroke import stroke
+from flexstage.experiment.noise.resolution import screw_resolution
+from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
 from flexstage.records import Record
-
-__all__ = ["evaluate_motion", "motion_figures"]
-
-Array = NDArray[np.float64]
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
 _REVERSED = "the reading falls as the command rises: the stroke is given as a length"
@@ -49,28 +39,7 @@ _NOTES = {
 
 
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate cycles over the stroke.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the command, ``along`` and what else was read.
-    records : list of Record
-        One record.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Stroke, linearity, hysteresis, repeatability and drift; straightness, coupling and rotations
-        where they were read.
-
-    Raises
-    ------
-    RecordError
-        There are several records, or one cannot be evaluated.
-    """
+    """Evaluate cycles over the stroke."""
     record = only(test, records)
     motions = {
         name: values
@@ -85,25 +54,7 @@ def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> Te
 
 
 def only(test: Test, records: list[Record]) -> Record:
-    """Return the record of a test that has one.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    records : list of Record
-        Its records.
-
-    Returns
-    -------
-    Record
-        The only one.
-
-    Raises
-    ------
-    RecordError
-        There are several.
-    """
+    """Return the record of a test that has one."""
     if len(records) != 1:
         raise RecordError(
             f"test '{test.name}' of kind {test.kind} is evaluated from one file, got "
@@ -123,32 +74,7 @@ def motion_figures(
     *,
     timed: bool = True,
 ) -> TestResult:
-    """Return the figures of an axis from its motions over repeated cycles.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    campaign : Campaign
-        The campaign, for the instruments.
-    command : numpy.ndarray
-        Command [V or m], shape (n,).
-    command_unit : str
-        Its unit.
-    along : numpy.ndarray
-        Position along the axis [m], shape (n,).
-    time : numpy.ndarray
-        Time [s], or number of the station, shape (n,).
-    motions : dict
-        Other motions by role [m or rad], each of shape (n,).
-    timed : bool
-        Whether the times are times, so that a drift has a rate.
-
-    Returns
-    -------
-    TestResult
-        The figures, with the curves behind them.
-    """
+    """Return the figures of an axis from its motions over repeated cycles."""
     cycles = motion_cycles(command)
     found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
     straight = linearity(found.curve)

@@ -5,11 +5,9 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from flexstage.errors import ModelError
-from flexstage.experiment.motion import CYCLES
-from flexstage.experiment.uncertainty import SensorSetup
+from flexstage.experiment.motion.approaches import CYCLES
+from flexstage.experiment.uncertainty.sensor import SensorSetup
 from flexstage.units import DIMENSIONS
-
-__all__ = ["EXCITATIONS", "KINDS", "Campaign", "Columns", "Instrument", "Reading", "Test"]
 
 #: Kinds of tests, and what each of them is.
 KINDS: dict[str, str] = {
@@ -29,48 +27,40 @@ EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Which column of a record is what, by name or number; or the unit of each.
-
-    Parameters
-    ----------
-    command : str, optional
-        What the drive was told.
-    along, across, vertical : str, optional
-        Position along the axis, across it in the plane, and out of the plane.
-    roll, pitch, yaw : str, optional
-        Rotations about the axis, about the direction across, and about the normal.
-    input : str, optional
-        Force, or whatever excites.
-    output : tuple of str
-        What follows it.
-    corner : str, optional
-        Number of the corner, from 0 and anticlockwise.
-    x, y : str, optional
-        Readings at the corners.
-    spheres : tuple of str
-        Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``.
-    direction : str, optional
-        The side that a target was reached from: a word, an arrow, or a number by its sign.
-    upward, downward : tuple of str
-        Of a table with a row for each target: readings of each run, from below and from above.
-    """
+    """Which column of a record is what, by name or number; or the unit of each."""
 
     command: str | None = None
+    """What the drive was told."""
     along: str | None = None
+    """Position along the axis, across it in the plane, and out of the plane."""
     across: str | None = None
+    """Position along the axis, across it in the plane, and out of the plane."""
     vertical: str | None = None
+    """Position along the axis, across it in the plane, and out of the plane."""
     roll: str | None = None
+    """Rotations about the axis, about the direction across, and about the normal."""
     pitch: str | None = None
+    """Rotations about the axis, about the direction across, and about the normal."""
     yaw: str | None = None
+    """Rotations about the axis, about the direction across, and about the normal."""
     input: str | None = None
+    """Force, or whatever excites."""
     output: tuple[str, ...] = ()
+    """What follows it."""
     corner: str | None = None
+    """Number of the corner, from 0 and anticlockwise."""
     x: str | None = None
+    """Readings at the corners."""
     y: str | None = None
+    """Readings at the corners."""
     spheres: tuple[str, ...] = ()
+    """Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``."""
     direction: str | None = None
+    """The side that a target was reached from: a word, an arrow, or a number by its sign."""
     upward: tuple[str, ...] = ()
+    """Of a table with a row for each target: readings of each run, from below and from above."""
     downward: tuple[str, ...] = ()
+    """Of a table with a row for each target: readings of each run, from below and from above."""
 
     def named(self) -> dict[str, str]:
         """Return the single columns that are given, by what they are."""
@@ -80,83 +70,54 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How the files of a test are read; what they say themselves need not be repeated.
-
-    Parameters
-    ----------
-    sample_rate : float, optional
-        Sample rate [Hz].
-    time : str, optional
-        Column of time.
-    format : str, optional
-        Format of the files.
-    dataset : str, optional
-        Dataset of the files.
-    delimiter, decimal : str, optional
-        Of text files.
-    rows : str, optional
-        Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted.
-    skip_lines : int
-        Lines to skip at the start of a text file.
-    """
+    """How the files of a test are read; what they say themselves need not be repeated."""
 
     sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
+    """Sample rate [Hz]."""
     time: str | None = None
+    """Column of time."""
     format: str | None = None
+    """Format of the files."""
     dataset: str | None = None
+    """Dataset of the files."""
     delimiter: str | None = None
+    """Of text files."""
     decimal: str | None = None
+    """Of text files."""
     rows: str | None = None
+    """Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted."""
     skip_lines: int = 0
+    """Lines to skip at the start of a text file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instrument:
-    """A sensor by name, with what is known of its errors.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    calibration : float
-        Relative standard uncertainty of its sensitivity [1].
-    nonlinearity : float
-        Largest deviation from its line, over its range [1].
-    alignment : float
-        Standard uncertainty of the angle between its direction and that of the axis [rad].
-    abbe_offset, abbe_uncertainty : float
-        Distance of its line from the point that counts, and standard uncertainty of it [m].
-    temperature_uncertainty : float
-        Standard uncertainty of the temperature over a test [K].
-    expansion : float
-        Expansion of the loop between sensor and stage [1/K].
-    length_of_loop : float
-        Length of that loop [m].
-    drift : float
-        Standard uncertainty of the drift that is left [m/s].
-    resolution_step : float
-        Step of its reading [m].
-    time_base : float
-        Relative standard uncertainty of the clock that samples it [1].
-
-    Raises
-    ------
-    ModelError
-        A figure is negative or not finite.
-    """
+    """A sensor by name, with what is known of its errors."""
 
     name: str
+    """Its name."""
     calibration: float = 0.0
+    """Relative standard uncertainty of its sensitivity [1]."""
     nonlinearity: float = 0.0
+    """Largest deviation from its line, over its range [1]."""
     alignment: Annotated[float, DIMENSIONS["angle"]] = 0.0
+    """Standard uncertainty of the angle between its direction and that of the axis [rad]."""
     abbe_offset: Annotated[float, DIMENSIONS["length"]] = 0.0
+    """Distance of its line from the point that counts, and standard uncertainty of it [m]."""
     abbe_uncertainty: Annotated[float, DIMENSIONS["length"]] = 0.0
+    """Distance of its line from the point that counts, and standard uncertainty of it [m]."""
     temperature_uncertainty: float = 0.0
+    """Standard uncertainty of the temperature over a test [K]."""
     expansion: Annotated[float, DIMENSIONS["expansion"]] = 0.0
+    """Expansion of the loop between sensor and stage [1/K]."""
     length_of_loop: Annotated[float, DIMENSIONS["length"]] = 0.0
+    """Length of that loop [m]."""
     drift: float = 0.0
+    """Standard uncertainty of the drift that is left [m/s]."""
     resolution_step: Annotated[float, DIMENSIONS["length"]] = 0.0
+    """Step of its reading [m]."""
     time_base: float = 0.0
+    """Relative standard uncertainty of the clock that samples it [1]."""
 
     def __post_init__(self) -> None:
         try:
@@ -175,46 +136,6 @@ class Instrument:
 class Test:
     """One test: its records, and what is in them.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    kind : str
-        One of `KINDS`.
-    axis : str
-        The axis that moves or is excited; of a workspace both axes, such as ``xy``.
-    records : tuple of str
-        Its files, from the folder of the file that describes them.
-    columns : Columns
-        What is in which column.
-    units : Columns
-        Units of columns that do not say theirs.
-    reading : Reading
-        How the files are read.
-    along, transverse, angle : str, optional
-        Names of the instruments that read position, the directions across it, and rotations.
-    excitation : str
-        Of a response: hammer, random, periodic, step, sweep, or auto.
-    modes : float, optional
-        Of a response: how many modes to fit; chosen by stabilisation where not given.
-    band : tuple of float, optional
-        Of a response: ends of the band that is fitted [Hz].
-    confidence : float
-        Of a staircase: confidence at which a step shall be told from its neighbours [1].
-    smallest_steps : bool
-        Of a staircase: whether its steps are the smallest that the drive can make, so that they
-        are the resolution, and not what the noise would still let one see.
-    smallest_step : float, optional
-        Of a motion commanded in metres: smallest step of the drive, whose product with the
-        measured ratio is the resolution [m].
-    commands : tuple of float
-        Of spheres: what the drive was told at each station, where no column says it, as in the
-        report of a measuring machine [m].
-    cycle : str
-        Of positioning: one of `flexstage.experiment.motion.CYCLES`.
-    deviations : bool
-        Of positioning: whether the readings are deviations from the targets, and not positions.
-
     Raises
     ------
     ModelError
@@ -225,24 +146,49 @@ class Test:
     __test__ = False  # a name that the collector of tests would take for its own
 
     name: str
+    """Its name."""
     kind: str
+    """One of `KINDS`."""
     axis: str
+    """The axis that moves or is excited; of a workspace both axes, such as ``xy``."""
     records: tuple[str, ...]
+    """Its files, from the folder of the file that describes them."""
     columns: Columns = field(default_factory=Columns)
+    """What is in which column."""
     units: Columns = field(default_factory=Columns)
+    """Units of columns that do not say theirs."""
     reading: Reading = field(default_factory=Reading)
+    """How the files are read."""
     along: str | None = None
+    """Names of the instruments that read position, the directions across it, and rotations."""
     transverse: str | None = None
+    """Names of the instruments that read position, the directions across it, and rotations."""
     angle: str | None = None
+    """Names of the instruments that read position, the directions across it, and rotations."""
     excitation: str = "auto"
+    """Of a response: hammer, random, periodic, step, sweep, or auto."""
     modes: float | None = None
+    """Of a response: how many modes to fit; chosen by stabilisation where not given."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    """Of a response: ends of the band that is fitted [Hz]."""
     confidence: float = 0.95
+    """Of a staircase: confidence at which a step shall be told from its neighbours [1]."""
     smallest_steps: bool = False
+    """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
+    the resolution, and not what the noise would still let one see.
+    """
     smallest_step: Annotated[float, DIMENSIONS["length"]] | None = None
+    """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
+    ratio is the resolution [m].
+    """
     commands: tuple[Annotated[float, DIMENSIONS["length"]], ...] = ()
+    """Of spheres: what the drive was told at each station, where no column says it, as in the
+    report of a measuring machine [m].
+    """
     cycle: str = "auto"
+    """Of positioning: one of `flexstage.experiment.motion.approaches.CYCLES`."""
     deviations: bool = False
+    """Of positioning: whether the readings are deviations from the targets, and not positions."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -299,19 +245,6 @@ class Test:
 class Campaign:
     """Everything that was measured of a stage.
 
-    Parameters
-    ----------
-    stage : str
-        Stage file or name of a built-in design; empty where there is none.
-    origin : str
-        ``measured``, or ``virtual`` where the records are simulated.
-    instruments : tuple of Instrument
-        The sensors.
-    tests : tuple of Test
-        The tests.
-    notes : tuple of str
-        Remarks that belong to every figure.
-
     Raises
     ------
     ModelError
@@ -319,10 +252,15 @@ class Campaign:
     """
 
     stage: str = ""
+    """Stage file or name of a built-in design; empty where there is none."""
     origin: str = "measured"
+    """``measured``, or ``virtual`` where the records are simulated."""
     instruments: tuple[Instrument, ...] = ()
+    """The sensors."""
     tests: tuple[Test, ...]
+    """The tests."""
     notes: tuple[str, ...] = ()
+    """Remarks that belong to every figure."""
 
     def __post_init__(self) -> None:
         if self.origin not in ("measured", "virtual"):

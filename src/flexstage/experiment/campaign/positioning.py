@@ -4,28 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, runs_of
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion import (
-    Approaches,
-    Positioning,
-    Visits,
-    positioning,
-    staircase_dwells,
-    visits,
-)
-from flexstage.experiment.uncertainty import SensorSetup, measured
+from flexstage.experiment.motion.approaches import Approaches, Visits, visits
+from flexstage.experiment.motion.dwells import staircase_dwells
+from flexstage.experiment.motion.positioning import Positioning, positioning
+from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
 from flexstage.records import Record
-
-__all__ = ["evaluate_positioning"]
-
-Array = NDArray[np.float64]
 
 #: Figures that stand in the table of a stage: quantity, field of `Positioning`, what it is.
 _FIGURES: tuple[tuple[str, str, str], ...] = (
@@ -59,29 +50,7 @@ class _Reached:
 
 
 def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate targets that were gone to from both sides, in the manner of ISO 230-2.
-
-    Parameters
-    ----------
-    test : Test
-        The test. Its columns are ``command``, the targets in metres, and ``along``: a row for each
-        approach in the order of time, or rests of several samples; ``direction`` says the side of
-        each. Or ``command``, ``upward`` and ``downward``: a row for each target.
-    records : list of Record
-        One record.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Accuracy, repeatability, systematic and mean deviation, reversal.
-
-    Raises
-    ------
-    RecordError
-        The command is no length, or targets were not gone to from both sides.
-    """
+    """Evaluate targets that were gone to from both sides, in the manner of ISO 230-2."""
     record = only(test, records)
     command = column(test, record, "command")
     unit = record.channel(test.columns.command or 0).unit

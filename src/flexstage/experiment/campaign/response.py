@@ -6,36 +6,17 @@ from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.modal import DecayMode, Mode, RingDown, fit_modes, ring_down
-from flexstage.experiment.spectra import estimate_response, response_from_record
-from flexstage.experiment.uncertainty import measured
+from flexstage.experiment.modal.fit import fit_modes
+from flexstage.experiment.modal.result import Mode
+from flexstage.experiment.modal.ring_down import DecayMode, RingDown, ring_down
+from flexstage.experiment.spectra.estimate import estimate_response
+from flexstage.experiment.spectra.from_record import response_from_record
+from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.records import Record
-
-__all__ = ["evaluate_response", "evaluate_ring_down", "mode_of_axis"]
 
 
 def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a driven response, or one that has been estimated already.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the input and the outputs.
-    records : list of Record
-        Records over time, averaged together, or one over frequency.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Natural frequency and damping ratio of the mode by which the axis moves.
-
-    Raises
-    ------
-    RecordError
-        A record cannot be evaluated, or shows no mode.
-    """
+    """Evaluate a driven response, or one that has been estimated already."""
     notes: tuple[str, ...] = ()
     added = 0.0
     if records[0].over == "frequency":
@@ -70,27 +51,7 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
 
 
 def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a free decay.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the outputs.
-    records : list of Record
-        One record.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Natural frequency and damping ratio of the strongest mode.
-
-    Raises
-    ------
-    RecordError
-        The record cannot be evaluated, or shows no decay.
-    """
+    """Evaluate a free decay."""
     if len(records) != 1 or not test.columns.output:
         raise RecordError(
             f"test '{test.name}' of kind ring-down needs one record and the columns of 'output'"
@@ -109,18 +70,7 @@ def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) ->
 
 
 def mode_of_axis(modes: tuple[Mode, ...]) -> Mode:
-    """Return the mode that gives most of the static response of any output to the first input.
-
-    Parameters
-    ----------
-    modes : tuple of Mode
-        At least one mode.
-
-    Returns
-    -------
-    Mode
-        That mode.
-    """
+    """Return the mode that gives most of the static response of any output to the first input."""
     return max(modes, key=lambda m: float(np.nanmax(np.abs(m.residues[:, 0]))) / abs(m.pole))
 
 

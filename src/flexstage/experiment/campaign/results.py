@@ -10,34 +10,19 @@ from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.short_repr import short_repr
 
-__all__ = ["Characterisation", "Figure", "TestResult"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """One figure of a stage, from one test.
-
-    Parameters
-    ----------
-    quantity : str
-        One of `flexstage.characteristic.QUANTITIES`.
-    axis : str
-        The axis, or both, such as ``xy``.
-    estimate : Estimate
-        The value with its uncertainty and where that comes from.
-    test : str
-        Name of the test.
-
-    Raises
-    ------
-    ModelError
-        The quantity is not known, or the estimate has another unit.
-    """
+    """One figure of a stage, from one test."""
 
     quantity: str
+    """One of `flexstage.characteristic.QUANTITIES`."""
     axis: str
+    """The axis, or both, such as ``xy``."""
     estimate: Estimate
+    """The value with its uncertainty and where that comes from."""
     test: str
+    """Name of the test."""
 
     def __post_init__(self) -> None:
         unit = QUANTITIES.get(self.quantity)
@@ -49,47 +34,32 @@ class Figure:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TestResult:
-    """What one test gave.
-
-    Parameters
-    ----------
-    test : Test
-        The test.
-    figures : tuple of Figure
-        Its figures.
-    details : Mapping
-        Curves and fits behind them, for drawing, by what they are.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """What one test gave."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
     test: Test
+    """The test."""
     figures: tuple[Figure, ...]
+    """Its figures."""
     details: Mapping[str, Any] = field(default_factory=dict)
+    """Curves and fits behind them, for drawing, by what they are."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Characterisation:
-    """What all tests of a stage gave.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The tests.
-    results : tuple of TestResult
-        What each gave, in the same order.
-    sources : Mapping
-        SHA-256 of each file that was read, by its name.
-    """
+    """What all tests of a stage gave."""
 
     campaign: Campaign
+    """The tests."""
     results: tuple[TestResult, ...]
+    """What each gave, in the same order."""
     sources: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file that was read, by its name."""
 
     __repr__ = short_repr
 

@@ -1,19 +1,16 @@
 """A test by spheres of a plate on the platform, probed at stations along the stroke."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.campaign.loading import column, sphere_columns
 from flexstage.experiment.campaign.motion import motion_figures, only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import TestResult
 from flexstage.experiment.motion.rigid_body import rigid_motion, travel_frame
-from flexstage.records import Record, require_live
-
-__all__ = ["evaluate_spheres"]
-
-Array = NDArray[np.float64]
+from flexstage.records import Record
+from flexstage.records.require import require_live
 
 _DIRECTIONS = {"x": 0, "y": 1}
 
@@ -23,25 +20,6 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
 
     The motion is that of the point at the origin of the machine's coordinates, which is the point
     of interest; axis ``x`` runs along the machine's X, and ``y`` along its Y.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the command of each station and the names of the spheres.
-    records : list of Record
-        One record, a row for each station.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        The figures of `evaluate_motion`, without drift.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than three spheres, they lie on a line, or the axis is neither x nor y.
     """
     record = only(test, records)
     if test.axis not in _DIRECTIONS:

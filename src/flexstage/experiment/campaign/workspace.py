@@ -10,36 +10,13 @@ from flexstage.experiment.campaign.loading import column
 from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
-from flexstage.experiment.motion import workspace
-from flexstage.experiment.uncertainty import measured
-from flexstage.experiment.uncertainty.sensor import Role
+from flexstage.experiment.motion.workspace import workspace
+from flexstage.experiment.uncertainty.sensor import Role, measured
 from flexstage.records import Record
-
-__all__ = ["evaluate_workspace"]
 
 
 def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate corners that were gone to again and again.
-
-    Parameters
-    ----------
-    test : Test
-        The test, whose columns are the number of the corner, ``x`` and ``y``.
-    records : list of Record
-        One record, a row for each visit.
-    campaign : Campaign
-        The campaign, for the instruments.
-
-    Returns
-    -------
-    TestResult
-        Area and squareness.
-
-    Raises
-    ------
-    RecordError
-        A corner is missing, or was not gone to twice.
-    """
+    """Evaluate corners that were gone to again and again."""
     record = only(test, records)
     corner = column(test, record, "corner")
     points = np.stack((column(test, record, "x"), column(test, record, "y")), axis=1)

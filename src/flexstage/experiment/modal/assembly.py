@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.covariance import Worth, assess, meat
@@ -15,11 +15,6 @@ from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
 from flexstage.experiment.modal.shapes import shape_from_residues
 from flexstage.experiment.modal.significance import significances, threshold
 from flexstage.experiment.modal.stabilisation import Stabilisation
-
-__all__ = ["assembled"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # share of a response that a fit may leave before it is said
 _UNEXPLAINED = 0.2
@@ -36,33 +31,7 @@ def assembled(
     wanted: int | Sequence[float] | None,
     hints: Sequence[str] = (),
 ) -> ModalFit:
-    """Make the result of a fit.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    parts : sequence of Prepared
-        The responses.
-    band : tuple of float
-        Ends of the band [Hz].
-    stabilisation : Stabilisation, optional
-        Where the start came from.
-    added_damping_rate : float
-        Decay rate to be taken off [1/s].
-    wanted : int or sequence of float, optional
-        How many modes were asked for, or near which frequencies [Hz]: where none, poles that are
-        no modes of the stage are left out of the list.
-    hints : sequence of str
-        What was noticed before.
-
-    Returns
-    -------
-    ModalFit
-        The result.
-    """
+    """Make the result of a fit."""
     blocks = [part.block for part in parts]
     worth = assess(basis, theta, blocks)
     strength = significances(basis, theta, blocks) if basis.count else np.zeros(0)

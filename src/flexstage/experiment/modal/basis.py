@@ -4,12 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["ModalBasis"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from flexstage.arrays import Array, Complex
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,29 +19,20 @@ class ModalBasis:
     g(s) = exp(-s tau) / (1 + s T): a pair of conjugate poles, with its residue in a and b; u and l
     stand for modes above and below the band (Ewins, 2000, Modal Testing, 2nd ed.).
     The parameters are w_1, zeta_1, ..., then tau and T where they are in it.
-
-    Parameters
-    ----------
-    count : int
-        Number of modes.
-    reference : float
-        The frequency that makes all others numbers of size 1 [rad/s].
-    delay : bool
-        Whether there is a delay tau.
-    lag : bool
-        Whether there is a lag T.
-    residuals : bool
-        Whether u and l are in it.
-    real_modes : bool
-        Whether the b_r are left out, as in a system with proportional damping.
     """
 
     count: int
+    """Number of modes."""
     reference: float
+    """The frequency that makes all others numbers of size 1 [rad/s]."""
     delay: bool = False
+    """Whether there is a delay tau."""
     lag: bool = False
+    """Whether there is a lag T."""
     residuals: bool = True
+    """Whether u and l are in it."""
     real_modes: bool = False
+    """Whether the b_r are left out, as in a system with proportional damping."""
 
     @property
     def size(self) -> int:
@@ -63,20 +50,7 @@ class ModalBasis:
         return 1 if self.real_modes else 2
 
     def transfer(self, theta: Array, s: Complex) -> Complex:
-        """Return what delay and lag make of a response.
-
-        Parameters
-        ----------
-        theta : numpy.ndarray
-            Parameters, shape (size,).
-        s : numpy.ndarray
-            i omega over the reference, shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The factor g, shape (k,).
-        """
+        """Return what delay and lag make of a response."""
         g = np.ones(s.size, dtype=np.complex128)
         if self.delay:
             g = np.exp(-s * theta[2 * self.count])
@@ -85,20 +59,7 @@ class ModalBasis:
         return g
 
     def functions(self, theta: Array, s: Complex) -> Complex:
-        """Return the functions at some frequencies.
-
-        Parameters
-        ----------
-        theta : numpy.ndarray
-            Parameters, shape (size,).
-        s : numpy.ndarray
-            i omega over the reference, shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The functions, shape (k, linear).
-        """
+        """Return the functions at some frequencies."""
         g = self.transfer(theta, s)
         columns = []
         for w, zeta in theta[: 2 * self.count].reshape(-1, 2):
@@ -109,24 +70,7 @@ class ModalBasis:
         return np.stack(columns, axis=1)
 
     def derivatives(self, theta: Array, s: Complex, functions: Complex, factors: Array) -> Complex:
-        """Return how responses change with the parameters, their linear factors held.
-
-        Parameters
-        ----------
-        theta : numpy.ndarray
-            Parameters, shape (size,).
-        s : numpy.ndarray
-            i omega over the reference, shape (k,).
-        functions : numpy.ndarray
-            What `functions` gives, shape (k, linear).
-        factors : numpy.ndarray
-            The factors, shape (linear, m).
-
-        Returns
-        -------
-        numpy.ndarray
-            The derivatives, shape (size, k, m).
-        """
+        """Return how responses change with the parameters, their linear factors held."""
         out = np.empty((self.size, s.size, factors.shape[1]), dtype=np.complex128)
         for r, (w, zeta) in enumerate(theta[: 2 * self.count].reshape(-1, 2)):
             own = slice(self.per_mode * r, self.per_mode * (r + 1))
@@ -142,18 +86,7 @@ class ModalBasis:
         return out
 
     def start(self, poles: Complex) -> Array:
-        """Return parameters to start from.
-
-        Parameters
-        ----------
-        poles : numpy.ndarray
-            Poles [rad/s], shape (count,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Parameters, without delay and lag, shape (size,).
-        """
+        """Return parameters to start from."""
         theta = np.zeros(self.size)
         size = np.abs(poles)
         theta[: 2 * self.count : 2] = size / self.reference
@@ -164,36 +97,13 @@ class ModalBasis:
         """Return the residue of a mode's pole for each of its linear factors.
 
         A_r = (a + b lambda) / (lambda - lambda*), in the numbers of the reference.
-
-        Parameters
-        ----------
-        theta : numpy.ndarray
-            Parameters, shape (size,).
-        mode : int
-            Number of the mode.
-
-        Returns
-        -------
-        numpy.ndarray
-            Factors [rad/s], shape (per_mode,).
         """
         pole, other = self.poles(theta)[mode] / self.reference
         weights = np.array([1.0, pole]) * self.reference / (pole - other)
         return weights[: self.per_mode]
 
     def poles(self, theta: Array) -> Complex:
-        """Return the pairs of poles: conjugates, or both real where damping is above critical.
-
-        Parameters
-        ----------
-        theta : numpy.ndarray
-            Parameters, shape (size,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Poles [rad/s], shape (count, 2).
-        """
+        """Return the pairs of poles: conjugates, or both real where damping is above critical."""
         w, zeta = theta[: 2 * self.count].reshape(-1, 2).T
         root: Complex = np.sqrt((zeta * zeta - 1.0).astype(np.complex128))
         root = np.where(root.imag < 0.0, -root, root)
@@ -202,16 +112,5 @@ class ModalBasis:
 
 
 def reference_frequency(band: tuple[float, float]) -> float:
-    """Return the reference frequency of a band.
-
-    Parameters
-    ----------
-    band : tuple of float
-        Its ends [Hz].
-
-    Returns
-    -------
-    float
-        Their geometric mean [rad/s].
-    """
+    """Return the reference frequency of a band."""
     return 2.0 * math.pi * math.sqrt(band[0] * band[1])

@@ -5,15 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.projection import Block, Projected, project
-
-__all__ = ["Worth", "assess"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _LAGS = 8
 # a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times
@@ -22,52 +17,29 @@ _SIGNIFICANT = 2.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Worth:
-    """A fit at its end, with covariances.
-
-    Parameters
-    ----------
-    covariance : numpy.ndarray
-        Covariance of the parameters, shape (p, p).
-    columns : tuple of Projected
-        Each response in turn, block by block.
-    members : tuple of tuple of int
-        Numbers of the responses of each block.
-    scale : float
-        Sum of squares over degrees of freedom.
-    degrees_of_freedom : int
-        Values less parameters.
-    lags : numpy.ndarray
-        Correlation of the residual with that of the next lines, shape (l,).
-    shared : tuple of numpy.ndarray
-        Correlation among the responses of each block, shape (m, m).
-    crossed : tuple of numpy.ndarray
-        Covariance of the parameters with the own noise of the factors of each response, shape
-        (p, q).
-    """
+    """A fit at its end, with covariances."""
 
     covariance: Array
+    """Covariance of the parameters, shape (p, p)."""
     columns: tuple[Projected, ...]
+    """Each response in turn, block by block."""
     members: tuple[tuple[int, ...], ...]
+    """Numbers of the responses of each block."""
     scale: float
+    """Sum of squares over degrees of freedom."""
     degrees_of_freedom: int
+    """Values less parameters."""
     lags: Complex
+    """Correlation of the residual with that of the next lines, shape (l,)."""
     shared: tuple[Complex, ...]
+    """Correlation among the responses of each block, shape (m, m)."""
     crossed: tuple[Array, ...]
+    """Covariance of the parameters with the own noise of the factors of each response, shape (p,
+    q).
+    """
 
     def factors(self, number: int) -> tuple[Array, Array]:
-        """Return how the factors of a response and the parameters vary together.
-
-        Parameters
-        ----------
-        number : int
-            Number of the response.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Covariance of parameters and factors, shape (p + q, p + q), and the factors' derivative
-            by the parameters, shape (q, p).
-        """
+        """Return how the factors of a response and the parameters vary together."""
         column = self.columns[number]
         follow = -column.inverse.T @ column.jacobian
         own = self.scale * meat(_complex(column.inverse), _complex(column.inverse), self.lags)
@@ -87,20 +59,7 @@ def _complex(stacked: Array) -> Complex:
 
 
 def meat(left: Complex, right: Complex, lags: Complex) -> Array:
-    """Return Re(left^H R right), where R holds the correlations of lines.
-
-    Parameters
-    ----------
-    left, right : numpy.ndarray
-        Influence of each line, shapes (k, a) and (k, b).
-    lags : numpy.ndarray
-        Correlation with the next lines, shape (l,).
-
-    Returns
-    -------
-    numpy.ndarray
-        The product, shape (a, b).
-    """
+    """Return Re(left^H R right), where R holds the correlations of lines."""
     total = left.conj().T @ right
     for lag, rho in enumerate(lags, start=1):
         total = total + rho * (left[:-lag].conj().T @ right[lag:])
@@ -114,20 +73,6 @@ def assess(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Worth:
     Were the errors of all lines and responses independent, it would be s^2 (J^T J)^-1. Where the
     residual shows that they are not, as after a window or with a noisy input, their correlation is
     put between: (J^T J)^-1 J^T C J (J^T J)^-1.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    Worth
-        Covariances, residuals and factors.
     """
     columns: list[Projected] = []
     members: list[tuple[int, ...]] = []

@@ -3,14 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
-
-__all__ = ["DecayFit", "fit_decay", "project_decay"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _ITERATIONS = 60
 # how many times its time constant a motion may grow in the record: noise makes no decay grow more
@@ -19,33 +14,22 @@ _GROWTH = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DecayFit:
-    """Damped sines at given poles.
-
-    Parameters
-    ----------
-    theta : numpy.ndarray
-        Decay rate and damped angular frequency of each, in turn, per unit of time, shape (p,).
-    functions : numpy.ndarray
-        Orthonormal basis of what amplitudes, offset and drift can follow, shape (n, q).
-    inverse : numpy.ndarray
-        Transposed pseudo-inverse of the functions, shape (n, q).
-    factors : numpy.ndarray
-        Amplitudes, real and imaginary part of each mode, then offset and drift, shape (q, c).
-    residual : numpy.ndarray
-        Measured less fitted, shape (n, c).
-    jacobian : numpy.ndarray
-        Derivatives of the model by theta, shape (c, n, p).
-    weights : numpy.ndarray
-        What the error of each channel counts, shape (c,).
-    """
+    """Damped sines at given poles."""
 
     theta: Array
+    """Decay rate and damped angular frequency of each, in turn, per unit of time, shape (p,)."""
     functions: Array
+    """Orthonormal basis of what amplitudes, offset and drift can follow, shape (n, q)."""
     inverse: Array
+    """Transposed pseudo-inverse of the functions, shape (n, q)."""
     factors: Array
+    """Amplitudes, real and imaginary part of each mode, then offset and drift, shape (q, c)."""
     residual: Array
+    """Measured less fitted, shape (n, c)."""
     jacobian: Array
+    """Derivatives of the model by theta, shape (c, n, p)."""
     weights: Array
+    """What the error of each channel counts, shape (c,)."""
 
     @property
     def total(self) -> float:
@@ -53,24 +37,12 @@ class DecayFit:
         return float(np.sum((self.residual * self.weights) ** 2))
 
     def orthogonal(self) -> Array:
-        """Return the derivatives without what the amplitudes can follow.
-
-        Returns
-        -------
-        numpy.ndarray
-            The derivatives, shape (c, n, p).
-        """
+        """Return the derivatives without what the amplitudes can follow."""
         inside = self.functions @ (self.functions.T @ self.jacobian)
         return self.jacobian - inside
 
     def falls(self) -> Array:
-        """Return by how much each mode lowers sums of squares, and of products of channels.
-
-        Returns
-        -------
-        numpy.ndarray
-            The falls, with the poles of the others as they are, shape (modes, c, c).
-        """
+        """Return by how much each mode lowers sums of squares, and of products of channels."""
         square = self.inverse.T @ self.inverse
         count = self.factors.shape[1]
         out = np.empty((self.theta.size // 2, count, count))
@@ -84,22 +56,6 @@ def project_decay(theta: Array, t: Array, values: Array, weights: Array) -> Deca
     """Fit amplitudes, offset and drift at given poles.
 
     v_c = Re(sum_r A_rc exp((-sigma_r + i omega_r) t)) + a_c + b_c t.
-
-    Parameters
-    ----------
-    theta : numpy.ndarray
-        sigma and omega of each mode in turn, shape (p,).
-    t : numpy.ndarray
-        Times from the start, shape (n,).
-    values : numpy.ndarray
-        Samples, shape (n, c).
-    weights : numpy.ndarray
-        Weights of the channels, shape (c,).
-
-    Returns
-    -------
-    DecayFit
-        The fit.
     """
     sigma, omega = theta.reshape(-1, 2).T
     wave: Complex = np.exp(t[:, None] * np.asarray(-sigma + 1j * omega, dtype=np.complex128))
@@ -128,29 +84,7 @@ def project_decay(theta: Array, t: Array, values: Array, weights: Array) -> Deca
 
 
 def fit_decay(theta: Array, t: Array, values: Array, weights: Array) -> DecayFit:
-    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963).
-
-    Parameters
-    ----------
-    theta : numpy.ndarray
-        Where to start, shape (p,).
-    t : numpy.ndarray
-        Times from the start, shape (n,).
-    values : numpy.ndarray
-        Samples, shape (n, c).
-    weights : numpy.ndarray
-        Weights of the channels, shape (c,).
-
-    Returns
-    -------
-    DecayFit
-        The fit at its end.
-
-    Raises
-    ------
-    ConvergenceError
-        It did not settle.
-    """
+    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963)."""
     now = project_decay(theta, t, values, weights)
     damping = 1e-6
     for _ in range(_ITERATIONS):

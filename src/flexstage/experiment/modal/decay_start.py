@@ -4,12 +4,8 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["decay_start", "highest_frequency", "subspace_poles"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from flexstage.arrays import Array, Complex
 
 # a line of a periodogram of noise alone is seldom this many times its surroundings, beyond ln n
 _ABOVE = 3.0
@@ -43,20 +39,7 @@ def _prominence(values: Array, rate: float) -> tuple[Array, Array]:
 
 
 def highest_frequency(values: Array, rate: float) -> float:
-    """Return the highest frequency that stands out in a record.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples, shape (n, channels).
-    rate : float
-        Samples in a second [Hz].
-
-    Returns
-    -------
-    float
-        The frequency [Hz]; the strongest where none stands out.
-    """
+    """Return the highest frequency that stands out in a record."""
     frequency, ratio = _prominence(values, rate)
     out = np.flatnonzero(ratio > _ABOVE * math.log(ratio.size) / math.log(2.0))
     strong = np.flatnonzero(ratio > 1e-4 * ratio.max())
@@ -69,18 +52,6 @@ def decay_start(values: Array, rate: float) -> int:
 
     It is where the motion at the frequency that stands out most, seen through a window of two of
     its periods, is largest: a release, hit or step lies half a window before that.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples, shape (n, channels).
-    rate : float
-        Samples in a second [Hz].
-
-    Returns
-    -------
-    int
-        Number of the sample, from 0.
     """
     frequency, ratio = _prominence(values, rate)
     tone = float(frequency[int(np.argmax(ratio))])
@@ -103,20 +74,6 @@ def subspace_poles(values: Array, rate: float, order: int) -> Complex:
     Windows of the record are the columns of a Hankel matrix; the subspace of its largest singular
     values turns into itself by one sample as U_2 = U_1 Z, and the eigenvalues of Z are exp(pole T)
     (Juang and Pappa, 1985, Journal of Guidance, Control and Dynamics 8; Hua and Sarkar, 1990).
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples, shape (n, channels).
-    rate : float
-        Samples in a second [Hz].
-    order : int
-        Number of poles.
-
-    Returns
-    -------
-    numpy.ndarray
-        Poles in the upper half plane that decay [rad/s], rising in frequency.
     """
     size = values.shape[0]
     window = min(size // 2, _WINDOW)

@@ -1,14 +1,9 @@
 """What the poles of a free decay are worth, in noise of the colour that the residual has."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.decay_model import DecayFit
-
-__all__ = ["decay_covariance", "noise_ratios"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # lines of the residual's periodogram that are averaged: no fewer, no more, and share of all
 _FEWEST, _MOST, _SHARE = 24, 400, 32
@@ -21,19 +16,6 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
     squared transform of the weights times the noise's spectral density, which is the residual's
     periodogram averaged over some lines, over what the fit has left of white noise there. Channels
     may share noise: cross spectra are in it.
-
-    Parameters
-    ----------
-    fit : DecayFit
-        The fit at its end.
-    mode : int
-        Number of the mode.
-
-    Returns
-    -------
-    tuple of numpy.ndarray and float
-        Covariance of decay rate, damped angular frequency, and real and imaginary part of the
-        amplitude of each channel, shape (2 + 2 channels, same), and degrees of freedom of it.
     """
     count = fit.residual.shape[1]
     free = fit.orthogonal() * fit.weights[:, None, None]
@@ -69,20 +51,7 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
 
 
 def noise_ratios(fit: DecayFit, rate: float) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the noise near its frequency.
-
-    Parameters
-    ----------
-    fit : DecayFit
-        The fit.
-    rate : float
-        Samples in a unit of time.
-
-    Returns
-    -------
-    numpy.ndarray
-        The ratios, near 2 (1 + channels) for what is noise itself, shape (modes,).
-    """
+    """Return by how much each mode lowers the sum of squares, over the noise near its frequency."""
     size, count = fit.residual.shape
     density, _ = _density(fit, fit.orthogonal() * fit.weights[:, None, None])
     at = np.round(fit.theta[1::2] / (2.0 * np.pi) * size / rate).astype(int)

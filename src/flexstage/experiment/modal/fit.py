@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
@@ -18,11 +18,6 @@ from flexstage.experiment.modal.search import Found, search, settled, started
 from flexstage.experiment.modal.sensor import joined, likely_delays, steady_phase, without_sensor
 from flexstage.experiment.modal.significance import threshold
 from flexstage.experiment.spectra.response import MeasuredResponse
-
-__all__ = ["fit_modes"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # how often modes are looked for again, with delay and lag taken off
 _AGAIN = 4

@@ -9,8 +9,6 @@ from flexstage.errors import ModelError
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.result import Mode
 
-__all__ = ["listed", "not_listed"]
-
 # with more damping than this a pole lifts its response by less than 1.75 above that at standstill
 _MOST_DAMPING = 0.3
 # what a mode must make of the sum of squares beside the line that it stands on, over noise
@@ -31,29 +29,6 @@ def listed(
     A mode is inside the band, has a peak, and is known within the width of that peak or the
     distance of lines. Others stand for modes beyond the band, a drift, an amplifier or a
     nonlinearity.
-
-    Parameters
-    ----------
-    poles : sequence of Mode
-        All that were fitted.
-    parts : sequence of Prepared
-        The responses.
-    band : tuple of float
-        Ends of the band [Hz].
-    wanted : int or sequence of float, optional
-        How many modes were asked for, which are all there are, or near which frequencies [Hz].
-    scale : float
-        Mean square of noise over that of the weights.
-
-    Returns
-    -------
-    tuple
-        Numbers of the modes, and the others by the reason against them.
-
-    Raises
-    ------
-    ModelError
-        There is no mode near a frequency.
     """
     if isinstance(wanted, int):
         return list(range(len(poles))), {}
@@ -130,18 +105,7 @@ def _nearest(poles: Sequence[Mode], frequency: float) -> int:
 
 
 def not_listed(others: dict[str, list[Mode]]) -> list[str]:
-    """Name the poles that are not listed, in one note.
-
-    Parameters
-    ----------
-    others : dict
-        Poles by the reason against them.
-
-    Returns
-    -------
-    list of str
-        The note, or nothing.
-    """
+    """Name the poles that are not listed, in one note."""
     if not others:
         return []
     said = [

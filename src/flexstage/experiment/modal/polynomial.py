@@ -6,14 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
-
-__all__ = ["Lines", "poles_by_order"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # share of the unit circle that the band covers: its ends stay apart, so that what lies beyond one
 # end does not look as if it came after the other
@@ -22,21 +17,14 @@ _SHARE = 0.9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lines:
-    """Responses at some frequencies, and how much each counts.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,).
-    response : numpy.ndarray
-        The responses, shape (k, outputs, inputs).
-    weight : numpy.ndarray
-        What the square of the error of each output counts, shape (k, outputs).
-    """
+    """Responses at some frequencies, and how much each counts."""
 
     frequency_hz: Array
+    """Frequencies [Hz], shape (k,)."""
     response: Complex
+    """The responses, shape (k, outputs, inputs)."""
     weight: Array
+    """What the square of the error of each output counts, shape (k, outputs)."""
 
 
 def poles_by_order(
@@ -54,28 +42,6 @@ def poles_by_order(
     XXI). With one input it is the common-denominator estimator. z = exp(-i omega T), in which that
     choice makes poles of the noise unstable (Cauberghe, Guillaume, Verboven, Vanlanduit and
     Parloo, 2005, Mechanical Systems and Signal Processing 19).
-
-    Parameters
-    ----------
-    parts : sequence of Lines
-        The responses, each with its own frequencies; all with the same number of inputs.
-    orders : sequence of int
-        Orders of the polynomials, rising.
-    band : tuple of float
-        Ends of the band [Hz].
-    coefficients : {"complex", "real"}
-        Complex ones see the band alone, laid round the unit circle; real ones see all frequencies
-        from 0 to the end of the band laid along half of it, with the negative ones beside them.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        For each order its poles [rad/s], those above the frequency 0 where coefficients are real.
-
-    Raises
-    ------
-    ModelError
-        There are too few lines for the highest order.
     """
     inputs = parts[0].response.shape[2]
     top = int(orders[-1])

@@ -6,18 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.modal.polynomial import Lines
 from flexstage.experiment.modal.projection import Block
 from flexstage.experiment.modal.scatter import line_scatter
 from flexstage.experiment.spectra.response import MeasuredResponse
-
-__all__ = ["Prepared", "deviations", "prepared", "reweighted"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
 _MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -38,42 +33,26 @@ _TRUSTED = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """One response in the form that the fit takes.
-
-    Parameters
-    ----------
-    measured : MeasuredResponse
-        The lines in the band.
-    powers : tuple of int
-        For each output, how often it is derived by time.
-    deviation : numpy.ndarray
-        Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
-    given : bool
-        Whether the variance was given, so that the factor should be 1.
-    kept : bool
-        Whether the weights stay what they are, given or chosen, whatever the fit leaves.
-    scatter : numpy.ndarray
-        How neighbouring lines scatter, shape (k, outputs, inputs).
-    block : Block
-        Responses to displacement, one column for each output and input.
-    """
+    """One response in the form that the fit takes."""
 
     measured: MeasuredResponse
+    """The lines in the band."""
     powers: tuple[int, ...]
+    """For each output, how often it is derived by time."""
     deviation: Array
+    """Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
+    """
     given: bool
+    """Whether the variance was given, so that the factor should be 1."""
     kept: bool
+    """Whether the weights stay what they are, given or chosen, whatever the fit leaves."""
     scatter: Array
+    """How neighbouring lines scatter, shape (k, outputs, inputs)."""
     block: Block
+    """Responses to displacement, one column for each output and input."""
 
     def lines(self) -> Lines:
-        """Return the response as the polynomials take it.
-
-        Returns
-        -------
-        Lines
-            Values and weights of their squares.
-        """
+        """Return the response as the polynomials take it."""
         weight = 1.0 / np.mean(self.deviation**2, axis=2)
         return Lines(
             frequency_hz=self.measured.frequency_hz, response=self.measured.response, weight=weight
@@ -87,33 +66,7 @@ def prepared(
     motion: Literal["displacement", "velocity", "acceleration"] | None,
     reference: float,
 ) -> tuple[Prepared, ...]:
-    """Make responses ready for a fit.
-
-    Parameters
-    ----------
-    responses : sequence of MeasuredResponse
-        The responses.
-    band : tuple of float, optional
-        Ends of the band [Hz].
-    weighting : {"variance", "uniform", "relative"}
-        Whether lines count by their variance, all alike, or by the inverse of their magnitude.
-    motion : {"displacement", "velocity", "acceleration"}, optional
-        What outputs without a unit of motion measure.
-    reference : float
-        Frequency that makes numbers of size 1 [rad/s].
-
-    Returns
-    -------
-    tuple of Prepared
-        The responses.
-
-    Raises
-    ------
-    RecordError
-        Too few lines are in the band, or a response is zero throughout.
-    ModelError
-        An option is not a known one.
-    """
+    """Make responses ready for a fit."""
     if weighting not in ("variance", "uniform", "relative"):
         raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
     if motion is not None and motion not in _MOTIONS:
@@ -176,22 +129,6 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
     The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
     the exponential distribution that squares of complex noise have; where the noise of the output
     is of some frequencies, a follows the scatter of the lines.
-
-    Parameters
-    ----------
-    part : Prepared
-        The response.
-    fitted : numpy.ndarray
-        The fitted one, shape (k, outputs, inputs).
-    left : numpy.ndarray
-        Share of the noise of each line that the fit leaves, shape (k, outputs, inputs).
-    reference : float
-        Frequency that makes numbers of size 1 [rad/s].
-
-    Returns
-    -------
-    Prepared
-        The response with new weights.
     """
     deviation = np.empty_like(part.deviation)
     for o, i in np.ndindex(*part.measured.response.shape[1:]):
@@ -244,24 +181,7 @@ def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Arra
 
 
 def deviations(part: MeasuredResponse) -> Array | None:
-    """Return the expected rms of the error of each value, from the variance of a response.
-
-    Parameters
-    ----------
-    part : MeasuredResponse
-        The response.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        The rms, shape (k, outputs, inputs); None where no variance is known, or it is 0 at most
-        lines.
-
-    Raises
-    ------
-    RecordError
-        A variance is negative or none, or none is finite.
-    """
+    """Return the expected rms of the error of each value, from the variance of a response."""
     if part.variance is None:
         return None
     variance = part.variance

@@ -4,25 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
 from flexstage.experiment.modal.basis import ModalBasis
-
-__all__ = [
-    "Block",
-    "Eliminated",
-    "Projected",
-    "deviations_of",
-    "eliminate",
-    "gram_of",
-    "minimise",
-    "project",
-    "remaining",
-]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _ITERATIONS = 60
 # as many more are given to what is hardly told apart, as long as the sum falls by more than this,
@@ -38,47 +23,32 @@ _MOST_DAMPING = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """Responses that share their frequencies.
-
-    Parameters
-    ----------
-    s : numpy.ndarray
-        i omega over the reference, shape (k,).
-    values : numpy.ndarray
-        Responses to displacement, shape (k, m).
-    weights : numpy.ndarray
-        What the error of each part, real and imaginary, counts, shape (k, m).
-    """
+    """Responses that share their frequencies."""
 
     s: Complex
+    """i omega over the reference, shape (k,)."""
     values: Complex
+    """Responses to displacement, shape (k, m)."""
     weights: Array
+    """What the error of each part, real and imaginary, counts, shape (k, m)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Projected:
-    """One response at given poles, with its linear factors eliminated.
-
-    Parameters
-    ----------
-    factors : numpy.ndarray
-        Its factors, shape (q,).
-    residual : numpy.ndarray
-        Weighted measured less modelled, real parts then imaginary ones, shape (2 k,).
-    jacobian : numpy.ndarray
-        Derivatives of the weighted model by the poles, shape (2 k, p).
-    orthogonal : numpy.ndarray
-        Those derivatives without what the factors can follow, shape (2 k, p).
-    inverse : numpy.ndarray
-        Transposed pseudo-inverse of the weighted functions: factors are its transposed times the
-        weighted data, shape (2 k, q).
-    """
+    """One response at given poles, with its linear factors eliminated."""
 
     factors: Array
+    """Its factors, shape (q,)."""
     residual: Array
+    """Weighted measured less modelled, real parts then imaginary ones, shape (2 k,)."""
     jacobian: Array
+    """Derivatives of the weighted model by the poles, shape (2 k, p)."""
     orthogonal: Array
+    """Those derivatives without what the factors can follow, shape (2 k, p)."""
     inverse: Array
+    """Transposed pseudo-inverse of the weighted functions: factors are its transposed times the
+    weighted data, shape (2 k, q).
+    """
 
 
 def _stacked(values: Complex) -> Array:
@@ -86,24 +56,7 @@ def _stacked(values: Complex) -> Array:
 
 
 def project(basis: ModalBasis, theta: Array, block: Block, column: int) -> Projected:
-    """Eliminate the linear factors of one response (Golub and Pereyra 1973, Kaufman 1975).
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    block : Block
-        Responses.
-    column : int
-        Which of them.
-
-    Returns
-    -------
-    Projected
-        Factors, residual and derivatives.
-    """
+    """Eliminate the linear factors of one response (Golub and Pereyra 1973, Kaufman 1975)."""
     functions = basis.functions(theta, block.s)
     q, r, scale = _factored(functions, block.weights[:, column])
     factors, residual, weight = _solved(q, r, scale, block, column)
@@ -145,31 +98,22 @@ def _solved(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Eliminated:
-    """All responses of a block at given poles, by their normal equations.
-
-    Parameters
-    ----------
-    functions : numpy.ndarray
-        The functions, each over its size, shape (k, q).
-    scale : numpy.ndarray
-        Those sizes, shape (q,).
-    factors : numpy.ndarray
-        Factors of the functions over their sizes, shape (q, m).
-    residual : numpy.ndarray
-        Measured less modelled, without weights, shape (k, m).
-    square : numpy.ndarray
-        Squares of the weights, shape (k, m).
-    inverse : numpy.ndarray
-        Inverse of the normal equations of each response, shape (m, q, q), or (1, q, q) where all
-        have the same weights.
-    """
+    """All responses of a block at given poles, by their normal equations."""
 
     functions: Complex
+    """The functions, each over its size, shape (k, q)."""
     scale: Array
+    """Those sizes, shape (q,)."""
     factors: Array
+    """Factors of the functions over their sizes, shape (q, m)."""
     residual: Complex
+    """Measured less modelled, without weights, shape (k, m)."""
     square: Array
+    """Squares of the weights, shape (k, m)."""
     inverse: Array
+    """Inverse of the normal equations of each response, shape (m, q, q), or (1, q, q) where all
+    have the same weights.
+    """
 
     @property
     def total(self) -> float:
@@ -182,20 +126,6 @@ def eliminate(basis: ModalBasis, theta: Array, block: Block) -> Eliminated:
 
     Normal equations lose digits that `project` keeps; one step of refinement with the residual
     itself gives them back.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    block : Block
-        Responses.
-
-    Returns
-    -------
-    Eliminated
-        Factors and residuals.
     """
     square = block.weights**2
     shared = bool(np.all(square == square[:, :1]))
@@ -225,20 +155,7 @@ def eliminate(basis: ModalBasis, theta: Array, block: Block) -> Eliminated:
 
 
 def gram_of(left: Complex, right: Complex, square: Array) -> Array:
-    """Return weighted products of functions, of the real and the imaginary part together.
-
-    Parameters
-    ----------
-    left, right : numpy.ndarray
-        Functions, shapes (k, a) and (k, b).
-    square : numpy.ndarray
-        Squares of the weights, shape (k, m).
-
-    Returns
-    -------
-    numpy.ndarray
-        The products, shape (m, a, b).
-    """
+    """Return weighted products of functions, of the real and the imaginary part together."""
     if square.shape[1] == 1:
         return (left.conj().T @ (square * right)).real[None]
     k, a, b = *left.shape, right.shape[1]
@@ -273,22 +190,7 @@ def _normal(
 
 
 def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return the standard uncertainty of each parameter over the rms of noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    numpy.ndarray
-        By the linearised fit, shape (p,).
-    """
+    """Return the standard uncertainty of each parameter over the rms of noise."""
     now = [eliminate(basis, theta, block) for block in blocks]
     square = _normal(basis, theta, blocks, now)[1]
     diagonal = np.diagonal(square)
@@ -301,24 +203,7 @@ def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> A
 
 
 def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) -> Array:
-    """Return the share of the noise of each line that a fit leaves in its residual.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    block : Block
-        Responses.
-    now : Eliminated
-        The fit of their factors.
-
-    Returns
-    -------
-    numpy.ndarray
-        One less half the leverage of real and imaginary part, shape (k, m).
-    """
+    """Return the share of the noise of each line that a fit leaves in its residual."""
     gradient = now.functions.conj()
     shared = now.inverse.shape[0] == 1
     which = np.zeros(block.values.shape[1], dtype=np.intp) if shared else slice(None)
@@ -340,30 +225,7 @@ def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) ->
 def minimise(
     basis: ModalBasis, theta: Array, blocks: Sequence[Block], *, rough: bool = False
 ) -> tuple[Array, float]:
-    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963).
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Parameters to start from, shape (p,).
-    blocks : sequence of Block
-        The responses.
-    rough : bool
-        Whether to stop where the sum hardly falls, far below what noise makes of it, or after so
-        many steps.
-
-    Returns
-    -------
-    tuple of numpy.ndarray and float
-        The parameters, and the sum of squares.
-
-    Raises
-    ------
-    ConvergenceError
-        It did not settle.
-    """
+    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963)."""
     now = [eliminate(basis, theta, block) for block in blocks]
     total = sum(one.total for one in now)
     if not basis.size:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.projection import (
     Block,
@@ -25,11 +26,6 @@ from flexstage.experiment.modal.significance import (
     threshold,
     without,
 )
-
-__all__ = ["cleaned", "nearest_pole", "pruned", "selected"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # how far from a guess a pole may be to be the one that is meant
 _NEAR = 0.05
@@ -50,26 +46,7 @@ def selected(
     count: int | None,
     guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
-    """Refine poles, and take away one by one those that the data can spare.
-
-    Parameters
-    ----------
-    template : ModalBasis
-        The form of the model.
-    poles : numpy.ndarray
-        Poles to start from [rad/s], shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-    guess : sequence of float
-        Frequencies [Hz] whose nearest poles stay, significant or not.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
+    """Refine poles, and take away one by one those that the data can spare."""
     from dataclasses import replace
 
     basis = replace(template, count=poles.size)
@@ -88,26 +65,7 @@ def pruned(
     count: int | None,
     guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
-    """Refine modes, and take away one by one those that are not significant.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, without delay and lag.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-    count : int, optional
-        How many significant modes to leave, at most.
-    guess : sequence of float
-        Frequencies [Hz] whose nearest poles stay, significant or not.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
-    """
+    """Refine modes, and take away one by one those that are not significant."""
     while basis.count:
         theta = minimise(basis, theta, blocks, rough=True)[0]
         strength = significances(basis, theta, blocks)
@@ -152,22 +110,7 @@ def _spared(
 
 
 def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:
-    """Return the number of the pole that a guessed frequency means.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    frequency : float
-        The guess [Hz].
-
-    Returns
-    -------
-    int or None
-        The nearest pole with a peak, if it is near.
-    """
+    """Return the number of the pole that a guessed frequency means."""
     w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
     off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
     off = np.where(zeta < _PEAKED, off, math.inf)
@@ -180,20 +123,6 @@ def cleaned(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> tuple[M
     """Take away poles that are nowhere, or that only mend a stronger one which they stand on.
 
     Others stay, significant or not without those: what a model lacks counts as noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model and its parameters.
     """
     while basis.count:
         strength = significances(basis, theta, blocks)

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
@@ -13,43 +14,29 @@ from flexstage.experiment.modal.stabilisation import Stabilisation
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.short_repr import short_repr
 
-__all__ = ["FittedResponse", "ModalFit", "Mode"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mode:
-    """A mode of vibration that was measured.
-
-    Parameters
-    ----------
-    frequency_hz : Estimate
-        Undamped natural frequency [Hz].
-    damping_ratio : Estimate
-        Damping as a share of the critical [1].
-    shape : numpy.ndarray
-        Motion of each output over that of the one that moves most [1], shape (outputs,); not a
-        number where the output has no response from the input that the shape is taken at.
-    shape_uncertainty : numpy.ndarray
-        Standard uncertainty of its real and imaginary part [1], shape (outputs, 2).
-    residues : numpy.ndarray
-        Residues of the responses to displacement at the pole, output over input times rad/s, shape
-        (outputs, inputs); not a number where none was measured.
-    residue_uncertainty : numpy.ndarray
-        Standard uncertainty of their real and imaginary part, shape (outputs, inputs, 2).
-    significance : float
-        By how much the mode lowers the sum of squares, over what noise would make of it [1].
-    """
+    """A mode of vibration that was measured."""
 
     frequency_hz: Estimate
+    """Undamped natural frequency [Hz]."""
     damping_ratio: Estimate
+    """Damping as a share of the critical [1]."""
     shape: Complex
+    """Motion of each output over that of the one that moves most [1], shape (outputs,); not a
+    number where the output has no response from the input that the shape is taken at.
+    """
     shape_uncertainty: Array
+    """Standard uncertainty of its real and imaginary part [1], shape (outputs, 2)."""
     residues: Complex
+    """Residues of the responses to displacement at the pole, output over input times rad/s, shape
+    (outputs, inputs); not a number where none was measured.
+    """
     residue_uncertainty: Array
+    """Standard uncertainty of their real and imaginary part, shape (outputs, inputs, 2)."""
     significance: float
+    """By how much the mode lowers the sum of squares, over what noise would make of it [1]."""
 
     @property
     def pole(self) -> complex:
@@ -65,85 +52,66 @@ class Mode:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FittedResponse:
-    """One measured response and the factors of the modes in it.
-
-    Parameters
-    ----------
-    measured : MeasuredResponse
-        What was fitted: the lines in the band.
-    powers : tuple of int
-        For each output, how often it is derived by time: 0 displacement, 1 velocity, 2
-        acceleration.
-    factors : numpy.ndarray
-        Linear factors of the model, shape (outputs, inputs, q).
-    covariance : numpy.ndarray
-        Covariance of poles and factors, shape (outputs, inputs, p + q, p + q).
-    deviation : numpy.ndarray
-        Expected root mean square of the error of each value of `measured`, by the fit, shape
-        (k, outputs, inputs).
-    residual_rms : numpy.ndarray
-        Root mean square of measured less fitted over that of measured [1], shape (outputs, inputs).
-    """
+    """One measured response and the factors of the modes in it."""
 
     measured: MeasuredResponse
+    """What was fitted: the lines in the band."""
     powers: tuple[int, ...]
+    """For each output, how often it is derived by time: 0 displacement, 1 velocity, 2 acceleration.
+    """
     factors: Array
+    """Linear factors of the model, shape (outputs, inputs, q)."""
     covariance: Array
+    """Covariance of poles and factors, shape (outputs, inputs, p + q, p + q)."""
     deviation: Array
+    """Expected root mean square of the error of each value of `measured`, by the fit, shape (k,
+    outputs, inputs).
+    """
     residual_rms: Array
+    """Root mean square of measured less fitted over that of measured [1], shape (outputs, inputs).
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModalFit:
-    """Modes that were fitted to frequency responses.
-
-    Parameters
-    ----------
-    modes : tuple of Mode
-        The modes, rising in frequency; none where nothing stands out of the noise.
-    background : tuple of Mode
-        Poles of an automatic fit that are no modes of the stage in the band: the fit needs them.
-    outputs, inputs : tuple of str
-        What shapes and residues go over.
-    band : tuple of float
-        Ends of the band [Hz].
-    fitted : tuple of FittedResponse
-        The responses that were given.
-    delay, lag : Estimate, optional
-        Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
-    correlation : numpy.ndarray
-        Correlation of the uncertainties of frequency and damping of all modes, in turn, shape
-        (2 modes, 2 modes).
-    reduced_chi_squared : float
-        Mean square of the residual over the variance that was given, near 1 where the model holds;
-        over the one found from the residual itself where none was.
-    line_correlation : float
-        Sum of the correlations of the residual with its neighbours [1]: 0 for independent lines.
-    stabilisation : Stabilisation, optional
-        Where the start of the fit came from.
-    notes : tuple of str
-        What a reader should know.
-    basis : ModalBasis
-        The form of the model.
-    theta : numpy.ndarray
-        Its parameters.
-    """
+    """Modes that were fitted to frequency responses."""
 
     modes: tuple[Mode, ...]
+    """The modes, rising in frequency; none where nothing stands out of the noise."""
     background: tuple[Mode, ...]
+    """Poles of an automatic fit that are no modes of the stage in the band: the fit needs them."""
     outputs: tuple[str, ...]
+    """What shapes and residues go over."""
     inputs: tuple[str, ...]
+    """What shapes and residues go over."""
     band: tuple[float, float]
+    """Ends of the band [Hz]."""
     fitted: tuple[FittedResponse, ...]
+    """The responses that were given."""
     delay: Estimate | None
+    """Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
+    """
     lag: Estimate | None
+    """Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
+    """
     correlation: Array
+    """Correlation of the uncertainties of frequency and damping of all modes, in turn, shape (2
+    modes, 2 modes).
+    """
     reduced_chi_squared: float
+    """Mean square of the residual over the variance that was given, near 1 where the model holds;
+    over the one found from the residual itself where none was.
+    """
     line_correlation: float
+    """Sum of the correlations of the residual with its neighbours [1]: 0 for independent lines."""
     stabilisation: Stabilisation | None
+    """Where the start of the fit came from."""
     notes: tuple[str, ...]
+    """What a reader should know."""
     basis: ModalBasis
+    """The form of the model."""
     theta: Array
+    """Its parameters."""
 
     __repr__ = short_repr
 

@@ -5,20 +5,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.decay_model import DecayFit, fit_decay, project_decay
 from flexstage.experiment.modal.decay_start import decay_start, highest_frequency, subspace_poles
 from flexstage.experiment.modal.decay_worth import decay_covariance, noise_ratios
 from flexstage.experiment.modal.selection import distinct
-from flexstage.records import Record, require_complete, require_uniform, step_uncertainty
-
-__all__ = ["DecayMode", "RingDown", "ring_down"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from flexstage.records import Record, step_uncertainty
+from flexstage.records.sampling import require_complete, require_uniform
 
 # samples in a period of the highest mode that are enough: more are averaged
 _PER_PERIOD = 12.0
@@ -28,62 +24,43 @@ _MOST = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DecayMode:
-    """A mode seen in a free decay.
-
-    Parameters
-    ----------
-    frequency_hz : Estimate
-        Undamped natural frequency [Hz].
-    damping_ratio : Estimate
-        Damping as a share of the critical [1].
-    amplitudes : numpy.ndarray
-        Complex amplitude of each channel at the start of the decay, in its unit, shape (channels,).
-    shape : numpy.ndarray
-        Amplitudes over that of the channel that moves most [1], shape (channels,).
-    shape_uncertainty : numpy.ndarray
-        Standard uncertainty of its real and imaginary part [1], shape (channels, 2).
-    """
+    """A mode seen in a free decay."""
 
     frequency_hz: Estimate
+    """Undamped natural frequency [Hz]."""
     damping_ratio: Estimate
+    """Damping as a share of the critical [1]."""
     amplitudes: Complex
+    """Complex amplitude of each channel at the start of the decay, in its unit, shape (channels,).
+    """
     shape: Complex
+    """Amplitudes over that of the channel that moves most [1], shape (channels,)."""
     shape_uncertainty: Array
+    """Standard uncertainty of its real and imaginary part [1], shape (channels, 2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RingDown:
-    """Modes that were fitted to a free decay.
-
-    Parameters
-    ----------
-    modes : tuple of DecayMode
-        The modes, rising in frequency; none where nothing stands out of the noise.
-    channels : tuple of str
-        Names of the channels.
-    start : float
-        When the decay begins, in the time of the record [s].
-    time : numpy.ndarray
-        Times of the samples that were fitted [s], shape (n,).
-    measured, fitted : numpy.ndarray
-        Those samples and the model, in the units of the channels, shape (n, channels).
-    averaged : int
-        How many samples of the record are averaged in each.
-    residual_rms : numpy.ndarray
-        Root mean square of measured less fitted, shape (channels,).
-    notes : tuple of str
-        What a reader should know.
-    """
+    """Modes that were fitted to a free decay."""
 
     modes: tuple[DecayMode, ...]
+    """The modes, rising in frequency; none where nothing stands out of the noise."""
     channels: tuple[str, ...]
+    """Names of the channels."""
     start: float
+    """When the decay begins, in the time of the record [s]."""
     time: Array
+    """Times of the samples that were fitted [s], shape (n,)."""
     measured: Array
+    """Those samples and the model, in the units of the channels, shape (n, channels)."""
     fitted: Array
+    """Those samples and the model, in the units of the channels, shape (n, channels)."""
     averaged: int
+    """How many samples of the record are averaged in each."""
     residual_rms: Array
+    """Root mean square of measured less fitted, shape (channels,)."""
     notes: tuple[str, ...]
+    """What a reader should know."""
 
 
 def ring_down(

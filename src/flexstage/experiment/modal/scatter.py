@@ -3,12 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["line_scatter", "local_poles"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from flexstage.arrays import Array, Complex
 
 # lines of a window, and coefficients of the rational function through them: a parabola over a line
 _WINDOW, _COEFFICIENTS = 9, 4
@@ -29,18 +25,6 @@ def line_scatter(frequency_hz: Array, response: Complex) -> Array:
     Through each line and four on either side goes a parabola over a straight line, which follows a
     resonance that is as sharp as two lines (local rational method: McKelvey and Guerin, 2012, IFAC
     Proceedings 45); what it leaves is noise.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies, rising, not necessarily evenly [Hz], shape (k,).
-    response : numpy.ndarray
-        The response, shape (k, ...).
-
-    Returns
-    -------
-    numpy.ndarray
-        Root of the expected square of the complex error, shape (k, ...).
     """
     lines = frequency_hz.size
     columns = response.reshape(lines, -1)
@@ -61,18 +45,6 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
 
     In each window a pole with a parabola is compared with a cubic, which has as many coefficients;
     it counts where it is likelier by far, decays, and lies in the middle of the window.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies, rising [Hz], shape (k,).
-    response : numpy.ndarray
-        The response, shape (k, ...).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Poles [rad/s], and twice the logarithm by which each is likelier, shape (p,).
     """
     lines = frequency_hz.size
     columns = response.reshape(lines, -1)

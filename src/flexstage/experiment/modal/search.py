@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared, reweighted
@@ -15,11 +15,6 @@ from flexstage.experiment.modal.pruning import cleaned, nearest_pole, pruned, se
 from flexstage.experiment.modal.scatter import local_poles
 from flexstage.experiment.modal.selection import distinct, extended
 from flexstage.experiment.modal.stabilisation import Stabilisation, stabilised
-
-__all__ = ["Found", "search", "settled", "started"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # a pole that a window shows ranks with one that half of the orders have where it is this much
 # likelier than none
@@ -30,27 +25,18 @@ _GUESSED_DAMPING = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Found:
-    """Modes that were found, not yet refined to the end.
-
-    Parameters
-    ----------
-    parts : tuple of Prepared
-        The responses, with the weights that they have now.
-    stabilisation : Stabilisation
-        Where the poles come from.
-    shown : numpy.ndarray
-        Poles that the search began with [rad/s], shape (p,).
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters.
-    """
+    """Modes that were found, not yet refined to the end."""
 
     parts: tuple[Prepared, ...]
+    """The responses, with the weights that they have now."""
     stabilisation: Stabilisation
+    """Where the poles come from."""
     shown: Complex
+    """Poles that the search began with [rad/s], shape (p,)."""
     basis: ModalBasis
+    """The model."""
     theta: Array
+    """Its parameters."""
 
 
 def search(
@@ -62,33 +48,7 @@ def search(
     count: int | None,
     guess: Sequence[float] | None,
 ) -> Found:
-    """Find the modes of responses.
-
-    Parameters
-    ----------
-    parts : tuple of Prepared
-        The responses.
-    template : ModalBasis
-        The form of the model, without delay and lag.
-    orders : sequence of int, optional
-        Orders of the polynomials.
-    band : tuple of float
-        Ends of the band [Hz].
-    count : int, optional
-        Number of modes; as many as are significant where not given.
-    guess : sequence of float, optional
-        Frequencies [Hz] near which there are to be modes, significant or not.
-
-    Returns
-    -------
-    Found
-        The modes.
-
-    Raises
-    ------
-    ModelError
-        Fewer modes are found than were asked for.
-    """
+    """Find the modes of responses."""
     diagram, start = started(parts, orders, band)
     blocks = [part.block for part in parts]
     basis, theta = selected(template, start, blocks, count, guess or ())
@@ -119,22 +79,7 @@ def search(
 def settled(
     parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
 ) -> tuple[tuple[Prepared, ...], Array]:
-    """Fit to the end; where no variance was given, weights and fit in turn.
-
-    Parameters
-    ----------
-    parts : tuple of Prepared
-        The responses.
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-
-    Returns
-    -------
-    tuple
-        The responses with their weights, and the parameters.
-    """
+    """Fit to the end; where no variance was given, weights and fit in turn."""
     turns = 1 if all(part.kept for part in parts) else 3
     for turn in range(turns):
         if basis.size:
@@ -150,22 +95,7 @@ def started(
     orders: Sequence[int] | None,
     band: tuple[float, float],
 ) -> tuple[Stabilisation, Complex]:
-    """Return poles to start from: stable ones, and those that stretches of a response show.
-
-    Parameters
-    ----------
-    parts : sequence of Prepared
-        The responses.
-    orders : sequence of int, optional
-        Orders of the polynomials.
-    band : tuple of float
-        Ends of the band [Hz].
-
-    Returns
-    -------
-    tuple of Stabilisation and numpy.ndarray
-        The diagram, and poles [rad/s], shape (p,).
-    """
+    """Return poles to start from: stable ones, and those that stretches of a response show."""
     lines = [part.lines() for part in parts]
     if len({part.measured.inputs for part in parts}) > 1:
         # each input by itself, as they share no more than the poles

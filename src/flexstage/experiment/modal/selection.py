@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.projection import Block, eliminate, gram_of, minimise
 from flexstage.experiment.modal.significance import (
@@ -16,11 +17,6 @@ from flexstage.experiment.modal.significance import (
     threshold,
 )
 
-__all__ = ["distinct", "extended"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 # damping that a peak of the residual is tried with
 _PEAK_DAMPING = 0.005
 # how many candidates are tried before it is believed that there is no other mode
@@ -28,20 +24,7 @@ _TRIALS = 3
 
 
 def distinct(poles: Complex, rank: Array) -> Complex:
-    """Leave out poles that are too close to a better one to be another mode.
-
-    Parameters
-    ----------
-    poles : numpy.ndarray
-        Poles [rad/s], shape (p,).
-    rank : numpy.ndarray
-        How good each is, shape (p,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Those that are at least half of their decay rate apart, rising in frequency.
-    """
+    """Leave out poles that are too close to a better one to be another mode."""
     kept: list[complex] = []
     for n in np.argsort(-rank, kind="stable"):
         pole = complex(poles[n])
@@ -57,26 +40,7 @@ def extended(
     candidates: Complex,
     count: int | None,
 ) -> tuple[ModalBasis, Array]:
-    """Add modes that no stable pole led to, as of two close modes that looked like one.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, without delay and lag.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-    candidates : numpy.ndarray
-        Poles that may be modes [rad/s], shape (c,).
-    count : int, optional
-        How many modes there are to be; as many as are significant where not given.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The model with all that were found.
-    """
+    """Add modes that no stable pole led to, as of two close modes that looked like one."""
     while count is None or basis.count < count:
         own = basis.poles(theta)[:, 0]
         every = np.concatenate([candidates, _halves(own), _peaks(basis, theta, blocks)])

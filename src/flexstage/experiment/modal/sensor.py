@@ -5,17 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.projection import Block, eliminate, minimise
 from flexstage.units import readable
-
-__all__ = ["joined", "likely_delays", "steady_phase", "without_sensor"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # lines that suffice to try delays
 _COARSE = 500
@@ -35,22 +30,7 @@ _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 
 
 def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[Array, float]:
-    """Find delay and lag by trying many near those given, as a fit finds the nearest alone.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, with delay or lag.
-    theta : numpy.ndarray
-        Its parameters to start from, shape (p,).
-    parts : sequence of Prepared
-        The responses.
-
-    Returns
-    -------
-    tuple of numpy.ndarray and float
-        The parameters, and the sum of squares.
-    """
+    """Find delay and lag by trying many near those given, as a fit finds the nearest alone."""
     blocks = [part.block for part in parts]
     coarse = [_fewer(block) for block in blocks]
     top = max(float(block.s[-1].imag) for block in blocks)
@@ -78,22 +58,7 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
 
 
 def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> list[Array]:
-    """Return parameters with delays that explain responses better than those beside them.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, with a delay.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    parts : sequence of Prepared
-        The responses.
-
-    Returns
-    -------
-    list of numpy.ndarray
-        The best of them, shape (p,) each.
-    """
+    """Return parameters with delays that explain responses better than those beside them."""
     coarse = [_fewer(part.block) for part in parts]
     top = max(float(block.s[-1].imag) for block in coarse)
     trials = np.repeat(theta[None], _DELAYS.size, axis=0)
@@ -105,22 +70,7 @@ def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) ->
 
 
 def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]) -> list[str]:
-    """Say that the phase falls as of a delay, where poles explain responses far better with one.
-
-    Parameters
-    ----------
-    poles : numpy.ndarray
-        Poles that the responses show [rad/s], shape (n,).
-    template : ModalBasis
-        The form of the model.
-    parts : sequence of Prepared
-        The responses.
-
-    Returns
-    -------
-    list of str
-        A note, or nothing.
-    """
+    """Say that the phase falls as of a delay, where poles explain responses far better with one."""
     basis = replace(template, count=poles.size, delay=True)
     theta = basis.start(poles)
     late = likely_delays(basis, theta, parts)[0]
@@ -143,22 +93,7 @@ def _fewer(block: Block) -> Block:
 
 
 def without_sensor(basis: ModalBasis, theta: Array, part: Prepared) -> Prepared:
-    """Return a response as it was before the delay and lag of the sensor.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model, with delay or lag.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    part : Prepared
-        The response.
-
-    Returns
-    -------
-    Prepared
-        The response without them, and with weights to match.
-    """
+    """Return a response as it was before the delay and lag of the sensor."""
     block = part.block
     factor = basis.transfer(theta, block.s)
     measured = replace(

@@ -1,14 +1,10 @@
 """Mode shapes: taken from residues, and compared."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
-
-__all__ = ["modal_assurance", "shape_from_residues"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def modal_assurance(first: ArrayLike, second: ArrayLike) -> Array:
@@ -55,19 +51,6 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
     Residues of one mode are psi_o l_i. Their mean over the inputs, weighted so that each adds in
     phase, over that of the output that moves most is psi; where that product holds, it does not
     depend on the weights.
-
-    Parameters
-    ----------
-    residues : numpy.ndarray
-        Residues, shape (outputs, inputs); not a number where there is none.
-    covariance : numpy.ndarray
-        Covariance of real and imaginary parts in turn, shape (2 outputs inputs, same).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        The shape, shape (outputs,), and standard uncertainty of its real and imaginary part, shape
-        (outputs, 2).
     """
     outputs, inputs = residues.shape
     known = np.isfinite(residues)

@@ -4,23 +4,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.projection import Block, Eliminated, eliminate
-
-__all__ = [
-    "LEAST_DAMPING",
-    "MOST_DAMPING",
-    "noise_level",
-    "rising",
-    "rounding_level",
-    "significances",
-    "threshold",
-    "without",
-]
-
-Array = NDArray[np.float64]
 
 #: Damping of what may pass for a pole.
 LEAST_DAMPING, MOST_DAMPING = 1e-7, 9.0
@@ -29,23 +16,7 @@ _DYNAMIC_RANGE = 1e-8
 
 
 def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the mean square of noise.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    numpy.ndarray
-        The fall of the sum of squares that each mode makes with the poles of the others as they
-        are, shape (count,).
-    """
+    """Return by how much each mode lowers the sum of squares, over the mean square of noise."""
     falls = np.zeros(basis.count)
     found = [eliminate(basis, theta, block) for block in blocks]
     for now in found:
@@ -57,22 +28,7 @@ def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> A
 
 
 def noise_level(basis: ModalBasis, blocks: Sequence[Block], found: Sequence[Eliminated]) -> float:
-    """Return the mean square of noise, times by how much more it may look like a mode.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    blocks : sequence of Block
-        The responses.
-    found : sequence of Eliminated
-        The fit of their factors.
-
-    Returns
-    -------
-    float
-        The mean square.
-    """
+    """Return the mean square of noise, times by how much more it may look like a mode."""
     total, lagged, counted = 0.0, 0.0, 0
     for block, now in zip(blocks, found, strict=True):
         noise = now.residual * block.weights
@@ -89,18 +45,6 @@ def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
 
     Number of parameters times logarithm of the number of values (Schwarz 1978), and twice the
     logarithm of the number of lines, as the place of a mode is the best of so many.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    float
-        The fall, over the mean square of noise.
     """
     values = sum(2 * block.values.size for block in blocks)
     lines = sum(block.values.shape[0] for block in blocks)
@@ -109,39 +53,13 @@ def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
 
 
 def rounding_level(blocks: Sequence[Block]) -> float:
-    """Return the least mean square of noise that is believed: a smaller one is the computer's.
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-        The responses.
-
-    Returns
-    -------
-    float
-        The mean square.
-    """
+    """Return the least mean square of noise that is believed: a smaller one is the computer's."""
     power = [np.sum((block.weights * np.abs(block.values)) ** 2) for block in blocks]
     return float(_DYNAMIC_RANGE**2 * sum(power) / sum(2 * block.values.size for block in blocks))
 
 
 def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[ModalBasis, Array]:
-    """Leave modes out of a model.
-
-    Parameters
-    ----------
-    basis : ModalBasis
-        The model.
-    theta : numpy.ndarray
-        Its parameters, shape (p,).
-    modes : sequence of int
-        Numbers of the modes to leave out.
-
-    Returns
-    -------
-    tuple of ModalBasis and numpy.ndarray
-        The rest.
-    """
+    """Leave modes out of a model."""
     from dataclasses import replace
 
     gone = [2 * m + d for m in modes for d in (0, 1)]
@@ -149,17 +67,6 @@ def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[Moda
 
 
 def rising(theta: Array) -> Array:
-    """Return parameters of modes in the order of their frequencies.
-
-    Parameters
-    ----------
-    theta : numpy.ndarray
-        Frequencies and damping ratios in turn, shape (p,).
-
-    Returns
-    -------
-    numpy.ndarray
-        The same pairs, shape (p,).
-    """
+    """Return parameters of modes in the order of their frequencies."""
     pairs = theta.reshape(-1, 2)
     return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()

@@ -9,15 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.modal.polynomial import Lines, poles_by_order
 from flexstage.experiment.modal.prepare import deviations
 from flexstage.experiment.spectra.response import MeasuredResponse
-
-__all__ = ["OrderPoles", "Stabilisation", "stabilised", "stable_poles"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # poles with more damping than this belong to the slope of a response rather than to a mode
 _MOST_DAMPING = 0.7
@@ -26,23 +22,20 @@ _HIGHEST_ORDER = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OrderPoles:
-    """The poles of one order that may be physical: decaying, and in the band.
-
-    Parameters
-    ----------
-    order : int
-        The order of the polynomials.
-    poles : numpy.ndarray
-        Poles, rising in frequency [rad/s], shape (p,).
-    stable_frequency, stable_damping : numpy.ndarray
-        Whether the order before has a pole within the criterion of frequency, and whether that pole
-        agrees in damping as well, shape (p,).
-    """
+    """The poles of one order that may be physical: decaying, and in the band."""
 
     order: int
+    """The order of the polynomials."""
     poles: Complex
+    """Poles, rising in frequency [rad/s], shape (p,)."""
     stable_frequency: NDArray[np.bool_]
+    """Whether the order before has a pole within the criterion of frequency, and whether that pole
+    agrees in damping as well, shape (p,).
+    """
     stable_damping: NDArray[np.bool_]
+    """Whether the order before has a pole within the criterion of frequency, and whether that pole
+    agrees in damping as well, shape (p,).
+    """
 
     @property
     def frequency_hz(self) -> Array:
@@ -57,28 +50,20 @@ class OrderPoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stabilisation:
-    """A stabilisation diagram, and the poles that were chosen in it.
-
-    Parameters
-    ----------
-    orders : tuple of OrderPoles
-        The poles of each order.
-    band : tuple of float
-        Ends of the band [Hz].
-    poles : numpy.ndarray
-        Chosen poles, one for each cluster, rising in frequency [rad/s], shape (p,).
-    persistence : numpy.ndarray
-        The share of the orders, from where a cluster begins, that it is found in [1], shape (p,).
-    frequency_tolerance, damping_tolerance : float
-        The relative criteria [1].
-    """
+    """A stabilisation diagram, and the poles that were chosen in it."""
 
     orders: tuple[OrderPoles, ...]
+    """The poles of each order."""
     band: tuple[float, float]
+    """Ends of the band [Hz]."""
     poles: Complex
+    """Chosen poles, one for each cluster, rising in frequency [rad/s], shape (p,)."""
     persistence: Array
+    """The share of the orders, from where a cluster begins, that it is found in [1], shape (p,)."""
     frequency_tolerance: float
+    """The relative criteria [1]."""
     damping_tolerance: float
+    """The relative criteria [1]."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -187,31 +172,7 @@ def stabilised(
     tolerances: tuple[float, float] = (0.01, 0.05),
     coefficients: Literal["complex", "real"] = "complex",
 ) -> Stabilisation:
-    """Find stable poles of several sets of lines together.
-
-    Parameters
-    ----------
-    lines : sequence of Lines
-        The responses, all with the same number of inputs.
-    orders : sequence of int, optional
-        Orders of the polynomials, rising.
-    band : tuple of float
-        Ends of the band [Hz].
-    tolerances : tuple of float
-        Criteria of frequency and damping [1].
-    coefficients : {"complex", "real"}
-        Kind of the coefficients.
-
-    Returns
-    -------
-    Stabilisation
-        The poles of each order, and the chosen ones.
-
-    Raises
-    ------
-    ModelError
-        The orders are not rising and positive, or too high for the lines there are.
-    """
+    """Find stable poles of several sets of lines together."""
     if orders is None:
         fewest = min(part.frequency_hz.size for part in lines)
         orders = range(2, max(4, min(_HIGHEST_ORDER, fewest // 3)) + 1)

@@ -4,14 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import RecordError
-
-__all__ = ["CYCLES", "Approaches", "Visits", "group_levels", "visits"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 
 #: Forms of a cycle over targets, and what each of them is.
 CYCLES: Mapping[str, str] = {
@@ -28,61 +24,35 @@ _COLUMN = "name the column of the direction of each approach"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Approaches:
-    """Readings of the targets that were reached from both sides, as often as is usual.
-
-    Parameters
-    ----------
-    upward, downward : numpy.ndarray
-        Readings after an approach from below and from above, shape (m, n): one column for each
-        run, as many as every such target has.
-    targets : numpy.ndarray
-        Numbers of these targets among the levels, shape (m,).
-    counts : numpy.ndarray
-        How often each level was reached from below and from above, shape (2, levels).
-    """
+    """Readings of the targets that were reached from both sides, as often as is usual."""
 
     upward: Array
+    """Readings after an approach from below and from above, shape (m, n): one column for each run,
+    as many as every such target has.
+    """
     downward: Array
+    """Readings after an approach from below and from above, shape (m, n): one column for each run,
+    as many as every such target has.
+    """
     targets: Integers
+    """Numbers of these targets among the levels, shape (m,)."""
     counts: Integers
+    """How often each level was reached from below and from above, shape (2, levels)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Visits:
-    """Visits of targets, in the order in which they were made.
-
-    Parameters
-    ----------
-    target : numpy.ndarray
-        Number of the level of each, counted from the lowest, shape (d,).
-    direction : numpy.ndarray
-        1 where it was reached from below, -1 from above, 0 where that is not known, shape (d,).
-    levels : numpy.ndarray
-        The positions of the targets, rising, shape (m,).
-    """
+    """Visits of targets, in the order in which they were made."""
 
     target: Integers
+    """Number of the level of each, counted from the lowest, shape (d,)."""
     direction: Integers
+    """1 where it was reached from below, -1 from above, 0 where that is not known, shape (d,)."""
     levels: Array
+    """The positions of the targets, rising, shape (m,)."""
 
     def sort(self, values: ArrayLike) -> Approaches:
-        """Sort readings by target and by the side that it was reached from.
-
-        Parameters
-        ----------
-        values : array_like
-            What was read at each visit, shape (d,).
-
-        Returns
-        -------
-        Approaches
-            The readings.
-
-        Raises
-        ------
-        RecordError
-            Fewer than two targets were reached from both sides.
-        """
+        """Sort readings by target and by the side that it was reached from."""
         y = np.asarray(values, dtype=np.float64)
         sides = [
             [y[(self.target == i) & (self.direction == way)] for i in range(self.levels.size)]
@@ -116,31 +86,11 @@ def visits(
     table with such repetitions belongs to the series that it begins; without them it is a start,
     reached from an unknown side.
 
-    Parameters
-    ----------
-    position : array_like
-        Target position of each row, in the order of the approaches, shape (d,).
-    cycle : {"standard", "step"}
-        The form of the cycle, as in `CYCLES`.
-    side : array_like, optional
-        Positive where a row was reached from below, negative from above, shape (d,); then neither
-        the form nor the order of the rows matters.
-
-    Returns
-    -------
-    Visits
-        The rows.
-
     Validity
     --------
     Rows in the order in which the stage moved. A table that is sorted otherwise and still looks
     like a cycle (two targets, both directions of each in succession) is taken for one: then give
     `side`.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than two targets, the form is unknown, or the order leaves the side open.
 
     Examples
     --------
@@ -164,22 +114,7 @@ def visits(
 
 
 def group_levels(values: Array, tolerance: float) -> tuple[Array, Integers]:
-    """Return the levels that values are at, rising, and the number of the level of each.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The values, shape (d,).
-    tolerance : float
-        Values that are closer to their neighbour belong to one level.
-
-    Returns
-    -------
-    levels : numpy.ndarray
-        Mean of each level, shape (m,).
-    number : numpy.ndarray
-        Number of the level of each value, shape (d,).
-    """
+    """Return the levels that values are at, rising, and the number of the level of each."""
     order = np.argsort(values, kind="stable")
     group = np.concatenate(([0], np.cumsum(np.diff(values[order]) > tolerance)))
     number = np.empty(values.size, dtype=np.intp)

@@ -7,29 +7,19 @@ from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.motion_curve import MotionCurve
 
-__all__ = ["Coupling", "cross_coupling", "squareness"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coupling:
-    """What an axis moves across its direction.
-
-    Parameters
-    ----------
-    slope : Estimate
-        Motion across for a unit of motion along, by least squares [1].
-    angle : Estimate
-        The angle of the path to the direction of the sensors along [rad].
-    largest : Estimate
-        Largest less smallest displacement across, over the stroke [m].
-    share : Estimate
-        That over the stroke [1].
-    """
+    """What an axis moves across its direction."""
 
     slope: Estimate
+    """Motion across for a unit of motion along, by least squares [1]."""
     angle: Estimate
+    """The angle of the path to the direction of the sensors along [rad]."""
     largest: Estimate
+    """Largest less smallest displacement across, over the stroke [m]."""
     share: Estimate
+    """That over the stroke [1]."""
 
 
 def cross_coupling(

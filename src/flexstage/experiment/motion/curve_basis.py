@@ -3,33 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["CurveBasis", "position_weights"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurveBasis:
-    """Legendre polynomials over a range, or straight pieces between given positions.
-
-    Parameters
-    ----------
-    low, high : float
-        Ends of the range.
-    order : int
-        Greatest order of the polynomials; with knots, one less than their number.
-    knots : numpy.ndarray, optional
-        Positions between which the curve is straight, rising, shape (order + 1,).
-    """
+    """Legendre polynomials over a range, or straight pieces between given positions."""
 
     low: float
+    """Ends of the range."""
     high: float
+    """Ends of the range."""
     order: int
+    """Greatest order of the polynomials; with knots, one less than their number."""
     knots: Array | None = None
+    """Positions between which the curve is straight, rising, shape (order + 1,)."""
 
     def __post_init__(self) -> None:
         if not self.high > self.low:
@@ -54,16 +45,6 @@ class CurveBasis:
     def columns(self, position: ArrayLike) -> Array:
         """Return the functions at positions.
 
-        Parameters
-        ----------
-        position : array_like
-            Positions, in the unit of the range, shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Values, shape (n, k).
-
         Examples
         --------
         >>> CurveBasis(low=-2.0, high=2.0, order=2).columns([1.0]).tolist()
@@ -84,16 +65,6 @@ class CurveBasis:
 
 def position_weights(position: Array) -> Array:
     """Return what positions count by in a mean over the stroke, by the trapezoidal rule.
-
-    Parameters
-    ----------
-    position : numpy.ndarray
-        Positions, rising, shape (g,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Weights of sum 1, shape (g,).
 
     Examples
     --------

@@ -5,16 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.curve_basis import position_weights
 from flexstage.experiment.motion.motion_curve import Direction, MotionCurve
-
-__all__ = ["Line", "curve_largest", "curve_loop_width", "curve_range", "line_weights"]
-
-Array = NDArray[np.float64]
 
 #: Straight line that a deviation is taken from.
 Line = Literal["none", "least_squares", "terminal", "zero", "minimum_zone"]
@@ -63,32 +59,9 @@ def curve_range(
     (three, about the line of the minimum zone), and so has their uncertainty. An extreme of a noisy
     curve lies too far out; how far is found by simulation about the curve, and taken off.
 
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    direction : {"forward", "backward", "mean", "both"}
-        Which run; of both, the two curves about the same line.
-    line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
-        Straight line that is taken off: none; the least-squares line; that through the ends; that
-        from the lower end with the least-squares slope through it; the one about which the range is
-        least.
-    seed : int
-        Seed of the simulation.
-
-    Returns
-    -------
-    Estimate
-        The range.
-
     Validity
     --------
     Where noise is as large as the range itself, the interval begins at 0.
-
-    Raises
-    ------
-    ModelError
-        There is no such direction or line.
     """
     if line == "minimum_zone":
         from flexstage.experiment.motion.curve_zone import zone_range
@@ -104,48 +77,13 @@ def curve_largest(
     line: Line = "least_squares",
     seed: int = 0,
 ) -> Estimate:
-    """Return the largest distance of a curve from a line.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    direction : {"forward", "backward", "mean", "both"}
-        Which run; of both, the two curves about the same line.
-    line : {"none", "least_squares", "terminal", "zero"}
-        The line.
-    seed : int
-        Seed of the simulation that finds what noise adds to it.
-
-    Returns
-    -------
-    Estimate
-        The distance, less what noise adds to it.
-
-    Raises
-    ------
-    ModelError
-        There is no such direction or line.
-    """
+    """Return the largest distance of a curve from a line."""
     rows = _deviation_rows(curve, direction, line)
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
 def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
-    """Return the largest distance between the forward and the backward curve.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    seed : int
-        Seed of the simulation that finds what noise adds to it.
-
-    Returns
-    -------
-    Estimate
-        The width, less what noise adds to it.
-    """
+    """Return the largest distance between the forward and the backward curve."""
     x = curve.grid()
     rows = curve.rows(x, "backward") - curve.rows(x, "forward")
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
@@ -153,23 +91,6 @@ def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
 
 def line_weights(position: Array, line: Line) -> Array:
     """Return the matrix that gives a line from the values of a curve.
-
-    Parameters
-    ----------
-    position : numpy.ndarray
-        Positions, rising, shape (g,).
-    line : {"none", "least_squares", "terminal", "zero"}
-        The line.
-
-    Returns
-    -------
-    numpy.ndarray
-        The matrix: times the values, the line at the positions, shape (g, g).
-
-    Raises
-    ------
-    ModelError
-        There is no such line.
 
     Examples
     --------
@@ -226,24 +147,7 @@ def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
 
 
 def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
-    """Return a figure that cannot be negative less what noise adds to it.
-
-    Parameters
-    ----------
-    found : Estimate
-        Unit, components and note of the figure.
-    observed : float
-        The figure as it was observed.
-    added : float
-        What noise adds to it.
-    alone : float
-        What noise alone exceeds once in twenty times: below it the interval begins at 0.
-
-    Returns
-    -------
-    Estimate
-        The rest; with bounds where its interval begins at 0.
-    """
+    """Return a figure that cannot be negative less what noise adds to it."""
     value = max(observed - added, 0.0)
     note = _NOISE_NOTE.format(added, found.unit) if abs(added) > 1e-3 * observed else found.note
     result = replace(found, value=value, note=note)
@@ -252,21 +156,7 @@ def corrected(found: Estimate, observed: float, added: float, alone: float) -> E
 
 
 def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
-    """Simulate errors of the coefficients of a curve.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    seed : int
-        Seed.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Errors of the flattened coefficients as large as they are thought to be, and with the spread
-        of Student's t, as so few cycles tell little of how large they are; shape (trials, 2 k).
-    """
+    """Simulate errors of the coefficients of a curve."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
     k = curve.basis.size
     draws = rng.standard_normal((_TRIALS // 2, 2, k))
@@ -294,18 +184,6 @@ def shrunk(curve: MotionCurve, rows: Array) -> Array:
 
     Measured values spread by noise as well as by what is measured: to simulate about them as they
     are would count the noise twice.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    rows : numpy.ndarray
-        What coefficients count by in the values whose spread is looked at, shape (g, 2 k).
-
-    Returns
-    -------
-    numpy.ndarray
-        Flattened coefficients, shape (2 k,).
     """
     coefficients = curve.coefficients.ravel()
     k = curve.basis.size

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.curve_basis import CurveBasis, position_weights
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
 from flexstage.experiment.motion.dwells import staircase_dwells
 from flexstage.experiment.motion.motion_curve import MotionCurve
-
-__all__ = ["fit_motion_curve"]
-
-Array = NDArray[np.float64]
 
 #: A pair of terms (forward, backward) counts where noise gives as much with this probability.
 _TERM_CHANCE = 0.0025

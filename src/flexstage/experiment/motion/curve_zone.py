@@ -5,12 +5,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.motion_curve import Direction, MotionCurve
-
-__all__ = ["zone_contacts", "zone_range"]
-
-Array = NDArray[np.float64]
 
 # curves that are simulated to find what noise adds: each takes a search of its own
 _TRIALS = 120
@@ -22,20 +19,6 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
     The zone touches two points on one side and one between them on the other; its width, in the
     direction of the values, is the distance of the one from the line through the two. One side of
     it is an edge of the convex hull.
-
-    Parameters
-    ----------
-    position : numpy.ndarray
-        Positions, rising, shape (g,).
-    values : numpy.ndarray
-        Values, shape (g,) or, with several values at each position, (r, g).
-
-    Returns
-    -------
-    width : float
-        Width of the zone, in the unit of the values.
-    weights : numpy.ndarray
-        Its derivative after the values, in their shape.
 
     Examples
     --------
@@ -85,22 +68,7 @@ def _upper_hull(x: Array, y: Array) -> NDArray[np.intp]:
 def zone_range(
     curve: MotionCurve, direction: Direction | Literal["both"] = "mean", *, seed: int = 0
 ) -> Estimate:
-    """Return the width of the narrowest zone, in the direction of the reading, about a curve.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The curve.
-    direction : {"forward", "backward", "mean", "both"}
-        Which run; of both, one zone about the two.
-    seed : int
-        Seed of the simulation that finds what noise adds to it.
-
-    Returns
-    -------
-    Estimate
-        The width, less what noise adds to it.
-    """
+    """Return the width of the narrowest zone, in the direction of the reading, about a curve."""
     from flexstage.experiment.motion import curve_extremes as extremes
 
     x = curve.grid(201)

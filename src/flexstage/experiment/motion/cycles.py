@@ -6,12 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records import difference_noise
-
-__all__ = ["MotionCycles", "motion_cycles"]
-
-Array = NDArray[np.float64]
 
 #: A run leads from below this share of the range to above one less it.
 _END_ZONE = 0.1
@@ -25,29 +22,22 @@ _NOISE_BAND = 8.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionCycles:
-    """Whole cycles of a motion.
-
-    Parameters
-    ----------
-    runs : numpy.ndarray
-        First sample and sample after the last of the forward run (0) and the backward run (1) of
-        each cycle, shape (c, 2, 2). Forward is where the command rises.
-    size : int
-        Number of samples of the record, n.
-    low, high : float
-        Ends of the stroke that all runs reach, in the unit of the command.
-    left_out : int
-        Samples that belong to no whole cycle.
-    notes : tuple of str
-        What was left out, and why.
-    """
+    """Whole cycles of a motion."""
 
     runs: NDArray[np.intp]
+    """First sample and sample after the last of the forward run (0) and the backward run (1) of
+    each cycle, shape (c, 2, 2). Forward is where the command rises.
+    """
     size: int
+    """Number of samples of the record, n."""
     low: float
+    """Ends of the stroke that all runs reach, in the unit of the command."""
     high: float
+    """Ends of the stroke that all runs reach, in the unit of the command."""
     left_out: int = 0
+    """Samples that belong to no whole cycle."""
     notes: tuple[str, ...] = ()
+    """What was left out, and why."""
 
     @property
     def count(self) -> int:
@@ -55,31 +45,12 @@ class MotionCycles:
         return self.runs.shape[0]
 
     def samples(self, cycle: int, direction: int) -> slice:
-        """Return where a run is in the record.
-
-        Parameters
-        ----------
-        cycle : int
-            Number of the cycle, from 0.
-        direction : int
-            0 for the forward run, 1 for the backward run.
-
-        Returns
-        -------
-        slice
-            Its samples.
-        """
+        """Return where a run is in the record."""
         first, stop = self.runs[cycle, direction]
         return slice(int(first), int(stop))
 
     def directions(self) -> NDArray[np.intp]:
-        """Say of each sample what it belongs to.
-
-        Returns
-        -------
-        numpy.ndarray
-            1 on forward runs, -1 on backward runs, 0 in no cycle, shape (n,).
-        """
+        """Say of each sample what it belongs to."""
         found = np.zeros(self.size, dtype=np.intp)
         for forward, backward in self.runs:
             found[forward[0] : forward[1]] = 1
@@ -95,30 +66,10 @@ def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> Motio
     A run is whole when it begins and ends within 5 % of the ends of the range and does not turn
     back by more than 10 % of it on the way.
 
-    Parameters
-    ----------
-    command : array_like
-        What tells where in the stroke the stage is: a command, a voltage or a position, shape (n,).
-    least : int
-        How many whole cycles are needed.
-    skip : int
-        Whole cycles at the beginning to leave out, as long as the stage still settles in.
-
-    Returns
-    -------
-    MotionCycles
-        The cycles. Each has a forward and a backward run next to each other; it begins with the
-        forward run unless one more cycle can be had the other way round.
-
     Validity
     --------
     Cycles over one and the same stroke: smaller ones are left out, and said. A command whose
     noise exceeds a hundredth of the range gives runs that begin and end some samples off.
-
-    Raises
-    ------
-    RecordError
-        The command is no finite column, does not move, or has fewer whole cycles than needed.
 
     Examples
     --------

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.motion.approaches import Approaches, Visits, group_levels
 from flexstage.records import difference_noise
-
-__all__ = ["Dwells", "staircase_dwells"]
-
-Array = NDArray[np.float64]
 
 #: Steps larger than so many times the noise, and than this share of the range, lead to a new level.
 _STEP_OVER_NOISE = 8.0
@@ -25,83 +22,28 @@ _SAME_LEVEL = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Dwells(Visits):
-    """Rests of a staircase, in the order of time.
-
-    Parameters
-    ----------
-    target : numpy.ndarray
-        Number of the level of each, counted from the lowest, shape (d,).
-    direction : numpy.ndarray
-        1 where it was reached from below, -1 from above, 0 for the first where nothing before it
-        says so, shape (d,).
-    levels : numpy.ndarray
-        The command at the levels, rising, shape (m,).
-    start, stop : numpy.ndarray
-        First sample of each rest and the sample after its last, shape (d,).
-    """
+    """Rests of a staircase, in the order of time."""
 
     start: NDArray[np.intp]
+    """First sample of each rest and the sample after its last, shape (d,)."""
     stop: NDArray[np.intp]
+    """First sample of each rest and the sample after its last, shape (d,)."""
 
     def settled(self, size: int, settling: float = 0.3) -> NDArray[np.bool_]:
-        """Say which samples are in a rest, past its beginning.
-
-        Parameters
-        ----------
-        size : int
-            Number of samples of the record, n.
-        settling : float
-            Share of each rest that is left out at its beginning [1].
-
-        Returns
-        -------
-        numpy.ndarray
-            Whether a sample is in the later part of a rest, shape (n,).
-        """
+        """Say which samples are in a rest, past its beginning."""
         found = np.zeros(size, dtype=np.bool_)
         for first, stop in zip(self._begin(settling), self.stop, strict=True):
             found[first:stop] = True
         return found
 
     def means(self, values: ArrayLike, settling: float = 0.3) -> Array:
-        """Return the mean of a reading over each rest.
-
-        Parameters
-        ----------
-        values : array_like
-            The reading, shape (n,).
-        settling : float
-            Share of each rest that is left out at its beginning [1].
-
-        Returns
-        -------
-        numpy.ndarray
-            Its means, shape (d,).
-        """
+        """Return the mean of a reading over each rest."""
         y = np.asarray(values, dtype=np.float64)
         pairs = zip(self._begin(settling), self.stop, strict=True)
         return np.array([y[a:b].mean() for a, b in pairs])
 
     def approaches(self, values: ArrayLike, settling: float = 0.3) -> Approaches:
-        """Sort the means over the rests by target and by the side that it was reached from.
-
-        Parameters
-        ----------
-        values : array_like
-            The reading, shape (n,).
-        settling : float
-            Share of each rest that is left out at its beginning [1].
-
-        Returns
-        -------
-        Approaches
-            Means of the targets that were reached from both sides.
-
-        Raises
-        ------
-        RecordError
-            Fewer than two targets were reached from both sides.
-        """
+        """Sort the means over the rests by target and by the side that it was reached from."""
         return self.sort(self.means(values, settling))
 
     def _begin(self, settling: float) -> NDArray[np.intp]:
@@ -117,32 +59,11 @@ def staircase_dwells(
 ) -> Dwells | None:
     """Find the rests of a staircase.
 
-    Parameters
-    ----------
-    command : array_like
-        The command, shape (n,); a measured one may be noisy.
-    fewest_samples : int
-        How many samples a rest must have.
-    side : array_like, optional
-        Positive where a sample belongs to an approach from below, negative from above, shape (n,);
-        found from the command where not given.
-
-    Returns
-    -------
-    Dwells or None
-        The rests; None where the command is no staircase, as it moves in more than half of the
-        samples.
-
     Validity
     --------
     Steps of 8 times the noise of the command and more; smaller ones are not seen. That a stage
     turned round beyond a level and came back is seen where the command is beyond it for two samples
     or more, or where `side` says it.
-
-    Raises
-    ------
-    RecordError
-        The command has fewer than 8 samples, or one is not finite.
 
     Examples
     --------

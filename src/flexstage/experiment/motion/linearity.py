@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.curve_extremes import (
     Line,
@@ -15,41 +15,27 @@ from flexstage.experiment.motion.curve_extremes import (
 )
 from flexstage.experiment.motion.motion_curve import Direction, MotionCurve
 
-__all__ = ["Linearity", "linearity"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Linearity:
-    """Distance of a curve from a straight line.
-
-    Parameters
-    ----------
-    line : {"least_squares", "terminal", "zero"}
-        The line: of least squares, through the ends, or from the lower end with the slope of least
-        squares.
-    largest : Estimate
-        Largest distance from it [m].
-    range : Estimate
-        Largest less smallest distance, with sign [m].
-    percent : Estimate
-        Largest distance over the stroke [%].
-    slope : float
-        Slope of the line, in the unit of the reading over that of the command.
-    position : numpy.ndarray
-        Positions at which the distance is given, shape (g,).
-    deviation : numpy.ndarray
-        Distance of the curve from the line there [m], shape (g,), or (2, g) for both runs.
-    """
+    """Distance of a curve from a straight line."""
 
     line: Line
+    """The line: of least squares, through the ends, or from the lower end with the slope of least
+    squares.
+    """
     largest: Estimate
+    """Largest distance from it [m]."""
     range: Estimate
+    """Largest less smallest distance, with sign [m]."""
     percent: Estimate
+    """Largest distance over the stroke [%]."""
     slope: float
+    """Slope of the line, in the unit of the reading over that of the command."""
     position: Array
+    """Positions at which the distance is given, shape (g,)."""
     deviation: Array
+    """Distance of the curve from the line there [m], shape (g,), or (2, g) for both runs."""
 
 
 def linearity(

@@ -5,18 +5,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.curve_basis import CurveBasis, position_weights
 
 if TYPE_CHECKING:
     from flexstage.experiment.motion.curve_extremes import Line
-
-__all__ = ["Direction", "MotionCurve"]
-
-Array = NDArray[np.float64]
 
 #: Which run a value is of: forward, backward, or the mean of both.
 Direction = Literal["forward", "backward", "mean"]
@@ -39,31 +36,6 @@ class MotionCurve:
     mean is the result, and their scatter from cycle to cycle its uncertainty, so that noise which
     is correlated within a cycle counts in full. `fit_motion_curve` makes one.
 
-    Parameters
-    ----------
-    basis : CurveBasis
-        Functions of position that the curve is made of, k of them.
-    coefficients : numpy.ndarray
-        Of the forward and of the backward curve, drift removed, shape (2, k).
-    scatter : numpy.ndarray
-        What each cycle's coefficients differ from them by, shape (c, 2, k).
-    drift_rate : Estimate, optional
-        Rate of the drift, in the unit of the reading over s; None where it was not fitted.
-    drift_effect : numpy.ndarray
-        What the coefficients would grow by for a unit of drift rate left in them [s], shape (2, k).
-    structure : numpy.ndarray
-        Covariance of the coefficients for white noise, scaled to the scatter, shape (2, k, k).
-    noise : float
-        Rms of what a cycle's samples differ from its own curve by.
-    misfit : float
-        Rms of what all cycles have in common and the curve has not; 0 where noise explains it.
-    unit : str
-        Unit of the reading.
-    position_unit : str
-        Unit of the position.
-    notes : tuple of str
-        What a reader should know.
-
     Validity
     --------
     Cycles that are alike but for noise, an offset and a drift that is linear over the record; a
@@ -72,16 +44,28 @@ class MotionCurve:
     """
 
     basis: CurveBasis
+    """Functions of position that the curve is made of, k of them."""
     coefficients: Array
+    """Of the forward and of the backward curve, drift removed, shape (2, k)."""
     scatter: Array
+    """What each cycle's coefficients differ from them by, shape (c, 2, k)."""
     drift_rate: Estimate | None
+    """Rate of the drift, in the unit of the reading over s; None where it was not fitted."""
     drift_effect: Array
+    """What the coefficients would grow by for a unit of drift rate left in them [s], shape (2, k).
+    """
     structure: Array
+    """Covariance of the coefficients for white noise, scaled to the scatter, shape (2, k, k)."""
     noise: float
+    """Rms of what a cycle's samples differ from its own curve by."""
     misfit: float
+    """Rms of what all cycles have in common and the curve has not; 0 where noise explains it."""
     unit: str = "m"
+    """Unit of the reading."""
     position_unit: str = ""
+    """Unit of the position."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     @property
     def cycles(self) -> int:

@@ -3,10 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["narrowest_strip"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
+from flexstage.arrays import Array, Integers
 
 #: Parts of the abscissa whose highest points rule out most others before the hull is built.
 _PARTS = 256
@@ -14,21 +11,6 @@ _PARTS = 256
 
 def narrowest_strip(x: Array, y: Array, *, orthogonal: bool) -> tuple[int, int, int]:
     """Return the three points that the narrowest strip rests on.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        Abscissas, not all equal, shape (n,).
-    y : numpy.ndarray
-        Ordinates, shape (n,).
-    orthogonal : bool
-        Whether the width is measured square to the strip, else along y.
-
-    Returns
-    -------
-    tuple of int
-        Two points on one line, from left to right, and one on the other. The first two differ in x,
-        so a strip along y is not considered.
 
     Examples
     --------
@@ -52,14 +34,14 @@ def narrowest_strip(x: Array, y: Array, *, orthogonal: bool) -> tuple[int, int, 
     return int(i[best]), int(j[best]), int(opposite[best])
 
 
-def _pairs(hull: Numbers) -> Numbers:
+def _pairs(hull: Integers) -> Integers:
     return np.stack([hull[:-1], hull[1:]], axis=1)
 
 
-def _opposite(x: Array, y: Array, hull: Numbers, other: Numbers) -> Numbers:
+def _opposite(x: Array, y: Array, hull: Integers, other: Integers) -> Integers:
     """For each edge of one half of the hull, the point of the other that is farthest from it."""
 
-    def slopes(at: Numbers) -> Array:
+    def slopes(at: Integers) -> Array:
         return np.diff(y[at]) / np.diff(x[at])
 
     wanted, given = slopes(hull), slopes(other)
@@ -74,7 +56,7 @@ def _opposite(x: Array, y: Array, hull: Numbers, other: Numbers) -> Numbers:
     return candidates[np.arange(wanted.size), np.argmax(height, axis=1)]
 
 
-def _upper_hull(x: Array, y: Array) -> Numbers:
+def _upper_hull(x: Array, y: Array) -> Integers:
     """Corners of the upper half of the convex hull, from left to right (Andrew, 1979)."""
     order = np.lexsort((-y, x))
     # of points one over the other the highest alone can be a corner

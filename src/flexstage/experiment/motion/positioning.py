@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
-
-__all__ = ["Positioning", "positioning"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,57 +17,48 @@ class Positioning:
     With the positional deviations :math:`x_{ij}` of target i in run j, approached upward or
     downward, their mean :math:`\bar x_i` over the n runs and their standard deviation
     :math:`s_i` with n - 1.
-
-    Parameters
-    ----------
-    target : numpy.ndarray
-        Target positions, rising [m], shape (m,).
-    mean_upward, mean_downward : numpy.ndarray
-        Mean unidirectional positional deviations [m], shape (m,).
-    spread_upward, spread_downward : numpy.ndarray
-        Estimators s of the unidirectional repeatability at each target [m], shape (m,).
-    runs : int
-        Number n of runs upward and downward.
-    reversal : Estimate
-        Reversal value B of the axis: the largest magnitude of the mean upward less the mean
-        downward deviation [m].
-    mean_reversal : Estimate
-        Mean over the targets of upward less downward [m].
-    repeatability_upward, repeatability_downward : Estimate
-        Unidirectional repeatability: the largest of R_i = 4 s_i [m].
-    repeatability : Estimate
-        Bidirectional repeatability R: the largest of
-        ``max(2 s_i up + 2 s_i down + |B_i|, R_i up, R_i down)`` [m].
-    systematic_upward, systematic_downward : Estimate
-        Unidirectional systematic positional deviation E: largest less smallest mean [m].
-    systematic : Estimate
-        Bidirectional systematic positional deviation E: the same over both directions [m].
-    mean_deviation : Estimate
-        Mean bidirectional positional deviation M: largest less smallest of the means of both [m].
-    accuracy_upward, accuracy_downward : Estimate
-        Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m].
-    accuracy : Estimate
-        Bidirectional accuracy A: the same over both directions [m].
     """
 
     target: Array
+    """Target positions, rising [m], shape (m,)."""
     mean_upward: Array
+    """Mean unidirectional positional deviations [m], shape (m,)."""
     mean_downward: Array
+    """Mean unidirectional positional deviations [m], shape (m,)."""
     spread_upward: Array
+    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
     spread_downward: Array
+    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
     runs: int
+    """Number n of runs upward and downward."""
     reversal: Estimate
+    """Reversal value B of the axis: the largest magnitude of the mean upward less the mean downward
+    deviation [m].
+    """
     mean_reversal: Estimate
+    """Mean over the targets of upward less downward [m]."""
     repeatability_upward: Estimate
+    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
     repeatability_downward: Estimate
+    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
     repeatability: Estimate
+    """Bidirectional repeatability R: the largest of ``max(2 s_i up + 2 s_i down + |B_i|, R_i up,
+    R_i down)`` [m].
+    """
     systematic_upward: Estimate
+    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
     systematic_downward: Estimate
+    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
     systematic: Estimate
+    """Bidirectional systematic positional deviation E: the same over both directions [m]."""
     mean_deviation: Estimate
+    """Mean bidirectional positional deviation M: largest less smallest of the means of both [m]."""
     accuracy_upward: Estimate
+    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
     accuracy_downward: Estimate
+    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
     accuracy: Estimate
+    """Bidirectional accuracy A: the same over both directions [m]."""
 
     @property
     def reversal_at_targets(self) -> Array:

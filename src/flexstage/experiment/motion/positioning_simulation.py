@@ -3,13 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["estimates", "figures"]
-
-Array = NDArray[np.float64]
 
 #: Figures that are spreads: their errors are in proportion to them.
 _SPREADS = ("repeatability_upward", "repeatability_downward")
@@ -20,20 +16,7 @@ _SIGNED = ("mean_reversal",)
 
 
 def figures(mean: Array, spread: Array) -> dict[str, Array]:
-    """Return the figures of ISO 230-2:2014 from means and spreads at targets.
-
-    Parameters
-    ----------
-    mean : numpy.ndarray
-        Mean deviations upward and downward [m], shape (..., 2, m).
-    spread : numpy.ndarray
-        Standard deviations [m], shape (..., 2, m).
-
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        The figures by the names that `Positioning` has for them [m], shape (...).
-    """
+    """Return the figures of ISO 230-2:2014 from means and spreads at targets."""
     reversal = mean[..., 0, :] - mean[..., 1, :]
     sides = 4.0 * spread
     both = 2.0 * (spread[..., 0, :] + spread[..., 1, :]) + np.abs(reversal)
@@ -59,22 +42,7 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
 
 
 def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate]:
-    """Return the figures with intervals.
-
-    Parameters
-    ----------
-    deviation : numpy.ndarray
-        Deviations upward and downward [m], shape (2, m, n).
-    trials : int
-        How many measurements are simulated.
-    seed : int
-        Seed of the simulation.
-
-    Returns
-    -------
-    dict of str to Estimate
-        The figures by their names in `Positioning`.
-    """
+    """Return the figures with intervals."""
     runs = deviation.shape[-1]
     mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
     observed = figures(mean, spread)

@@ -4,14 +4,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["PARAMETERS", "RigidMotion", "rigid_motion", "travel_frame"]
-
-Array = NDArray[np.float64]
 
 #: The six parameters of a rigid motion, in the order of its covariance.
 PARAMETERS: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw")
@@ -29,65 +26,37 @@ class RigidMotion:
     A point at a in the reference goes to ``about + translation + R (a - about)``, with R the matrix
     of roll about the axis of travel, then pitch about the horizontal across it, then yaw about the
     vertical: ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
-
-    Parameters
-    ----------
-    translation : numpy.ndarray
-        Displacement of the point `about`: along, across, vertical [m], shape (..., 3).
-    rotation : numpy.ndarray
-        R [1], shape (..., 3, 3).
-    angles : numpy.ndarray
-        Roll, pitch, yaw [rad], shape (..., 3).
-    about : numpy.ndarray
-        The point that `translation` is of, in the reference [m], shape (3,).
-    covariance : numpy.ndarray
-        Covariance of the translation and of a further small turn about the three axes, in the order
-        of `PARAMETERS` [m^2, m rad, rad^2], shape (..., 6, 6).
-    residuals : numpy.ndarray
-        Measured less fitted points [m], shape (..., k, 3).
-    chi_squared : numpy.ndarray
-        Sum of squares of the residuals, weighted by the covariance of the points [1]; of an
-        estimated variance, their sum over it. Shape (...).
-    degrees_of_freedom : float
-        Of the uncertainty: infinite where the covariance of the points was given.
-    redundancy : int
-        Measured numbers of a pose less six.
     """
 
     translation: Array
+    """Displacement of the point `about`: along, across, vertical [m], shape (..., 3)."""
     rotation: Array
+    """R [1], shape (..., 3, 3)."""
     angles: Array
+    """Roll, pitch, yaw [rad], shape (..., 3)."""
     about: Array
+    """The point that `translation` is of, in the reference [m], shape (3,)."""
     covariance: Array
+    """Covariance of the translation and of a further small turn about the three axes, in the order
+    of `PARAMETERS` [m^2, m rad, rad^2], shape (..., 6, 6).
+    """
     residuals: Array
+    """Measured less fitted points [m], shape (..., k, 3)."""
     chi_squared: Array
+    """Sum of squares of the residuals, weighted by the covariance of the points [1]; of an
+    estimated variance, their sum over it. Shape (...).
+    """
     degrees_of_freedom: float
+    """Of the uncertainty: infinite where the covariance of the points was given."""
     redundancy: int
+    """Measured numbers of a pose less six."""
 
     def estimate(
         self,
         parameter: Literal["along", "across", "vertical", "roll", "pitch", "yaw"],
         pose: int | tuple[int, ...] = (),
     ) -> Estimate:
-        """Return one parameter of one pose with its uncertainty.
-
-        Parameters
-        ----------
-        parameter : str
-            One of `PARAMETERS`.
-        pose : int or tuple of int
-            Number of the pose; nothing where there is one.
-
-        Returns
-        -------
-        Estimate
-            Its value [m or rad].
-
-        Raises
-        ------
-        ModelError
-            There is no such parameter.
-        """
+        """Return one parameter of one pose with its uncertainty."""
         if parameter not in PARAMETERS:
             raise ModelError(f"a pose has {', '.join(PARAMETERS)}, got {parameter!r}")
         number = PARAMETERS.index(parameter)
@@ -106,20 +75,7 @@ class RigidMotion:
         )
 
     def point(self, position: ArrayLike) -> tuple[Array, Array]:
-        """Return the displacement of any point of the body, and its covariance.
-
-        Parameters
-        ----------
-        position : array_like
-            Where the point is in the reference [m], shape (3,): the point of interest, off the
-            measured ones by the Abbe offset.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Its displacement [m], shape (..., 3), and the covariance of that [m^2], shape
-            (..., 3, 3).
-        """
+        """Return the displacement of any point of the body, and its covariance."""
         arm = np.asarray(position, dtype=np.float64) - self.about
         turned = self.rotation @ arm
         moved = self.translation + turned - arm
@@ -129,18 +85,7 @@ class RigidMotion:
         return moved, by @ self.covariance @ np.swapaxes(by, -1, -2)
 
     def rigidity(self) -> Array:
-        """Return the probability of residuals this large or larger if the body is rigid.
-
-        Returns
-        -------
-        numpy.ndarray
-            Upper tail of chi-squared for each pose [1], shape (...).
-
-        Raises
-        ------
-        ModelError
-            The covariance of the points was not given, so that there is nothing to compare with.
-        """
+        """Return the probability of residuals this large or larger if the body is rigid."""
         from scipy.special import chdtrc
 
         if np.isfinite(self.degrees_of_freedom):
@@ -152,24 +97,6 @@ class RigidMotion:
 
 def travel_frame(travel: ArrayLike, vertical: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Return the right-handed frame of a motion, whose axes give pitch, roll and yaw their meaning.
-
-    Parameters
-    ----------
-    travel : array_like
-        Direction of travel, any length, shape (3,): the axis of roll.
-    vertical : array_like
-        Direction of the vertical, made square to travel, shape (3,): the axis of yaw.
-
-    Returns
-    -------
-    numpy.ndarray
-        Its axes as rows: along, across (the axis of pitch), vertical [1], shape (3, 3);
-        ``points @ frame.T`` are points in it.
-
-    Raises
-    ------
-    ModelError
-        The two directions are parallel, or one is nothing.
 
     Examples
     --------

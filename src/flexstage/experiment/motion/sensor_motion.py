@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.rigid_body import PARAMETERS
-
-__all__ = ["SensorMotion", "from_sensors"]
-
-Array = NDArray[np.float64]
 
 #: Share of the largest singular value below which a motion counts as not seen.
 _UNSEEN = 1e-9
@@ -20,51 +17,23 @@ _UNSEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorMotion:
-    """Small motions of a body, as a set of sensors sees them.
-
-    Parameters
-    ----------
-    parameters : tuple of str
-        Which of along, across, vertical, roll, pitch and yaw were fitted.
-    values : numpy.ndarray
-        Their values [m or rad], shape (..., p).
-    covariance : numpy.ndarray
-        Their covariance, the same for all poses, shape (p, p).
-    residuals : numpy.ndarray
-        Measured less fitted readings [m], shape (..., s).
-    rank : int
-        How many motions the sensors tell apart.
-    degrees_of_freedom : float
-        Of the uncertainty: infinite where the variance of the readings was given.
-    """
+    """Small motions of a body, as a set of sensors sees them."""
 
     parameters: tuple[str, ...]
+    """Which of along, across, vertical, roll, pitch and yaw were fitted."""
     values: Array
+    """Their values [m or rad], shape (..., p)."""
     covariance: Array
+    """Their covariance, the same for all poses, shape (p, p)."""
     residuals: Array
+    """Measured less fitted readings [m], shape (..., s)."""
     rank: int
+    """How many motions the sensors tell apart."""
     degrees_of_freedom: float
+    """Of the uncertainty: infinite where the variance of the readings was given."""
 
     def estimate(self, parameter: str, pose: int | tuple[int, ...] = ()) -> Estimate:
-        """Return one parameter of one pose with its uncertainty.
-
-        Parameters
-        ----------
-        parameter : str
-            One of `parameters`.
-        pose : int or tuple of int
-            Number of the pose; nothing where there is one.
-
-        Returns
-        -------
-        Estimate
-            Its value [m or rad].
-
-        Raises
-        ------
-        ModelError
-            It was not fitted.
-        """
+        """Return one parameter of one pose with its uncertainty."""
         if parameter not in self.parameters:
             raise ModelError(f"the sensors gave {', '.join(self.parameters)}, not {parameter!r}")
         i = self.parameters.index(parameter)
@@ -91,40 +60,10 @@ def from_sensors(
     A sensor at p that looks along d sees ``d . (t + theta x (p - about))``, with t the
     displacement of the point `about` and theta the turns about the three axes (roll, pitch, yaw).
 
-    Parameters
-    ----------
-    positions : array_like
-        A point of the line that each sensor looks along, on the body; in a frame whose first axis
-        is along travel and whose third is vertical [m], shape (s, 3).
-    directions : array_like
-        The direction in which motion makes each reading grow, any length, shape (s, 3).
-    readings : array_like
-        What each reads, less what it read in the reference pose [m], shape (..., s).
-    variance : array_like, optional
-        Variance of a reading [m^2], shape () or (s,); found from the residuals of all poses
-        together where not given.
-    about : array_like
-        The point whose displacement is sought [m], shape (3,).
-    parameters : sequence of str
-        What is sought of along, across, vertical, roll, pitch and yaw; the others count as 0.
-
-    Returns
-    -------
-    SensorMotion
-        The motions.
-
     Validity
     --------
     Small motions: what a sensor sees of the square of an angle times its distance from `about`, and
     of motion of a face square to its normal, is left out.
-
-    Raises
-    ------
-    RecordError
-        The shapes do not belong together, or a number is not finite.
-    ModelError
-        The sensors do not tell the parameters apart, a variance is not positive, or is not given
-        where there are as many parameters as sensors.
 
     Examples
     --------

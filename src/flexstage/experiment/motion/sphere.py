@@ -3,41 +3,29 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["SphereFit", "sphere_fit"]
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SphereFit:
-    """A sphere through probed points.
-
-    Parameters
-    ----------
-    centre : numpy.ndarray
-        Its centre [m], shape (3,).
-    radius : Estimate
-        Its radius [m]; without uncertainty where it was given.
-    covariance : numpy.ndarray
-        Covariance of the centre [m^2], shape (3, 3).
-    residuals : numpy.ndarray
-        Distance of each point from the sphere, positive outside [m], shape (n,).
-    degrees_of_freedom : float
-        Of the uncertainty: infinite where the noise of the points was given.
-    """
+    """A sphere through probed points."""
 
     centre: Array
+    """Its centre [m], shape (3,)."""
     radius: Estimate
+    """Its radius [m]; without uncertainty where it was given."""
     covariance: Array
+    """Covariance of the centre [m^2], shape (3, 3)."""
     residuals: Array
+    """Distance of each point from the sphere, positive outside [m], shape (n,)."""
     degrees_of_freedom: float
+    """Of the uncertainty: infinite where the noise of the points was given."""
 
 
 def sphere_fit(

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
-__all__ = ["spread_estimate"]
-
 
 def spread_estimate(
     values: ArrayLike, *, unit: str, degrees_of_freedom: int | None = None, note: str = ""
@@ -19,27 +17,6 @@ def spread_estimate(
     With n values, (n - 1) s^2 / sigma^2 is distributed as chi-squared with n - 1 degrees of
     freedom, which gives the interval; the standard uncertainty of s is s / sqrt(2 (n - 1)) (JCGM
     100:2008, table E.1, approximately).
-
-    Parameters
-    ----------
-    values : array_like
-        Values, shape (n,); or residuals of any shape where the degrees of freedom are given.
-    unit : str
-        Their unit.
-    degrees_of_freedom : int, optional
-        Degrees of freedom of the values, which are then taken as residuals.
-    note : str
-        Remark on the value.
-
-    Returns
-    -------
-    Estimate
-        The standard deviation.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than two values, or one is not finite.
 
     Examples
     --------

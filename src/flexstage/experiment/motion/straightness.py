@@ -4,20 +4,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.narrowest_strip import narrowest_strip
 
-__all__ = [
-    "Straightness",
-    "end_point_straightness",
-    "least_squares_straightness",
-    "minimum_zone",
-]
-
-Array = NDArray[np.float64]
 Measured = Literal["across", "orthogonal"]
 Method = Literal["minimum zone", "least squares", "end points"]
 
@@ -31,39 +24,30 @@ _SHARE_OF_NOISE = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Straightness:
-    """Deviation of points in a plane from a straight line.
-
-    Parameters
-    ----------
-    deviation : Estimate
-        Straightness deviation, peak to valley: width between the two lines parallel to the
-        reference line that hold all points [m].
-    method : {"minimum zone", "least squares", "end points"}
-        The reference line: the one of the narrowest zone (ISO 12780-1:2011, MZLI), least squares
-        (LSLI), or through the two ends.
-    measured : {"across", "orthogonal"}
-        Whether distances are measured in the direction of `across`, or square to the line.
-    slope : float
-        Slope of the reference line, across over along [1].
-    offset : float
-        Its height where along is 0 [m].
-    distances : numpy.ndarray
-        Distance of each point from the reference line, positive above it [m], shape (n,).
-    contacts : tuple of int
-        Numbers of the points that the width hangs on: of a minimum zone two on one side and the one
-        between them on the other; else the highest and the lowest.
-    sensitivity : numpy.ndarray
-        Change of the width with `across` of each point [1], shape (n,).
-    """
+    """Deviation of points in a plane from a straight line."""
 
     deviation: Estimate
+    """Straightness deviation, peak to valley: width between the two lines parallel to the reference
+    line that hold all points [m].
+    """
     method: Method
+    """The reference line: the one of the narrowest zone (ISO 12780-1:2011, MZLI), least squares
+    (LSLI), or through the two ends.
+    """
     measured: Measured
+    """Whether distances are measured in the direction of `across`, or square to the line."""
     slope: float
+    """Slope of the reference line, across over along [1]."""
     offset: float
+    """Its height where along is 0 [m]."""
     distances: Array
+    """Distance of each point from the reference line, positive above it [m], shape (n,)."""
     contacts: tuple[int, ...]
+    """Numbers of the points that the width hangs on: of a minimum zone two on one side and the one
+    between them on the other; else the highest and the lowest.
+    """
     sensitivity: Array
+    """Change of the width with `across` of each point [1], shape (n,)."""
 
 
 def minimum_zone(

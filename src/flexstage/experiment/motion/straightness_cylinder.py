@@ -3,15 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import ConvergenceError, RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["StraightnessCylinder", "minimum_zone_cylinder"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 #: Rounds in which a farthest point is added, Newton steps at most, and what counts as inside.
 _ROUNDS, _STEPS, _INSIDE = 200, 60, 1e-13
@@ -21,30 +17,20 @@ _CARRIES = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StraightnessCylinder:
-    """The narrowest cylinder about points along a line in space.
-
-    Parameters
-    ----------
-    diameter : Estimate
-        Its diameter: the straightness deviation in space [m].
-    slopes : numpy.ndarray
-        Slope of its axis across and vertically, over along [1], shape (2,).
-    offsets : numpy.ndarray
-        Place of its axis across and vertically where along is 0 [m], shape (2,).
-    contacts : tuple of int
-        Numbers of the points on its surface that it hangs on, two to five.
-    weights : numpy.ndarray
-        Share of each contact in the balance that proves the diameter least [1]; their sum is 1.
-    gap : float
-        How much a narrower cylinder could save at most [m], by the dual problem.
-    """
+    """The narrowest cylinder about points along a line in space."""
 
     diameter: Estimate
+    """Its diameter: the straightness deviation in space [m]."""
     slopes: Array
+    """Slope of its axis across and vertically, over along [1], shape (2,)."""
     offsets: Array
+    """Place of its axis across and vertically where along is 0 [m], shape (2,)."""
     contacts: tuple[int, ...]
+    """Numbers of the points on its surface that it hangs on, two to five."""
     weights: Array
+    """Share of each contact in the balance that proves the diameter least [1]; their sum is 1."""
     gap: float
+    """How much a narrower cylinder could save at most [m], by the dual problem."""
 
 
 def minimum_zone_cylinder(
@@ -131,7 +117,7 @@ def minimum_zone_cylinder(
     )
 
 
-def _narrowest(line: Array, p: Array) -> tuple[Numbers, Array, Array]:
+def _narrowest(line: Array, p: Array) -> tuple[Integers, Array, Array]:
     """Return points that carry the cylinder, their weights, and its axis, shape (2, 2)."""
     distance = (p**2).sum(1)
     chosen = [int(np.argmin(line[:, 1])), int(np.argmax(line[:, 1])), int(np.argmax(distance))]
@@ -235,7 +221,7 @@ def _room(a: Array, p: Array, axis: Array, t: float, step: Array) -> float:
 
 
 def _estimate(
-    value: float, gradient: Array, contacts: Numbers, covariance: ArrayLike | None, n: int
+    value: float, gradient: Array, contacts: Integers, covariance: ArrayLike | None, n: int
 ) -> Estimate:
     if covariance is None:
         note = "noise widens a distance between extremes, which is not taken off here"

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.straightness import (
@@ -15,10 +16,6 @@ from flexstage.experiment.motion.straightness import (
     least_squares_straightness,
     minimum_zone,
 )
-
-__all__ = ["less_noise"]
-
-Array = NDArray[np.float64]
 
 _METHODS: dict[str, Callable[..., Straightness]] = {
     "minimum zone": minimum_zone,

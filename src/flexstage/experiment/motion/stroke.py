@@ -2,53 +2,39 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles
 from flexstage.experiment.motion.motion_curve import MotionCurve
 from flexstage.experiment.motion.spread import spread_estimate
 
-__all__ = ["Stroke", "stroke"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
-    """How far an axis goes, and how well it does so again.
-
-    Parameters
-    ----------
-    stroke : Estimate
-        From the lower to the upper end of the command, averaged over both runs and all cycles [m].
-    of_cycles : numpy.ndarray
-        Of each cycle [m], shape (c,).
-    repeatability : Estimate
-        Standard deviation of the stroke from cycle to cycle [m].
-    end_repeatability : tuple of Estimate
-        Standard deviations of the position at the lower and at the upper end from cycle to cycle,
-        drift taken off [m].
-    gain : Estimate
-        Slope of the least-squares line of position over command [m/V, or 1 of a displacement].
-    loop_width : Estimate
-        Largest distance of the forward from the backward run at equal command [m].
-    drift_rate : Estimate, optional
-        Rate at which the position wanders [m/s]; None where it was not fitted.
-    curve : MotionCurve
-        Position over command, from which all of this was taken.
-    """
+    """How far an axis goes, and how well it does so again."""
 
     stroke: Estimate
+    """From the lower to the upper end of the command, averaged over both runs and all cycles [m].
+    """
     of_cycles: Array
+    """Of each cycle [m], shape (c,)."""
     repeatability: Estimate
+    """Standard deviation of the stroke from cycle to cycle [m]."""
     end_repeatability: tuple[Estimate, Estimate]
+    """Standard deviations of the position at the lower and at the upper end from cycle to cycle,
+    drift taken off [m].
+    """
     gain: Estimate
+    """Slope of the least-squares line of position over command [m/V, or 1 of a displacement]."""
     loop_width: Estimate
+    """Largest distance of the forward from the backward run at equal command [m]."""
     drift_rate: Estimate | None
+    """Rate at which the position wanders [m/s]; None where it was not fitted."""
     curve: MotionCurve
+    """Position over command, from which all of this was taken."""
 
     @property
     def relative_loop_width(self) -> float:

@@ -8,13 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.spread import spread_estimate
-
-__all__ = ["Workspace", "workspace", "workspace_from_grid", "workspace_from_path"]
-
-Array = NDArray[np.float64]
 
 #: A command within this share of its range from an end is at that end.
 _AT_END = 1e-3
@@ -25,39 +22,28 @@ class Workspace:
     """What a stage of two axes reaches.
 
     Corners are in the order low x and low y, high x and low y, high x and high y, low x and high y.
-
-    Parameters
-    ----------
-    outline : numpy.ndarray
-        Mean outline, counterclockwise [m], shape (k, 2).
-    corners : numpy.ndarray
-        Mean corners [m], shape (4, 2).
-    area : Estimate
-        Area within the outline [m^2].
-    stroke_x : tuple of Estimate
-        Distance from corner to corner along x, at low and at high y [m].
-    stroke_y : tuple of Estimate
-        The same along y, at low and at high x [m].
-    diagonals : tuple of Estimate
-        From low x, low y to high x, high y, and from high x, low y to low x, high y [m].
-    squareness : Estimate
-        Angle from the mean direction of the x sides to that of the y sides, less a right angle
-        [rad].
-    repeatability : Estimate
-        Standard deviation of a coordinate of a corner from round to round, of all corners [m].
-    rounds : int
-        How many times each corner was reached.
     """
 
     outline: Array
+    """Mean outline, counterclockwise [m], shape (k, 2)."""
     corners: Array
+    """Mean corners [m], shape (4, 2)."""
     area: Estimate
+    """Area within the outline [m^2]."""
     stroke_x: tuple[Estimate, Estimate]
+    """Distance from corner to corner along x, at low and at high y [m]."""
     stroke_y: tuple[Estimate, Estimate]
+    """The same along y, at low and at high x [m]."""
     diagonals: tuple[Estimate, Estimate]
+    """From low x, low y to high x, high y, and from high x, low y to low x, high y [m]."""
     squareness: Estimate
+    """Angle from the mean direction of the x sides to that of the y sides, less a right angle
+    [rad].
+    """
     repeatability: Estimate
+    """Standard deviation of a coordinate of a corner from round to round, of all corners [m]."""
     rounds: int
+    """How many times each corner was reached."""
 
 
 def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None = None) -> Workspace:
@@ -142,22 +128,6 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
 def workspace_from_grid(points: ArrayLike) -> Workspace:
     """Find the figures of a workspace from a grid of positions, reached several times.
 
-    Parameters
-    ----------
-    points : array_like
-        Positions for each round, command of y (row) and command of x (column), rising, shape
-        (r, n_y, n_x, 2) [m].
-
-    Returns
-    -------
-    Workspace
-        The figures: of the outer points of the grid as outline.
-
-    Raises
-    ------
-    RecordError
-        The grid has fewer than two rows or columns, or fewer than two rounds.
-
     Examples
     --------
     >>> y, x = np.meshgrid([0.0, 30e-6, 61e-6], [0.0, 63e-6], indexing="ij")
@@ -192,30 +162,10 @@ def workspace_from_path(
     a corner where both are. Each side is averaged in pieces of equal command, each corner over the
     samples that rest in it, so noise neither widens the area nor shifts a corner.
 
-    Parameters
-    ----------
-    x, y : array_like
-        Measured position [m], shape (n,).
-    command_x, command_y : array_like
-        Commands, shape (n,): around the outline in either sense, one axis moving at a time.
-    pieces : int
-        Pieces that a side is averaged in.
-
-    Returns
-    -------
-    Workspace
-        The figures.
-
     Validity
     --------
     A round ends where the path comes back to the corner that it began from; what is left over is
     not used. Both senses in one record mix the two branches of the hysteresis.
-
-    Raises
-    ------
-    RecordError
-        The columns do not belong together, a command does not move, or there are fewer than two
-        whole rounds.
 
     Examples
     --------

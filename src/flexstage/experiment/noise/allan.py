@@ -7,13 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.noise.allan_freedom import allan_freedom, power_of_noise
 
-__all__ = ["AllanDeviation", "allan_deviation", "deviation_bounds"]
-
-Array = NDArray[np.float64]
 Kind = Literal["overlapping", "modified", "hadamard"]
 
 _NAMES = {0: "white", -1: "flicker", -2: "random walk"}
@@ -21,85 +19,46 @@ _NAMES = {0: "white", -1: "flicker", -2: "random walk"}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AllanDeviation:
-    """Allan deviation of a reading over the time that is averaged.
-
-    Parameters
-    ----------
-    tau : numpy.ndarray
-        Averaging times [s], shape (k,).
-    samples : numpy.ndarray
-        Samples that are averaged [1], shape (k,).
-    deviation : numpy.ndarray
-        Root of half the mean square difference between neighbouring averages, in the unit of the
-        reading, shape (k,).
-    low, high : numpy.ndarray
-        Ends of its 95 % interval, shape (k,).
-    degrees_of_freedom : numpy.ndarray
-        Equivalent degrees of freedom of the variance, shape (k,).
-    noise : tuple of str
-        What dominates at each averaging time: white, flicker, random walk or drift.
-    slopes : numpy.ndarray
-        Slope of the deviation over tau, both as logarithms [1], shape (k,): -1/2 of white noise, 0
-        of flicker noise, 1/2 of a random walk, 1 of a drift.
-    kind : str
-        Overlapping, modified or Hadamard.
-    unit : str
-        Unit of the reading.
-    """
+    """Allan deviation of a reading over the time that is averaged."""
 
     tau: Array
+    """Averaging times [s], shape (k,)."""
     samples: NDArray[np.int64]
+    """Samples that are averaged [1], shape (k,)."""
     deviation: Array
+    """Root of half the mean square difference between neighbouring averages, in the unit of the
+    reading, shape (k,).
+    """
     low: Array
+    """Ends of its 95 % interval, shape (k,)."""
     high: Array
+    """Ends of its 95 % interval, shape (k,)."""
     degrees_of_freedom: Array
+    """Equivalent degrees of freedom of the variance, shape (k,)."""
     noise: tuple[str, ...]
+    """What dominates at each averaging time: white, flicker, random walk or drift."""
     slopes: Array
+    """Slope of the deviation over tau, both as logarithms [1], shape (k,): -1/2 of white noise, 0
+    of flicker noise, 1/2 of a random walk, 1 of a drift.
+    """
     kind: Kind
+    """Overlapping, modified or Hadamard."""
     unit: str
+    """Unit of the reading."""
 
     def at(self, tau: float) -> Estimate:
-        """Return the deviation at the averaging time next to one, with its uncertainty.
-
-        Parameters
-        ----------
-        tau : float
-            The averaging time [s].
-
-        Returns
-        -------
-        Estimate
-            The deviation, with chi-squared bounds.
-        """
+        """Return the deviation at the averaging time next to one, with its uncertainty."""
         i = int(np.argmin(np.abs(np.log(self.tau / tau))))
         value, freedom = float(self.deviation[i]), float(self.degrees_of_freedom[i])
         return deviation_estimate(value, freedom, self.unit, f"averaged over {self.tau[i]:.4g} s")
 
     def floor(self) -> Estimate:
-        """Return the least deviation: what averaging longer does not better.
-
-        Returns
-        -------
-        Estimate
-            The deviation, with chi-squared bounds; the note tells the averaging time.
-        """
+        """Return the least deviation: what averaging longer does not better."""
         return self.at(float(self.tau[np.argmin(self.deviation)]))
 
 
 def deviation_bounds(value: float, degrees_of_freedom: float) -> tuple[float, float]:
     """Return the 95 % interval of a standard deviation by chi-squared.
-
-    Parameters
-    ----------
-    value : float
-        The standard deviation.
-    degrees_of_freedom : float
-        Degrees of freedom of its square.
-
-    Returns
-    -------
-    tuple of float
-        Its ends, in the unit of the value.
 
     Examples
     --------

@@ -5,9 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["allan_freedom", "power_of_noise"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 #: Estimates in one averaging time that are summed at most: more of them hold nothing new.
 _STRIDE = 48
@@ -21,22 +19,6 @@ def allan_freedom(n: int, m: int, power: int, kind: str) -> float:
     They are 2 E^2 / Var of the mean square of Gaussian differences whose covariance follows from
     the power law (Greenhall and Riley, 2003, Uncertainty of stability variances based on finite
     differences, 35th PTTI meeting).
-
-    Parameters
-    ----------
-    n : int
-        Number of readings.
-    m : int
-        Readings that are averaged.
-    power : int
-        Power of frequency that the spectral density goes with: 0 white, -1 flicker, -2 random walk.
-    kind : {"overlapping", "modified", "hadamard"}
-        Which variance.
-
-    Returns
-    -------
-    float
-        The degrees of freedom [1].
 
     Examples
     --------
@@ -101,18 +83,6 @@ def power_of_noise(values: Array, samples: NDArray[np.int64]) -> list[int]:
 
     With r the autocorrelation of neighbouring averages and d = r / (1 + r) the power is -2 d, or
     that of the differences less 2 where d exceeds 1/4 (Riley and Greenhall, 2004).
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The readings, shape (n,).
-    samples : numpy.ndarray
-        Readings that are averaged, rising [1], shape (k,).
-
-    Returns
-    -------
-    list of int
-        0, -1 or -2 for each; where there are fewer than 30 averages, that of the last with more.
 
     Examples
     --------

@@ -4,18 +4,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.noise.allan import deviation_bounds, deviation_estimate
 from flexstage.experiment.noise.long_run import blocks_line, variance_freedom
 from flexstage.experiment.noise.mains import MainsLine, mains_lines
-from flexstage.experiment.spectra import SpectralDensity, spectral_density
-
-__all__ = ["HoldNoise", "expected_peak_to_peak", "hold_noise"]
-
-Array = NDArray[np.float64]
+from flexstage.experiment.spectra.density import SpectralDensity, spectral_density
 
 #: Degrees of freedom of the rms below which noise counts as slow.
 _FEW = 50.0
@@ -25,46 +22,32 @@ _LONGEST = 65_536
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HoldNoise:
-    """What a reading does while the stage is held.
-
-    Parameters
-    ----------
-    drift : Estimate
-        Slope of the line through the readings, their unit in a second.
-    rms : Estimate
-        Standard deviation about that line, with chi-squared bounds.
-    peak_to_peak : Estimate
-        Highest less lowest distance from the line; its interval is for the mean of many such
-        records, as one alone is what it is.
-    expected_peak_to_peak : float
-        What Gaussian noise of this rms and bandwidth gives on average in this time.
-    spectrum : SpectralDensity
-        Spectral density of the distances from the line.
-    mains : tuple of MainsLine
-        Lines of the mains in it.
-    correlation : float
-        Correlation of neighbouring samples [1].
-    duration : float
-        Length of the record [s].
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    unit : str
-        Unit of the readings.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """What a reading does while the stage is held."""
 
     drift: Estimate
+    """Slope of the line through the readings, their unit in a second."""
     rms: Estimate
+    """Standard deviation about that line, with chi-squared bounds."""
     peak_to_peak: Estimate
+    """Highest less lowest distance from the line; its interval is for the mean of many such
+    records, as one alone is what it is.
+    """
     expected_peak_to_peak: float
+    """What Gaussian noise of this rms and bandwidth gives on average in this time."""
     spectrum: SpectralDensity
+    """Spectral density of the distances from the line."""
     mains: tuple[MainsLine, ...]
+    """Lines of the mains in it."""
     correlation: float
+    """Correlation of neighbouring samples [1]."""
     duration: float
+    """Length of the record [s]."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     unit: str
+    """Unit of the readings."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     def peak_to_peak_in(self, duration: float) -> float:
         """Return the peak-to-peak that is expected in another time.
@@ -92,27 +75,10 @@ def expected_peak_to_peak(samples: int, *, correlation: float = 0.0) -> float:
     the highest of n samples is below u with probability exp(-n) of that (Rice, 1945, Bell System
     Technical Journal 24, for continuous time).
 
-    Parameters
-    ----------
-    samples : int
-        Number of samples, n.
-    correlation : float
-        Correlation r of neighbouring samples [1].
-
-    Returns
-    -------
-    float
-        Mean of highest less lowest sample, over the standard deviation [1].
-
     Validity
     --------
     Within 1 % of white noise for 100 samples or more; noise that is slower than the record counts
     as drift. A line of the mains, whose peak is its amplitude, gives less.
-
-    Raises
-    ------
-    ModelError
-        There are fewer than two samples, or the correlation is not between -1 and 1.
 
     Examples
     --------

@@ -4,15 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["PARTS", "LevelFit", "fit_levels", "settled"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 #: Parts of a level whose means tell how certain its mean is.
 PARTS = 6
@@ -20,62 +16,27 @@ PARTS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LevelFit:
-    """Means of levels and one drift for all.
-
-    Parameters
-    ----------
-    means : numpy.ndarray
-        Means of the levels as if all were at the middle of the record, shape (k,).
-    slope : float
-        Drift in a sample.
-    rest : numpy.ndarray
-        Means of the parts of each level less the fit, shape (k, parts).
-    covariance : numpy.ndarray
-        Covariance of the means and the slope, shape (k + 1, k + 1).
-    degrees_of_freedom : float
-        Of that.
-    """
+    """Means of levels and one drift for all."""
 
     means: Array
+    """Means of the levels as if all were at the middle of the record, shape (k,)."""
     slope: float
+    """Drift in a sample."""
     rest: Array
+    """Means of the parts of each level less the fit, shape (k, parts)."""
     covariance: Array
+    """Covariance of the means and the slope, shape (k + 1, k + 1)."""
     degrees_of_freedom: float
+    """Of that."""
 
     def combination(self, weights: Array, unit: str) -> Estimate:
-        """Return the sum of the steps times weights.
-
-        Parameters
-        ----------
-        weights : numpy.ndarray
-            Weight of each step, shape (k - 1,).
-        unit : str
-            Unit of the readings.
-
-        Returns
-        -------
-        Estimate
-            The sum.
-        """
+        """Return the sum of the steps times weights."""
         by = np.concatenate([np.diff(-weights, prepend=0.0, append=0.0), [0.0]])
         value = float(by[:-1] @ self.means)
         return Estimate(value=value, unit=unit, components=(self._noise(by),))
 
     def drift(self, rate: float, unit: str) -> Estimate:
-        """Return the drift within the levels.
-
-        Parameters
-        ----------
-        rate : float
-            Samples in a second [Hz].
-        unit : str
-            Unit of the readings.
-
-        Returns
-        -------
-        Estimate
-            The drift, in that unit in a second.
-        """
+        """Return the drift within the levels."""
         by = np.concatenate([np.zeros(self.means.size), [rate]])
         return Estimate(value=rate * self.slope, unit=f"{unit}/s", components=(self._noise(by),))
 
@@ -87,30 +48,8 @@ class LevelFit:
         )
 
 
-def settled(bounds: ArrayLike, n: int, settling: float) -> Numbers:
-    """Return the first and after last sample of each level without its start.
-
-    Parameters
-    ----------
-    bounds : array_like
-        First sample of each level and the sample after the last, shape (k + 1,).
-    n : int
-        Number of samples.
-    settling : float
-        Share of each level that is left out at its start.
-
-    Returns
-    -------
-    numpy.ndarray
-        The stretches, shape (k, 2).
-
-    Raises
-    ------
-    RecordError
-        The bounds do not rise or do not fit, or a level is too short.
-    ModelError
-        The share is not from 0 to below 1.
-    """
+def settled(bounds: ArrayLike, n: int, settling: float) -> Integers:
+    """Return the first and after last sample of each level without its start."""
     edges = np.asarray(bounds, dtype=np.intp)
     if not 0.0 <= settling < 1.0:
         raise ModelError(f"the share left out for settling is 0 to below 1, got {settling!r}")
@@ -129,21 +68,8 @@ def settled(bounds: ArrayLike, n: int, settling: float) -> Numbers:
     return spans
 
 
-def fit_levels(y: Array, spans: Numbers) -> LevelFit:
-    """Fit means of levels and one drift, to means of parts of the levels.
-
-    Parameters
-    ----------
-    y : numpy.ndarray
-        The readings, shape (n,).
-    spans : numpy.ndarray
-        First and after last sample of each level, shape (k, 2).
-
-    Returns
-    -------
-    LevelFit
-        Means and drift with their covariance, from what the parts differ from the fit by.
-    """
+def fit_levels(y: Array, spans: Integers) -> LevelFit:
+    """Fit means of levels and one drift, to means of parts of the levels."""
     k = len(spans)
     z, t = np.empty((k, PARTS)), np.empty((k, PARTS))
     for i, (a, b) in enumerate(spans.tolist()):

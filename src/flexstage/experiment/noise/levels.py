@@ -3,41 +3,17 @@
 import itertools
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
-
-__all__ = ["levels_of_command", "levels_of_reading"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 #: Rounds in which each change is put to its best place between its neighbours.
 _ROUNDS = 30
 
 
-def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: int = 1) -> Numbers:
+def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: int = 1) -> Integers:
     """Return the bounds of the stretches in which a command stays.
-
-    Parameters
-    ----------
-    command : array_like
-        The command at each sample, shape (n,).
-    tolerance : float
-        Change from one sample to the next up to which it counts as the same, in its unit: for a
-        command that was measured, several times its noise.
-    shortest : int
-        Stretches of fewer samples, as of a ramp between two levels, are given to what follows.
-
-    Returns
-    -------
-    numpy.ndarray
-        First sample of each level, and the sample after the last, shape (levels + 1,).
-
-    Raises
-    ------
-    RecordError
-        The command is not finite, or has fewer than two levels.
 
     Examples
     --------
@@ -62,39 +38,18 @@ def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: i
     return bounds
 
 
-def levels_of_reading(values: ArrayLike, count: int, *, shortest: int = 4) -> Numbers:
+def levels_of_reading(values: ArrayLike, count: int, *, shortest: int = 4) -> Integers:
     """Return the bounds of a given number of levels that fit a reading best.
 
     Bounds are added one by one, each where it lowers the sum of squares about the level means most,
     and after each all are put to their best places between their neighbours until none moves
     (binary segmentation: Scott and Knott, 1974, Biometrics 30; with refinement). O(n) for each.
 
-    Parameters
-    ----------
-    values : array_like
-        The readings, shape (n,).
-    count : int
-        Number of levels, two or more.
-    shortest : int
-        Samples that a level has at least.
-
-    Returns
-    -------
-    numpy.ndarray
-        First sample of each level, and the sample after the last, shape (count + 1,).
-
     Validity
     --------
     Steps that stand out of the noise of the mean of a level. The best place of one bound at a time
     is not always the best of all together. Take a drift of more than a step over the record off
     first.
-
-    Raises
-    ------
-    RecordError
-        There are fewer samples than the levels need, or one is not finite.
-    ModelError
-        There are fewer than two levels, or the shortest has none.
 
     Examples
     --------

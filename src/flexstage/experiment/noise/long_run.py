@@ -4,11 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Line", "blocks_line", "variance_freedom"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 _MOST_BLOCKS, _LEAST_BLOCKS = 32, 8
 #: Autocorrelation of the means of neighbouring blocks above which blocks are made longer.
@@ -17,46 +14,26 @@ _CORRELATED = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A straight line through the means of blocks of a record.
-
-    Parameters
-    ----------
-    slope : float
-        Change in a sample, in the unit of the readings.
-    slope_uncertainty : float
-        Its standard uncertainty.
-    degrees_of_freedom : float
-        Of that: the blocks less two.
-    long_run_variance : float
-        Variance of the mean of a block about the line, times its samples: the variance that
-        independent samples would need for the mean to be as uncertain as it is.
-    blocks : int
-        Number of blocks.
-    correlated : bool
-        Whether neighbouring blocks still hang together, at the fewest blocks.
-    """
+    """A straight line through the means of blocks of a record."""
 
     slope: float
+    """Change in a sample, in the unit of the readings."""
     slope_uncertainty: float
+    """Its standard uncertainty."""
     degrees_of_freedom: float
+    """Of that: the blocks less two."""
     long_run_variance: float
+    """Variance of the mean of a block about the line, times its samples: the variance that
+    independent samples would need for the mean to be as uncertain as it is.
+    """
     blocks: int
+    """Number of blocks."""
     correlated: bool
+    """Whether neighbouring blocks still hang together, at the fewest blocks."""
 
 
 def blocks_line(values: Array) -> Line:
     """Fit a line to means of blocks, which are independent where samples are not.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Evenly spaced readings, shape (n,), sixteen or more.
-
-    Returns
-    -------
-    Line
-        Slope with its uncertainty; of the most blocks of 32, 22, 15... to 8 whose neighbours do not
-        hang together.
 
     Examples
     --------
@@ -97,16 +74,6 @@ def variance_freedom(values: Array) -> float:
     They are n over the sum of the squared autocorrelations (Bartlett, 1946, Supplement to the
     Journal of the Royal Statistical Society 8), which by Parseval is the mean square of the
     spectral density over its squared mean.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The record, its mean and trend taken off, shape (n,).
-
-    Returns
-    -------
-    float
-        The degrees of freedom [1], one at least.
 
     Examples
     --------

@@ -5,14 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
-
-__all__ = ["MainsLine", "mains_lines"]
-
-Array = NDArray[np.float64]
 
 #: Share by which the mains frequency strays, and at which a line counts as a multiple of it.
 _STRAY = 0.004
@@ -22,24 +19,16 @@ _FALSE = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MainsLine:
-    """A line at the mains frequency or a multiple of it.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Where it is [Hz].
-    mains_hz : int
-        The mains: 50 or 60.
-    multiple : int
-        Which multiple of it.
-    rms : Estimate
-        Its rms, in the unit of the reading.
-    """
+    """A line at the mains frequency or a multiple of it."""
 
     frequency_hz: float
+    """Where it is [Hz]."""
     mains_hz: int
+    """The mains: 50 or 60."""
     multiple: int
+    """Which multiple of it."""
     rms: Estimate
+    """Its rms, in the unit of the reading."""
 
 
 def mains_lines(

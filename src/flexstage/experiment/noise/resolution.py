@@ -3,17 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.noise.allan import deviation_bounds
 from flexstage.experiment.noise.allan_freedom import allan_freedom, power_of_noise
-
-__all__ = ["resolution", "screw_resolution"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 
 def resolution(
@@ -107,7 +103,7 @@ def resolution(
     )
 
 
-def _pooled(y: Array, spans: Numbers, m: int) -> tuple[float, float]:
+def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
     """Allan deviation over all stretches, and its degrees of freedom."""
     power, count, freedom = 0.0, 0, 0.0
     long = [(a, b) for a, b in spans.tolist() if b - a >= 2 * m]

@@ -4,17 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array, Integers
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.noise.level_fit import PARTS, LevelFit, fit_levels, settled
 from flexstage.experiment.noise.resolution import resolution
-
-__all__ = ["Staircase", "Step", "staircase"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 #: How often a settling that is left exceeds its standard error before it is spoken of.
 _SETTLING = 4.0
@@ -22,68 +18,46 @@ _SETTLING = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step of a staircase.
-
-    Parameters
-    ----------
-    size : Estimate
-        The step that was made.
-    commanded : float
-        The step that was asked for, in the unit of the command; nan where there is no command.
-    told : {"yes", "no", "undecided"}
-        Whether it is larger than the resolution; undecided within the interval of that.
-    probability : float
-        Chance that a step of this size is told from none [1].
-    """
+    """One step of a staircase."""
 
     size: Estimate
+    """The step that was made."""
     commanded: float
+    """The step that was asked for, in the unit of the command; nan where there is no command."""
     told: str
+    """Whether it is larger than the resolution; undecided within the interval of that."""
     probability: float
+    """Chance that a step of this size is told from none [1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Staircase:
-    """What a staircase test shows.
-
-    Parameters
-    ----------
-    steps : tuple of Step
-        The steps in order.
-    sizes : tuple of Estimate
-        Mean magnitude of the steps of each size that was asked for, the largest first; the note
-        tells how many were told.
-    resolution : Estimate
-        Step that is told from none with `probability`, by averages of `samples` samples.
-    smallest_told : Estimate or None
-        The smallest of `sizes` of which all steps are told.
-    probability : float
-        The stated confidence [1].
-    samples : int
-        Samples that are averaged on each level.
-    bandwidth_hz : float
-        Noise bandwidth of that average [Hz].
-    levels : numpy.ndarray
-        Means of the levels without drift, shape (k,).
-    bounds : numpy.ndarray
-        First and after last sample of each level that its mean is of, shape (k, 2).
-    drift : Estimate
-        Drift within the levels, their unit in a second.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """What a staircase test shows."""
 
     steps: tuple[Step, ...]
+    """The steps in order."""
     sizes: tuple[Estimate, ...]
+    """Mean magnitude of the steps of each size that was asked for, the largest first; the note
+    tells how many were told.
+    """
     resolution: Estimate
+    """Step that is told from none with `probability`, by averages of `samples` samples."""
     smallest_told: Estimate | None
+    """The smallest of `sizes` of which all steps are told."""
     probability: float
+    """The stated confidence [1]."""
     samples: int
+    """Samples that are averaged on each level."""
     bandwidth_hz: float
+    """Noise bandwidth of that average [Hz]."""
     levels: Array
-    bounds: Numbers
+    """Means of the levels without drift, shape (k,)."""
+    bounds: Integers
+    """First and after last sample of each level that its mean is of, shape (k, 2)."""
     drift: Estimate
+    """Drift within the levels, their unit in a second."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
 
 def staircase(
@@ -193,7 +167,7 @@ def staircase(
     )
 
 
-def _asked(command: ArrayLike | None, spans: Numbers, n: int) -> Array:
+def _asked(command: ArrayLike | None, spans: Integers, n: int) -> Array:
     if command is None:
         return np.full(len(spans) - 1, np.nan)
     u = np.asarray(command, dtype=np.float64)

@@ -4,17 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.spectra.checks import Extremes, Signals, require_sound
 from flexstage.experiment.spectra.sums import Spectra, SumOfSpectra, add_segments
 from flexstage.experiment.spectra.windows import effective_averages, line_frequencies, window_values
-from flexstage.records import require_complete
-
-__all__ = ["CutSpectra", "finished", "hop_of", "segment_length", "welch_spectra", "whole_spectra"]
-
-Array = NDArray[np.float64]
+from flexstage.records.sampling import require_complete
 
 # segments, half overlapping, that a record is cut into where nothing is asked: twice this, less one
 _SEGMENTS = 16
@@ -25,55 +21,22 @@ _SHORTEST = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CutSpectra:
-    """Averages over parts of records, and what was left out of them.
-
-    Parameters
-    ----------
-    spectra : Spectra
-        The averages.
-    segment : int
-        Samples of a part.
-    left_out : tuple of str
-        Which parts were left out, and why.
-    added_damping_rate : float
-        Rate by which an exponential window makes every motion decay faster [1/s].
-    """
+    """Averages over parts of records, and what was left out of them."""
 
     spectra: Spectra
+    """The averages."""
     segment: int
+    """Samples of a part."""
     left_out: tuple[str, ...] = ()
+    """Which parts were left out, and why."""
     added_damping_rate: float = 0.0
+    """Rate by which an exponential window makes every motion decay faster [1/s]."""
 
 
 def segment_length(
     sizes: tuple[int, ...], sample_rate_hz: float, segment: int | None, resolution_hz: float | None
 ) -> int:
-    """Return the samples of a segment.
-
-    Parameters
-    ----------
-    sizes : tuple of int
-        Samples of each record.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    segment : int, optional
-        The samples that are asked for.
-    resolution_hz : float, optional
-        Or the distance of lines that is asked for [Hz].
-
-    Returns
-    -------
-    int
-        They; a power of two, up to 32768, that leaves some 31 half overlapping segments, where
-        nothing is asked.
-
-    Raises
-    ------
-    ModelError
-        Both are asked, or one that is not possible.
-    RecordError
-        A record is shorter than a segment.
-    """
+    """Return the samples of a segment."""
     if segment is not None and resolution_hz is not None:
         raise ModelError("ask for the samples of a segment or for the resolution, not for both")
     if resolution_hz is not None:
@@ -104,28 +67,7 @@ def segment_length(
 
 
 def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
-    """Return the samples from one segment to the next.
-
-    Parameters
-    ----------
-    length : int
-        Samples of a segment.
-    window : str or numpy.ndarray
-        The window.
-    overlap : float, optional
-        Share of a segment that the next one has too [1]; one half where not given, none without a
-        window.
-
-    Returns
-    -------
-    int
-        The samples.
-
-    Raises
-    ------
-    ModelError
-        The overlap is negative, or leaves no step.
-    """
+    """Return the samples from one segment to the next."""
     if overlap is None:
         overlap = 0.0 if isinstance(window, str) and window == "boxcar" else 0.5
     if not 0.0 <= overlap < 1.0:
@@ -136,31 +78,7 @@ def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
 def finished(
     sums: SumOfSpectra, frequency_hz: Array, scale: float, averages: float, signals: Signals
 ) -> Spectra:
-    """Return single-sided densities from sums.
-
-    Parameters
-    ----------
-    sums : SumOfSpectra
-        The sums.
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,).
-    scale : float
-        Factor from a mean square to a density [s].
-    averages : float
-        Number of independent averages.
-    signals : Signals
-        The channels, to name one that is not finite.
-
-    Returns
-    -------
-    Spectra
-        The densities.
-
-    Raises
-    ------
-    RecordError
-        A sample is not finite.
-    """
+    """Return single-sided densities from sums."""
     if not np.isfinite(sums.power).all():
         for row in signals.channels:
             for values, name in zip(row, signals.names, strict=True):
@@ -184,29 +102,6 @@ def welch_spectra(
     """Return averages over overlapping windowed segments, less their means.
 
     Welch, 1967, IEEE Transactions on Audio and Electroacoustics 15.
-
-    Parameters
-    ----------
-    signals : Signals
-        The channels.
-    length : int
-        Samples of a segment.
-    window : str or numpy.ndarray
-        The window.
-    hop : int
-        Samples from one segment to the next.
-    allow_clipped : bool
-        Whether a channel may rest at its ends.
-
-    Returns
-    -------
-    Spectra
-        The averages.
-
-    Raises
-    ------
-    RecordError
-        A channel is dead, cut off, or not finite.
     """
     w = window_values(window, length)
     fs = signals.sample_rate_hz
@@ -224,23 +119,7 @@ def welch_spectra(
 
 
 def whole_spectra(signals: Signals) -> Spectra:
-    """Return averages over whole records, as of one sweep each.
-
-    Parameters
-    ----------
-    signals : Signals
-        The channels.
-
-    Returns
-    -------
-    Spectra
-        The averages.
-
-    Raises
-    ------
-    RecordError
-        The records have different lengths.
-    """
+    """Return averages over whole records, as of one sweep each."""
     if len(set(signals.sizes)) > 1:
         raise RecordError(
             f"sweeps that are averaged need records of one length, got {signals.sizes} samples"

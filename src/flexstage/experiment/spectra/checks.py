@@ -5,20 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records import (
-    Record,
-    require_complete,
-    require_uniform,
-    saturation,
-    step_uncertainty,
-)
-
-__all__ = ["COMPILED", "Extremes", "Signals", "all_extremes", "gathered", "require_sound"]
-
-Array = NDArray[np.float64]
+from flexstage.records import Record, saturation, step_uncertainty
+from flexstage.records.sampling import require_complete, require_uniform
 
 #: Samples from which on compiled loops are worth the time that the compiler takes to load.
 COMPILED = 4_000_000
@@ -32,44 +23,24 @@ _RUN = 3
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Extremes:
-    """The least and the greatest sample of a channel, and where they were met.
-
-    Parameters
-    ----------
-    low, high : float
-        Their values, in the unit of the channel.
-    at_low, at_high : list of tuple of int
-        First and last sample of each piece that holds one of them.
-    """
+    """The least and the greatest sample of a channel, and where they were met."""
 
     low: float = np.inf
+    """Their values, in the unit of the channel."""
     high: float = -np.inf
+    """Their values, in the unit of the channel."""
     at_low: list[tuple[int, int]] = field(default_factory=list)
+    """First and last sample of each piece that holds one of them."""
     at_high: list[tuple[int, int]] = field(default_factory=list)
+    """First and last sample of each piece that holds one of them."""
 
     def see(self, values: Array, start: int, stop: int) -> None:
-        """Look at a piece of the channel.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            The channel, shape (n,).
-        start, stop : int
-            First sample of the piece, and the one behind its last.
-        """
+        """Look at a piece of the channel."""
         piece = values[start:stop]
         self.note(float(np.min(piece)), float(np.max(piece)), start, stop)
 
     def note(self, low: float, high: float, start: int, stop: int) -> None:
-        """Take note of the least and the greatest sample of a piece.
-
-        Parameters
-        ----------
-        low, high : float
-            The samples.
-        start, stop : int
-            First sample of the piece, and the one behind its last.
-        """
+        """Take note of the least and the greatest sample of a piece."""
         if not (np.isfinite(low) and np.isfinite(high)):
             self.low = self.high = np.nan
         if low <= self.low:
@@ -80,18 +51,7 @@ class Extremes:
             self.high = high
 
     def rests(self, values: Array) -> bool:
-        """Say whether the channel stays at an end for some samples in a row.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            The channel, shape (n,).
-
-        Returns
-        -------
-        bool
-            Whether it does, so that a closer look is worth its time.
-        """
+        """Say whether the channel stays at an end for some samples in a row."""
         for level, places in ((self.low, self.at_low), (self.high, self.at_high)):
             for start, stop in places:
                 same = values[max(start - _RUN, 0) : stop + _RUN] == level
@@ -102,34 +62,24 @@ class Extremes:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signals:
-    """Channels of one or several records, inputs before outputs.
-
-    Parameters
-    ----------
-    channels : tuple of tuple of numpy.ndarray
-        Samples by record and channel, each of shape (n of the record,).
-    start : tuple of float
-        Time of the first sample of each record [s].
-    names, units : tuple of str
-        Names and units of the channels.
-    inputs : int
-        How many of them are inputs.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    sources : tuple of str
-        What each record is called in a message.
-    rate_uncertainty : float
-        Standard uncertainty of the sample rate over it [1], by the digits of the times.
-    """
+    """Channels of one or several records, inputs before outputs."""
 
     channels: tuple[tuple[Array, ...], ...]
+    """Samples by record and channel, each of shape (n of the record,)."""
     start: tuple[float, ...]
+    """Time of the first sample of each record [s]."""
     names: tuple[str, ...]
+    """Names and units of the channels."""
     units: tuple[str, ...]
+    """Names and units of the channels."""
     inputs: int
+    """How many of them are inputs."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     sources: tuple[str, ...]
+    """What each record is called in a message."""
     rate_uncertainty: float
+    """Standard uncertainty of the sample rate over it [1], by the digits of the times."""
 
     @property
     def outputs(self) -> int:
@@ -145,26 +95,7 @@ class Signals:
 def gathered(
     records: Sequence[Record], inputs: Sequence[str | int], outputs: Sequence[str | int]
 ) -> Signals:
-    """Return the channels of records, having made sure that they belong together.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The records.
-    inputs, outputs : sequence of str or int
-        The channels, by name or number.
-
-    Returns
-    -------
-    Signals
-        The channels.
-
-    Raises
-    ------
-    RecordError
-        There is no record or channel, one is both input and output, a record is not over even
-        times, or units or rates differ between records.
-    """
+    """Return the channels of records, having made sure that they belong together."""
     if not records or not inputs or not outputs:
         raise RecordError("a frequency response needs a record, an input and an output at least")
     first = records[0]
@@ -229,22 +160,7 @@ def _require_even(record: Record, source: str) -> None:
 def require_sound(
     signals: Signals, extremes: Sequence[Sequence[Extremes]], *, allow_clipped: bool = False
 ) -> None:
-    """Refuse channels that are dead, cut off, or hold what is no number.
-
-    Parameters
-    ----------
-    signals : Signals
-        The channels.
-    extremes : sequence of sequence of Extremes
-        Least and greatest samples, by record and channel.
-    allow_clipped : bool
-        Whether a channel may rest at its ends.
-
-    Raises
-    ------
-    RecordError
-        A sample is not finite, a channel never changes, or it is cut off at an end.
-    """
+    """Refuse channels that are dead, cut off, or hold what is no number."""
     for row, ends, source in zip(signals.channels, extremes, signals.sources, strict=True):
         for values, end, name in zip(row, ends, signals.names, strict=True):
             if not (np.isfinite(end.low) and np.isfinite(end.high)):
@@ -267,18 +183,7 @@ def require_sound(
 
 
 def all_extremes(signals: Signals) -> list[list[Extremes]]:
-    """Return the least and greatest samples of all channels.
-
-    Parameters
-    ----------
-    signals : Signals
-        The channels.
-
-    Returns
-    -------
-    list of list of Extremes
-        They, by record and channel.
-    """
+    """Return the least and greatest samples of all channels."""
     found = []
     for row in signals.channels:
         ends = [Extremes() for _ in row]

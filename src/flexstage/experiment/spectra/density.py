@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.spectra.averaging import hop_of, segment_length
@@ -16,37 +17,23 @@ from flexstage.experiment.spectra.windows import (
     window_values,
 )
 
-__all__ = ["SpectralDensity", "spectral_density"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpectralDensity:
-    """A single-sided power spectral density.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies, from 0 to half the sample rate [Hz], shape (k,).
-    density : numpy.ndarray
-        Power in a hertz [unit^2/Hz], shape (k,).
-    segments : int
-        Number of segments.
-    averages : float
-        Number of independent averages at one frequency.
-    integral_averages : float
-        Number of independent values that each frequency is worth where they are added up.
-    unit : str
-        Unit of the signal.
-    """
+    """A single-sided power spectral density."""
 
     frequency_hz: Array
+    """Frequencies, from 0 to half the sample rate [Hz], shape (k,)."""
     density: Array
+    """Power in a hertz [unit^2/Hz], shape (k,)."""
     segments: int
+    """Number of segments."""
     averages: float
+    """Number of independent averages at one frequency."""
     integral_averages: float
+    """Number of independent values that each frequency is worth where they are added up."""
     unit: str = ""
+    """Unit of the signal."""
 
     @property
     def relative_uncertainty(self) -> float:
@@ -58,21 +45,6 @@ class SpectralDensity:
 
         2 n G' / G is distributed as chi-squared of 2 n degrees of freedom (Bendat and Piersol,
         Random Data, 4th edition, chapter 8), of half as many at 0 and half the sample rate.
-
-        Parameters
-        ----------
-        confidence : float
-            The confidence [1].
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Its ends [unit^2/Hz], shape (k,) each.
-
-        Raises
-        ------
-        ModelError
-            The confidence is not between 0 and 1.
         """
         if not 0.0 < confidence < 1.0:
             raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
@@ -87,25 +59,10 @@ class SpectralDensity:
         The root of the sum of G df over the lines between them; each line stands for half the
         distance to its neighbours.
 
-        Parameters
-        ----------
-        low_hz, high_hz : float
-            The frequencies [Hz].
-
-        Returns
-        -------
-        Estimate
-            The rms, with an interval by chi-squared.
-
         Validity
         --------
         Gaussian noise. With the mean taken off each segment, what is slower than two lines is
         missing.
-
-        Raises
-        ------
-        RecordError
-            There is no line between the frequencies.
 
         Examples
         --------

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.spectra.averaging import (
     CutSpectra,
@@ -26,45 +26,30 @@ from flexstage.experiment.spectra.transient import hammer_spectra, step_spectra
 from flexstage.experiment.spectra.windows import window_blur, window_values
 from flexstage.records import Record
 
-__all__ = ["ResponseEstimate", "estimate_response"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 # power of a line, relative to that of the strongest, that rounding gives
 _NOTHING = 1e-26
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseEstimate:
-    """An estimated frequency response, and how it was come by.
-
-    Parameters
-    ----------
-    response : MeasuredResponse
-        The response.
-    spectra : Spectra
-        The averaged spectra behind it, at the same frequencies.
-    excitation : str
-        Kind of excitation that was taken.
-    segment : int
-        Samples of a segment, hit or period.
-    added_damping_rate : float
-        Rate by which an exponential window makes every motion of the response decay faster [1/s]:
-        to be taken off the decay rates of its modes.
-    left_out : tuple of str
-        Hits that were left out, and why.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """An estimated frequency response, and how it was come by."""
 
     response: MeasuredResponse
+    """The response."""
     spectra: Spectra
+    """The averaged spectra behind it, at the same frequencies."""
     excitation: Excitation
+    """Kind of excitation that was taken."""
     segment: int
+    """Samples of a segment, hit or period."""
     added_damping_rate: float = 0.0
+    """Rate by which an exponential window makes every motion of the response decay faster [1/s]: to
+    be taken off the decay rates of its modes.
+    """
     left_out: tuple[str, ...] = ()
+    """Hits that were left out, and why."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
 
 def estimate_response(

@@ -3,15 +3,11 @@
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.spectra.sums import Spectra
 
-__all__ = ["Estimator", "require_estimator", "transfer"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Estimator = Literal["H1", "H2", "Hv"]
 
 # inputs of which, at the median line, another explains more than this share are one input
@@ -19,22 +15,7 @@ _CORRELATED = 0.98
 
 
 def require_estimator(estimator: str, inputs: int, noise_ratio: float | None) -> None:
-    """Refuse an estimator that there is not.
-
-    Parameters
-    ----------
-    estimator : str
-        Its name.
-    inputs : int
-        Number of inputs.
-    noise_ratio : float, optional
-        Noise power of the output over that of the input [(output unit/input unit)^2].
-
-    Raises
-    ------
-    ModelError
-        There is no such estimator, or it is not defined for so many inputs.
-    """
+    """Refuse an estimator that there is not."""
     if estimator not in get_args(Estimator):
         raise ModelError(f"an estimator is H1, H2 or Hv, got {estimator!r}")
     if estimator == "H2" and inputs > 1:
@@ -64,35 +45,10 @@ def transfer(
     chapter 9) but for the degree of freedom. That of H2 is the same share of abs(H)^2, that of the
     geometric mean Hv is (1 + coherence) / 2 times it.
 
-    Parameters
-    ----------
-    spectra : Spectra
-        The averaged spectra.
-    estimator : {"H1", "H2", "Hv"}
-        The estimator: free of bias from noise of the outputs, of the input, or of both alike.
-    noise_ratio : float, optional
-        For Hv: noise power of an output over that of an input [(output unit/input unit)^2]; where
-        not given, noise takes the same share of the power of each.
-
-    Returns
-    -------
-    response : numpy.ndarray
-        Output over input, shape (k, outputs, inputs).
-    variance : numpy.ndarray or None
-        Expected square of the error of each complex value, shape (k, outputs, inputs); None where
-        there are no more averages than inputs.
-    coherence : numpy.ndarray or None
-        Ordinary, or with several inputs multiple coherence [1], shape (k, outputs).
-
     Validity
     --------
     The variance is that about the expectation of the estimate: bias by noise on the side that the
     estimator takes as clean, and by lines wider than a resonance, is not in it.
-
-    Raises
-    ------
-    RecordError
-        The inputs cannot be told apart.
     """
     q = spectra.input_power.shape[1]
     xx, yx, yy = spectra.input_power, spectra.cross, spectra.output_power

@@ -3,15 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.records import Record
 
-__all__ = ["response_from_record"]
-
-Array = NDArray[np.float64]
 _PARTS = (" real", " imaginary")
 _RESPONSES = ("frequency response function", "transmissibility")
 _COHERENCE, _VARIANCE, _BLUR = "coherence ", "variance ", "blur "

@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-
-__all__ = ["Pulse", "find_pulses", "grouped", "second_contact"]
-
-Array = NDArray[np.float64]
 
 # without a length of segment, pulses nearer than this share of the longest gap belong together
 _TOGETHER = 0.1
@@ -19,16 +15,12 @@ _ABOVE_NOISE = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pulse:
-    """A part of a signal above a level.
-
-    Parameters
-    ----------
-    start, stop : int
-        Its first sample, and the one behind its last.
-    """
+    """A part of a signal above a level."""
 
     start: int
+    """Its first sample, and the one behind its last."""
     stop: int
+    """Its first sample, and the one behind its last."""
 
     @property
     def width(self) -> int:
@@ -38,18 +30,6 @@ class Pulse:
 
 def find_pulses(values: Array, trigger: float) -> list[Pulse]:
     """Return the parts of a signal above a share of its greatest value.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The signal, at rest at 0, shape (n,).
-    trigger : float
-        The share [1].
-
-    Returns
-    -------
-    list of Pulse
-        The parts in order; two of them nearer than half the wider one are one.
 
     Examples
     --------
@@ -70,31 +50,7 @@ def find_pulses(values: Array, trigger: float) -> list[Pulse]:
 def grouped(
     pulses: list[Pulse], size: int, pre: int, segment: int | None
 ) -> tuple[list[list[Pulse]], int]:
-    """Return which pulses start a segment, with those that fall into it, and its length.
-
-    Parameters
-    ----------
-    pulses : list of Pulse
-        The pulses, in order.
-    size : int
-        Number of samples of the record.
-    pre : int
-        Samples of a segment before its pulse.
-    segment : int, optional
-        Its length; found from the gaps between pulses where not given.
-
-    Returns
-    -------
-    groups : list of list of Pulse
-        Pulses by segment, the one that starts it first.
-    segment : int
-        The length.
-
-    Raises
-    ------
-    RecordError
-        There is no pulse, or no room for a segment.
-    """
+    """Return which pulses start a segment, with those that fall into it, and its length."""
     if not pulses:
         raise RecordError("no hit was found in the record: is the input the right column?")
     starts = np.array([p.start for p in pulses])
@@ -120,26 +76,7 @@ def grouped(
 
 
 def second_contact(force: Array, pulse: Pulse, share: float, noise: float) -> tuple[int, float]:
-    """Return where the hammer touches again after its main contact.
-
-    Parameters
-    ----------
-    force : numpy.ndarray
-        Force of a segment, at rest at 0, shape (n,).
-    pulse : Pulse
-        The main contact in it.
-    share : float
-        What counts as a contact, relative to the peak [1].
-    noise : float
-        The rms of the force at rest.
-
-    Returns
-    -------
-    at : int
-        The sample of the second contact's peak; -1 where there is none.
-    size : float
-        Its peak relative to that of the first [1].
-    """
+    """Return where the hammer touches again after its main contact."""
     peak = float(force[pulse.start : pulse.stop].max())
     level = max(share * peak, _ABOVE_NOISE * noise)
     low = np.flatnonzero(force[pulse.stop :] < level)

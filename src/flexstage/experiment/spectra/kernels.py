@@ -6,8 +6,6 @@ import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 
-__all__ = ["add_products", "extreme_steps", "windowed"]
-
 # Four running values each, as processors take four at a time; the order of sums is that of the
 # code, so that results do not depend on the machine.
 
@@ -16,23 +14,7 @@ __all__ = ["add_products", "extreme_steps", "windowed"]
 def windowed(
     values: Any, start: int, hop: int, window: Any, out: Any, means: Any, ends: Any
 ) -> None:
-    """Multiply segments by a window, and note their means and extremes.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The samples, shape (n,).
-    start, hop : int
-        First sample of the first segment, and samples from one to the next.
-    window : numpy.ndarray
-        The window, shape (length,).
-    out : numpy.ndarray
-        Where the segments go, shape (segments, length).
-    means : numpy.ndarray
-        Where their means go, shape (segments,).
-    ends : numpy.ndarray
-        Where the least and the greatest sample of all go, shape (2,); NaN counts as neither.
-    """
+    """Multiply segments by a window, and note their means and extremes."""
     n = window.size
     whole = n - n % 4
     low0 = low1 = low2 = low3 = np.inf
@@ -72,18 +54,7 @@ def windowed(
 
 @compiled
 def extreme_steps(time: Any) -> tuple[float, float]:
-    """Return the least and the greatest step of times.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        The times, shape (n,).
-
-    Returns
-    -------
-    tuple of float
-        Its least and its greatest step.
-    """
+    """Return the least and the greatest step of times."""
     whole = time.size - 1 - (time.size - 1) % 4
     low0 = low1 = low2 = low3 = np.inf
     high0 = high1 = high2 = high3 = -np.inf
@@ -109,20 +80,7 @@ def extreme_steps(time: Any) -> tuple[float, float]:
 
 @compiled
 def add_products(transforms: Any, pairs: Any, power: Any, real: Any, imaginary: Any) -> None:
-    """Add squares and products of the transforms of some segments to running sums.
-
-    Parameters
-    ----------
-    transforms : numpy.ndarray
-        Transforms of c channels and s segments, real and imaginary parts by turns, shape
-        (c, s, 2 k).
-    pairs : numpy.ndarray
-        Numbers (y, x) of the channels of each product Y conj(X), shape (p, 2).
-    power : numpy.ndarray
-        Sums of squares, added to, shape (c, k).
-    real, imaginary : numpy.ndarray
-        Sums of products, added to, shape (p, k).
-    """
+    """Add squares and products of the transforms of some segments to running sums."""
     channels, segments, lines = transforms.shape[0], transforms.shape[1], power.shape[1]
     for s in range(segments):
         for c in range(channels):

@@ -5,41 +5,27 @@ from typing import Literal
 
 from flexstage.errors import ModelError
 
-__all__ = ["Excitation", "HitOptions", "PeriodOptions"]
-
 Excitation = Literal["auto", "random", "periodic", "hammer", "step", "sweep"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HitOptions:
-    """How hits of a hammer, or steps, are found and cut out.
-
-    Parameters
-    ----------
-    trigger : float
-        Level that a hit rises above, as a share of the greatest of the record [1].
-    pre_trigger : int, optional
-        Samples before the level that belong to the hit; where not given, some more than the contact
-        lasts.
-    bounce : float
-        A second contact above this share of the peak makes a double hit [1].
-    force_window : bool
-        Whether the force is set to zero after the contact.
-    exponential : float, optional
-        What is left of an exponential window at the end of a hit [1]; no window where not given, as
-        for a motion that has decayed by then.
-
-    Raises
-    ------
-    ModelError
-        A share is not between 0 and 1, or the samples are fewer than 0.
-    """
+    """How hits of a hammer, or steps, are found and cut out."""
 
     trigger: float = 0.1
+    """Level that a hit rises above, as a share of the greatest of the record [1]."""
     pre_trigger: int | None = None
+    """Samples before the level that belong to the hit; where not given, some more than the contact
+    lasts.
+    """
     bounce: float = 0.05
+    """A second contact above this share of the peak makes a double hit [1]."""
     force_window: bool = False
+    """Whether the force is set to zero after the contact."""
     exponential: float | None = None
+    """What is left of an exponential window at the end of a hit [1]; no window where not given, as
+    for a motion that has decayed by then.
+    """
 
     def __post_init__(self) -> None:
         shares = {"trigger": self.trigger, "bounce": self.bounce, "exponential": self.exponential}
@@ -52,23 +38,12 @@ class HitOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodOptions:
-    """How the periods of a repeated excitation are cut out.
-
-    Parameters
-    ----------
-    samples : int, optional
-        Samples in a period; found where not given.
-    drop : int, optional
-        Periods left out at the start, in which the motion settles; found where not given.
-
-    Raises
-    ------
-    ModelError
-        A period has fewer than eight samples, or fewer than no periods are left out.
-    """
+    """How the periods of a repeated excitation are cut out."""
 
     samples: int | None = None
+    """Samples in a period; found where not given."""
     drop: int | None = None
+    """Periods left out at the start, in which the motion settles; found where not given."""
 
     def __post_init__(self) -> None:
         if self.samples is not None and self.samples < 8:

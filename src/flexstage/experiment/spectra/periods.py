@@ -1,13 +1,9 @@
 """The period of a repeated signal."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-
-__all__ = ["find_period", "likeness"]
-
-Array = NDArray[np.float64]
 
 # a signal whose best copy of itself is less alike than this is not taken as repeated
 _LIKE = 0.9
@@ -27,16 +23,6 @@ def likeness(values: Array) -> Array:
 
     r_l = 2 sum_t x_t x_(t+l) / sum_t (x_t^2 + x_(t+l)^2), over the samples that overlap, of the
     signal less its mean: 1 for a copy and for nothing else.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The samples, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Likeness at lags from 0 to n / 2 [1], shape (n // 2 + 1,).
     """
     from scipy.fft import irfft, next_fast_len, rfft
 
@@ -57,26 +43,9 @@ def find_period(values: Array, name: str = "the input") -> int:
 
     It is the least lag at which the signal is as like itself as at any, but for noise.
 
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The samples, shape (n,), of two periods or more.
-    name : str
-        What the signal is called.
-
-    Returns
-    -------
-    int
-        Samples in a period.
-
     Validity
     --------
     A whole number of samples in a period, and more than some ten times as much signal as noise.
-
-    Raises
-    ------
-    RecordError
-        The signal does not repeat itself, or not after a whole number of samples.
 
     Examples
     --------

@@ -1,15 +1,11 @@
 """What kind of excitation a signal is."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.spectra.options import Excitation
 from flexstage.experiment.spectra.periods import find_period, likeness
-
-__all__ = ["recognised"]
-
-Array = NDArray[np.float64]
 
 # pulses take up less of the time than this, above a tenth of their height
 _RARE = 0.02
@@ -22,21 +18,6 @@ _PARTS = 16
 
 def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
     """Say what kind of excitation a signal is.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The samples of the input, shape (n,).
-    step_allowed : bool
-        Whether it may be a step or a hit, which have one input.
-
-    Returns
-    -------
-    str
-        Hammer: it leaves its median for less than 2 % of the time. Step: its differences do, and it
-        stays where it went. Periodic: it repeats itself after less than half of the record, and of
-        its first million samples. Sweep: the spectra of its sixteenths have little in common.
-        Random: none of these.
 
     Examples
     --------

@@ -3,20 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex, Integers
 from flexstage.errors import RecordError
 from flexstage.experiment.spectra.checks import Signals
 from flexstage.experiment.spectra.options import PeriodOptions
 from flexstage.experiment.spectra.periods import find_period
 from flexstage.experiment.spectra.sums import Spectra, SumOfSpectra
 from flexstage.experiment.spectra.windows import line_frequencies
-
-__all__ = ["Repeated", "periodic_response"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Lines = NDArray[np.intp]
 
 # a period counts as settled where it differs from the last no more than this times the usual
 _SETTLED = 2.0
@@ -26,30 +20,20 @@ _EXCITED = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Repeated:
-    """The response to a repeated excitation at the lines that it excites.
-
-    Parameters
-    ----------
-    spectra : Spectra
-        Densities of the mean period at these lines, the output's with its noise.
-    response : numpy.ndarray
-        Output over input, shape (k, outputs, inputs).
-    variance : numpy.ndarray or None
-        Expected square of its error, shape (k, outputs, inputs); None where one period was kept.
-    coherence : numpy.ndarray or None
-        Share of the power of an output that repeats itself [1], shape (k, outputs).
-    period : int
-        Samples in a period.
-    dropped : tuple of int
-        Periods left out at the start of each record.
-    """
+    """The response to a repeated excitation at the lines that it excites."""
 
     spectra: Spectra
+    """Densities of the mean period at these lines, the output's with its noise."""
     response: Complex
+    """Output over input, shape (k, outputs, inputs)."""
     variance: Array | None
+    """Expected square of its error, shape (k, outputs, inputs); None where one period was kept."""
     coherence: Array | None
+    """Share of the power of an output that repeats itself [1], shape (k, outputs)."""
     period: int
+    """Samples in a period."""
     dropped: tuple[int, ...]
+    """Periods left out at the start of each record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,29 +55,10 @@ def periodic_response(signals: Signals, options: PeriodOptions, power_floor: flo
     2). The variance is that of Y - H X from period to period, so that noise that input and output
     share counts once.
 
-    Parameters
-    ----------
-    signals : Signals
-        The channels; with several inputs as many records at least, with the inputs in other phases.
-    options : PeriodOptions
-        How periods are cut out.
-    power_floor : float
-        Share of the strongest line's power below which a line is not excited [1].
-
-    Returns
-    -------
-    Repeated
-        The response.
-
     Validity
     --------
     A steady state, a whole number of samples in a period, and noise that one period does not
     remember of the one before.
-
-    Raises
-    ------
-    RecordError
-        There are too few periods, or records for the inputs.
     """
     q = signals.inputs
     period = options.samples or _common_period(signals)
@@ -191,7 +156,7 @@ def _run(row: tuple[Array, ...], signals: Signals, period: int, drop: int) -> _R
     return _Run(mean=first + drift / count, rest=rest, drift=drift, periods=count)
 
 
-def _excited(runs: list[_Run], inputs: int, lines: Lines, floor: float) -> Lines:
+def _excited(runs: list[_Run], inputs: int, lines: Integers, floor: float) -> Integers:
     """The lines that the inputs excite: each of them in one of the records at least."""
     excited = np.ones(lines.size, dtype=bool)
     for i in range(inputs):
@@ -222,7 +187,7 @@ def _solved(xx: Complex) -> Complex:
     return np.asarray(np.linalg.inv(xx), dtype=np.complex128)
 
 
-def _residual_power(runs: list[_Run], response: Complex, kept: Lines, q: int) -> Array:
+def _residual_power(runs: list[_Run], response: Complex, kept: Integers, q: int) -> Array:
     """Sum of squares of Y - H X about its mean, over all periods."""
     total = np.zeros(response.shape[:2])
     for run in runs:

@@ -3,51 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
 from flexstage.short_repr import short_repr
-
-__all__ = ["MeasuredResponse"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredResponse:
     """Frequency response functions from measured inputs to measured outputs.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies, rising [Hz], shape (k,).
-    response : numpy.ndarray
-        Output over input, in their units, shape (k, outputs, inputs).
-    inputs, outputs : tuple of str
-        What they are called.
-    input_units, output_units : tuple of str
-        Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
-        displacement from velocity and acceleration.
-    variance : numpy.ndarray, optional
-        Expected square of the error of each complex value, real and imaginary part together, shape
-        (k, outputs, inputs); None where it is not known, as of a single average.
-    coherence : numpy.ndarray, optional
-        Share of the power of each output that the inputs explain together [1], shape (k, outputs).
-    averages : float
-        Number of independent averages behind each value; 1 where there is one, 0 where nobody has
-        said.
-    estimator : str
-        ``H1``, ``H2`` or ``Hv``; empty where nobody has said.
-    source : str
-        Where it comes from.
-    notes : tuple of str
-        What a reader should know.
-    blur : float
-        By how much a window has mixed neighbouring lines: second moment of its kernel, in squares
-        of their distance [1]. 1/3 of a Hann window on noise, 0 of whole periods and of transients.
-    rate_uncertainty : float
-        Standard uncertainty of the sample rate over it [1], which all frequencies share.
 
     Raises
     ------
@@ -56,19 +20,44 @@ class MeasuredResponse:
     """
 
     frequency_hz: Array
+    """Frequencies, rising [Hz], shape (k,)."""
     response: Complex
+    """Output over input, in their units, shape (k, outputs, inputs)."""
     inputs: tuple[str, ...]
+    """What they are called."""
     outputs: tuple[str, ...]
+    """What they are called."""
     input_units: tuple[str, ...] = ()
+    """Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
+    displacement from velocity and acceleration.
+    """
     output_units: tuple[str, ...] = ()
+    """Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
+    displacement from velocity and acceleration.
+    """
     variance: Array | None = None
+    """Expected square of the error of each complex value, real and imaginary part together, shape
+    (k, outputs, inputs); None where it is not known, as of a single average.
+    """
     coherence: Array | None = None
+    """Share of the power of each output that the inputs explain together [1], shape (k, outputs).
+    """
     averages: float = 0.0
+    """Number of independent averages behind each value; 1 where there is one, 0 where nobody has
+    said.
+    """
     estimator: str = ""
+    """``H1``, ``H2`` or ``Hv``; empty where nobody has said."""
     source: str = ""
+    """Where it comes from."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
     blur: float = 0.0
+    """By how much a window has mixed neighbouring lines: second moment of its kernel, in squares of
+    their distance [1]. 1/3 of a Hann window on noise, 0 of whole periods and of transients.
+    """
     rate_uncertainty: float = 0.0
+    """Standard uncertainty of the sample rate over it [1], which all frequencies share."""
 
     __repr__ = short_repr
 

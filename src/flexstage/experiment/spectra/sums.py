@@ -6,12 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.spectra.checks import COMPILED, Extremes
-
-__all__ = ["Spectra", "SumOfSpectra", "add_segments", "channel_pairs"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # samples that are transformed at a time: with their transforms they fit a second-level cache
 _BLOCK = 131_072
@@ -21,62 +17,31 @@ _ROUNDING = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spectra:
-    """Averaged single-sided spectra of inputs x and outputs y.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequencies [Hz], shape (k,).
-    input_power : numpy.ndarray
-        Mean of X X^H [input unit^2/Hz], shape (k, inputs, inputs).
-    cross : numpy.ndarray
-        Mean of Y X^H [output unit input unit/Hz], shape (k, outputs, inputs).
-    output_power : numpy.ndarray
-        Mean of abs(Y)^2 [output unit^2/Hz], shape (k, outputs).
-    segments : int
-        Number of segments, hits or periods.
-    averages : float
-        Number of independent averages that they are worth.
-    """
+    """Averaged single-sided spectra of inputs x and outputs y."""
 
     frequency_hz: Array
+    """Frequencies [Hz], shape (k,)."""
     input_power: Complex
+    """Mean of X X^H [input unit^2/Hz], shape (k, inputs, inputs)."""
     cross: Complex
+    """Mean of Y X^H [output unit input unit/Hz], shape (k, outputs, inputs)."""
     output_power: Array
+    """Mean of abs(Y)^2 [output unit^2/Hz], shape (k, outputs)."""
     segments: int
+    """Number of segments, hits or periods."""
     averages: float
+    """Number of independent averages that they are worth."""
 
 
 def channel_pairs(inputs: int, outputs: int) -> NDArray[np.int64]:
-    """Return which products of channels the estimates need, inputs before outputs.
-
-    Parameters
-    ----------
-    inputs, outputs : int
-        How many there are.
-
-    Returns
-    -------
-    numpy.ndarray
-        Numbers (y, x) of the products Y conj(X), shape (pairs, 2).
-    """
+    """Return which products of channels the estimates need, inputs before outputs."""
     pairs = [(j, i) for j in range(inputs) for i in range(j)]
     pairs += [(inputs + o, i) for o in range(outputs) for i in range(inputs)]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 class SumOfSpectra:
-    """Sums of squares and products of transforms, added to segment by segment.
-
-    Parameters
-    ----------
-    lines : int
-        Number of lines of a transform.
-    inputs, outputs : int
-        How many channels there are of each; the inputs come first.
-    samples : int
-        Number of samples that will be added in all: from some millions on, the sums are compiled.
-    """
+    """Sums of squares and products of transforms, added to segment by segment."""
 
     def __init__(self, lines: int, inputs: int, outputs: int, samples: int = 0) -> None:
         self.inputs, self.outputs = inputs, outputs
@@ -88,13 +53,7 @@ class SumOfSpectra:
         self.compiled = samples >= COMPILED
 
     def add(self, transforms: Complex) -> None:
-        """Add the transforms of some segments.
-
-        Parameters
-        ----------
-        transforms : numpy.ndarray
-            Their transforms, contiguous along the lines, shape (channels, segments, lines).
-        """
+        """Add the transforms of some segments."""
         self.segments += transforms.shape[1]
         parts = transforms.view(np.float64)
         if self.compiled:
@@ -110,13 +69,7 @@ class SumOfSpectra:
             self.imaginary[p] += product.imag
 
     def matrices(self) -> tuple[Complex, Complex, Array]:
-        """Return the sums of X X^H, Y X^H and abs(Y)^2.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Their values, shapes (k, inputs, inputs), (k, outputs, inputs) and (k, outputs).
-        """
+        """Return the sums of X X^H, Y X^H and abs(Y)^2."""
         lines = self.power.shape[1]
         xx = np.zeros((lines, self.inputs, self.inputs), dtype=np.complex128)
         yx = np.zeros((lines, self.outputs, self.inputs), dtype=np.complex128)
@@ -144,26 +97,6 @@ def add_segments(
 
     The mean of a segment is taken off its transform: m times that of the window, which for a
     cosine window is a few lines, so that one pass through the samples is saved.
-
-    Parameters
-    ----------
-    sums : SumOfSpectra
-        The sums.
-    channels : sequence of numpy.ndarray
-        Samples of each channel, inputs first, each of shape (n,).
-    window : numpy.ndarray
-        The window, shape (length,).
-    hop : int
-        Samples from the start of one segment to that of the next.
-    detrend : bool
-        Whether to take the mean off each segment.
-    extremes : sequence of Extremes, optional
-        Where the least and greatest samples of each channel are noted, while they are at hand.
-
-    Returns
-    -------
-    int
-        Number of segments that were added.
     """
     length = window.size
     count = (channels[0].size - length) // hop + 1

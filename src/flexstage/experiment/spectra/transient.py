@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.spectra.averaging import CutSpectra, finished
 from flexstage.experiment.spectra.checks import Signals
@@ -15,9 +15,6 @@ from flexstage.experiment.spectra.sums import SumOfSpectra
 from flexstage.experiment.spectra.windows import line_frequencies
 from flexstage.records import quantisation_step, saturation
 
-__all__ = ["hammer_spectra", "step_spectra"]
-
-Array = NDArray[np.float64]
 _RMS_OVER_MEDIAN = 1.4826022185056018
 
 
@@ -87,25 +84,6 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
 
     An exponential window on force and motion alike, exp(-a t) from the start of a hit, moves every
     pole of the response by -a along the real axis.
-
-    Parameters
-    ----------
-    signals : Signals
-        The force, and the motions.
-    options : HitOptions
-        How hits are found and cut out.
-    segment : int, optional
-        Samples of a hit; where not given, those from one to the next at the closest.
-
-    Returns
-    -------
-    CutSpectra
-        The averages, and the hits that were left out: double ones, and such as are cut off.
-
-    Raises
-    ------
-    RecordError
-        No hit is left.
     """
     forces = [_upright(row[0]) for row in signals.channels]
     found, length, left_out = _find(signals, forces, options, segment)
@@ -199,25 +177,6 @@ def step_spectra(signals: Signals, options: HitOptions, segment: int | None = No
     Between samples a linear system answers the differences of its input with the differences of its
     motion, which both end where the motion comes to rest: no window is needed, and no derivative is
     approximated.
-
-    Parameters
-    ----------
-    signals : Signals
-        The input that steps, and the motions.
-    options : HitOptions
-        How steps are found and cut out; `trigger` and `pre_trigger` of it count.
-    segment : int, optional
-        Samples of a step; where not given, those from one to the next at the closest.
-
-    Returns
-    -------
-    CutSpectra
-        The averages.
-
-    Raises
-    ------
-    RecordError
-        There is no step.
     """
     changes = [np.abs(np.diff(row[0])) for row in signals.channels]
     found, length, left_out = _find(signals, changes, options, segment)

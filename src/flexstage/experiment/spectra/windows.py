@@ -3,20 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = [
-    "WINDOWS",
-    "effective_averages",
-    "integral_averages",
-    "line_frequencies",
-    "window_blur",
-    "window_values",
-]
-
-Array = NDArray[np.float64]
 
 #: Windows by name, as coefficients a of sum (-1)^m a_m cos(2 pi m j / n).
 WINDOWS: dict[str, tuple[float, ...]] = {
@@ -30,18 +19,6 @@ WINDOWS: dict[str, tuple[float, ...]] = {
 def line_frequencies(length: int, sample_rate_hz: float) -> Array:
     """Return the frequencies of the lines of a transform.
 
-    Parameters
-    ----------
-    length : int
-        Samples of a segment.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-
-    Returns
-    -------
-    numpy.ndarray
-        The frequencies [Hz], shape (length // 2 + 1,).
-
     Examples
     --------
     >>> line_frequencies(5, 100.0)
@@ -54,23 +31,6 @@ def window_values(window: str | Array, length: int) -> Array:
     """Return the values of a window, periodic as the discrete transform sees it.
 
     w_j = sum_m (-1)^m a_m cos(2 pi m j / n) (Harris, 1978, Proceedings of the IEEE 66).
-
-    Parameters
-    ----------
-    window : str or numpy.ndarray
-        One of `WINDOWS`, or the values themselves, shape (length,).
-    length : int
-        Number of samples n.
-
-    Returns
-    -------
-    numpy.ndarray
-        Its values [1], shape (length,).
-
-    Raises
-    ------
-    ModelError
-        There is no such window, or the values do not fit the length.
 
     Examples
     --------
@@ -102,17 +62,6 @@ def window_blur(window: Array) -> float:
     transform, whose second moment is :math:`(n/2\pi)^2 \sum (w_{j+1}-w_j)^2 / \sum w_j^2` by
     Parseval's theorem.
 
-    Parameters
-    ----------
-    window : numpy.ndarray
-        The window, shape (n,).
-
-    Returns
-    -------
-    float
-        The second moment, in squares of the distance of lines [1]; 0 of no window, whose kernel has
-        none.
-
     Examples
     --------
     >>> round(window_blur(window_values("hann", 4096)), 4)
@@ -127,20 +76,6 @@ def effective_averages(window: Array, hop: int, segments: int) -> float:
 
     n / (1 + 2 sum_k (1 - k/n) r_k^2), r_k = sum_j w_j w_(j + k hop) / sum w^2 (Welch, 1967, IEEE
     Transactions on Audio and Electroacoustics 15).
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        The window, shape (length,).
-    hop : int
-        Samples from the start of one segment to that of the next.
-    segments : int
-        Number of segments n.
-
-    Returns
-    -------
-    float
-        Number of independent averages [1].
 
     Validity
     --------
@@ -160,20 +95,6 @@ def integral_averages(window: Array, hop: int, segments: int) -> float:
     Neighbouring lines of a windowed segment are correlated. Summed over all their distances, the
     squared correlation is n sum_j w_j^2 w_(j + k hop)^2 / (sum w^2)^2 by Parseval's theorem, which
     takes the place of r_k^2 in `effective_averages`.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        The window, shape (length,).
-    hop : int
-        Samples from the start of one segment to that of the next.
-    segments : int
-        Number of segments n.
-
-    Returns
-    -------
-    float
-        Number of independent averages [1].
 
     Examples
     --------

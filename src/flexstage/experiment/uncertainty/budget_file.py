@@ -16,8 +16,6 @@ from flexstage.experiment.uncertainty.propagate import Propagated, propagate
 from flexstage.records.columns import measured_unit
 from flexstage.stage.yaml_reader import Mapping, Node, Scalar, Sequence, parse_yaml, read_text
 
-__all__ = ["Budget", "budget_from_text", "read_budget"]
-
 _TOP = ("quantity", "unit", "equation", "influences", "correlations", "notes")
 _INFLUENCE = (
     "name",
@@ -36,39 +34,26 @@ _QUANTITY = re.compile(rf"\s*({_NUMBER})(?:\s*([^\d\s.,+-].{{0,40}}?)|\s+(1/.{{1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """An uncertainty budget, in SI.
-
-    Parameters
-    ----------
-    quantity : str
-        What the result is called.
-    unit : str
-        Unit that the result is shown in.
-    factor : float
-        How many SI units one of it is.
-    si : str
-        SI unit of the result.
-    equation : Expression
-        The result from its influences.
-    influences : tuple of Influence
-        The influences, values in SI.
-    correlations : dict
-        Correlation coefficients by the names of two influences.
-    source : str
-        Where it comes from.
-    notes : str
-        Remarks of its author.
-    """
+    """An uncertainty budget, in SI."""
 
     quantity: str
+    """What the result is called."""
     unit: str
+    """Unit that the result is shown in."""
     factor: float
+    """How many SI units one of it is."""
     si: str
+    """SI unit of the result."""
     equation: Expression
+    """The result from its influences."""
     influences: tuple[Influence, ...]
+    """The influences, values in SI."""
     correlations: dict[tuple[str, str], float]
+    """Correlation coefficients by the names of two influences."""
     source: str = ""
+    """Where it comes from."""
     notes: str = ""
+    """Remarks of its author."""
 
     def propagate(self) -> Propagated:
         """Propagate to first order.
@@ -143,23 +128,6 @@ def read_budget(path: Path) -> Budget:
 
 def budget_from_text(text: str, source: str = "budget") -> Budget:
     """Read an uncertainty budget from text.
-
-    Parameters
-    ----------
-    text : str
-        YAML, as of `read_budget`.
-    source : str
-        What it is called in messages.
-
-    Returns
-    -------
-    Budget
-        The budget, in SI.
-
-    Raises
-    ------
-    RecordError
-        It is no budget; the line is named.
 
     Examples
     --------

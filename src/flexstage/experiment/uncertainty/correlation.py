@@ -6,14 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.experiment.uncertainty.influence import Influence
-
-__all__ = ["Correlations", "correlation_matrix", "groups", "normal_correlations"]
-
-Array = NDArray[np.float64]
 
 #: Correlation coefficient by the names of two influences.
 Correlations = Mapping[tuple[str, str], float]
@@ -23,24 +19,6 @@ def correlation_matrix(
     influences: Sequence[Influence], correlations: Correlations | None = None
 ) -> Array:
     """Return the correlation matrix of influences.
-
-    Parameters
-    ----------
-    influences : sequence of Influence
-        The influences, n of them.
-    correlations : Mapping, optional
-        Correlation coefficient of pairs, by their names; 0 for all others.
-
-    Returns
-    -------
-    numpy.ndarray
-        The matrix [1], shape (n, n).
-
-    Raises
-    ------
-    ModelError
-        Two influences share a name, a name is unknown, a coefficient is impossible, or all of them
-        together are.
 
     Examples
     --------
@@ -80,18 +58,7 @@ def _require_possible(matrix: Array, sentence: str) -> None:
 
 
 def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
-    """Return which influences hang together by their correlations.
-
-    Parameters
-    ----------
-    matrix : numpy.ndarray
-        Correlation matrix [1], shape (n, n).
-
-    Returns
-    -------
-    tuple of tuple of int
-        Groups of indices, in order; an influence without correlations is a group of its own.
-    """
+    """Return which influences hang together by their correlations."""
     left = set(range(matrix.shape[0]))
     found = []
     while left:
@@ -111,23 +78,6 @@ def normal_correlations(influences: Sequence[Influence], matrix: Array) -> Array
     Their correlation is an integral over two normal variables, done by a Gauss-Hermite rule, and
     inverted (Cario and Nelson, 1997, "Modeling and generating random vectors with arbitrary
     marginal distributions and correlation matrix", Northwestern University).
-
-    Parameters
-    ----------
-    influences : sequence of Influence
-        The influences, n of them.
-    matrix : numpy.ndarray
-        Correlations that they are to have [1], shape (n, n).
-
-    Returns
-    -------
-    numpy.ndarray
-        Correlations of the normal variables [1], shape (n, n).
-
-    Raises
-    ------
-    ModelError
-        Their distributions do not allow the correlations.
 
     Notes
     -----

@@ -7,8 +7,6 @@ from typing import NoReturn
 from flexstage.errors import ModelError
 from flexstage.units import dimensions
 
-__all__ = ["require_dimension"]
-
 Powers = dict[str, float]
 _SYMBOLS = {
     "[mass]": "kg",
@@ -26,20 +24,6 @@ def require_dimension(tree: ast.expr, units: Mapping[str, str], unit: str) -> No
 
     A number in the equation is a plain one, but beside a temperature in degrees Celsius, where it
     is one as well. Angles are plain numbers, as they are to SI.
-
-    Parameters
-    ----------
-    tree : ast.expr
-        The equation.
-    units : Mapping
-        SI unit of every name.
-    unit : str
-        SI unit of the result.
-
-    Raises
-    ------
-    ModelError
-        It is of another dimension, or has none.
     """
     found, wanted = _dimension(tree, units), dimensions(unit)
     if found != wanted:

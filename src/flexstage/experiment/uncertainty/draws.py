@@ -3,14 +3,11 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.experiment.uncertainty.correlation import groups, normal_correlations
 from flexstage.experiment.uncertainty.influence import Influence
 
-__all__ = ["sampler"]
-
-Array = NDArray[np.float64]
 _Draw = Callable[[np.random.Generator, int], list[Array]]
 
 
@@ -20,23 +17,6 @@ def sampler(influences: Sequence[Influence], matrix: Array) -> _Draw:
     An influence without correlations is drawn from its own distribution. Correlated normal ones are
     drawn together; correlated Student ones of the same degrees of freedom as a multivariate
     t distribution, since they were observed together; others by a Gaussian copula.
-
-    Parameters
-    ----------
-    influences : sequence of Influence
-        The influences, n of them.
-    matrix : numpy.ndarray
-        Their correlations [1], shape (n, n).
-
-    Returns
-    -------
-    callable
-        Takes a random generator and a number of draws m, gives n arrays of shape (m,).
-
-    Raises
-    ------
-    ModelError
-        The distributions do not allow the correlations.
 
     Examples
     --------

@@ -11,8 +11,6 @@ from flexstage.errors import ModelError
 from flexstage.experiment.uncertainty.dimension import require_dimension
 from flexstage.experiment.uncertainty.functions import FUNCTIONS
 
-__all__ = ["Expression"]
-
 _LONGEST = 2000
 _NODES = 400
 _ARGUMENTS = {"atan2": 2, "hypot": 2}
@@ -38,16 +36,6 @@ class Expression:
     ``pi`` and the functions ``sqrt sin cos tan asin acos atan atan2 exp log abs hypot`` have a
     meaning; whatever else the text holds is refused before anything is computed.
 
-    Parameters
-    ----------
-    text : str
-        The equation.
-
-    Raises
-    ------
-    ModelError
-        The text is no such equation.
-
     Notes
     -----
     Validity: all numbers are floats, so a power that is too large ends as an error and not as a
@@ -61,6 +49,7 @@ class Expression:
     """
 
     text: str
+    """The equation."""
     _tree: ast.expr = field(init=False, repr=False, compare=False)
     names: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
@@ -76,23 +65,7 @@ class Expression:
         object.__setattr__(self, "names", tuple(names))
 
     def __call__(self, **values: Any) -> Any:
-        """Compute the equation.
-
-        Parameters
-        ----------
-        **values : uncertain number, numpy.ndarray or float
-            Value of each name.
-
-        Returns
-        -------
-        uncertain number, numpy.ndarray or float
-            The result.
-
-        Raises
-        ------
-        ModelError
-            A name has no value, or the equation none there.
-        """
+        """Compute the equation."""
         missing = [name for name in self.names if name not in values]
         if missing:
             raise ModelError(
@@ -104,51 +77,16 @@ class Expression:
             raise ModelError(f"the equation '{_short(self.text)}' has no value: {error}") from error
 
     def require_unit(self, units: Mapping[str, str], unit: str) -> None:
-        """Refuse the equation where what it adds is of two kinds, or its result not of a unit.
-
-        Parameters
-        ----------
-        units : Mapping
-            SI unit of every name.
-        unit : str
-            SI unit that the result is to have.
-
-        Raises
-        ------
-        ModelError
-            The dimensions do not fit; the parts that do not are named.
-        """
+        """Refuse the equation where what it adds is of two kinds, or its result not of a unit."""
         require_dimension(self._tree, units, unit)
 
     def ordered(self, names: tuple[str, ...]) -> Callable[..., Any]:
-        """Return the equation as a function of values in a given order.
-
-        Parameters
-        ----------
-        names : tuple of str
-            The order.
-
-        Returns
-        -------
-        callable
-            Takes one value for each name.
-        """
+        """Return the equation as a function of values in a given order."""
         return lambda *values: self(**dict(zip(names, values, strict=True)))
 
     @staticmethod
     def is_name(text: str) -> bool:
-        """Say whether a text can be the name of a quantity in an equation.
-
-        Parameters
-        ----------
-        text : str
-            The text.
-
-        Returns
-        -------
-        bool
-            Whether it is a word of letters, digits and underscores, and no word of its own meaning.
-        """
+        """Say whether a text can be the name of a quantity in an equation."""
         taken = text in FUNCTIONS or text in _CONSTANTS or keyword.iskeyword(text)
         return text.isidentifier() and not taken and not text.startswith("__")
 

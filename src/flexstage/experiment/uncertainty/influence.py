@@ -5,14 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
-
-__all__ = ["DISTRIBUTIONS", "Influence", "influence_from"]
-
-Array = NDArray[np.float64]
 
 #: Distributions of an influence.
 DISTRIBUTIONS: tuple[str, ...] = (
@@ -35,37 +31,6 @@ class Influence:
     cycle), a sqrt((1 + b^2)/6) trapezoidal with the top b times as wide as the base
     (JCGM 100:2008, 4.3.7 to 4.3.9).
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    value : float
-        Its best estimate, in `unit`.
-    uncertainty : float, optional
-        Its standard uncertainty, in `unit`.
-    half_width : float, optional
-        Half of the interval that it lies in, in `unit`; in place of the uncertainty.
-    distribution : str, optional
-        One of `DISTRIBUTIONS`; where not given, ``uniform`` with a half-width, ``student`` with
-        finite degrees of freedom of kind A, else ``normal``.
-    degrees_of_freedom : float
-        How well the uncertainty itself is known: n - 1 of the mean of n observations; infinite
-        where it is given.
-    unit : str
-        Unit of value and uncertainty.
-    kind : {"A", "B"}
-        Whether it was found from repeated observations (A) or otherwise (B).
-    flat_share : float
-        Top over base of a trapezoid [1].
-    source : str
-        Where its figures come from.
-
-    Raises
-    ------
-    ModelError
-        There is not exactly one of uncertainty and half-width, a figure is impossible, or the
-        distribution does not fit.
-
     Notes
     -----
     Validity: a Monte Carlo run draws a bounded distribution with ends that are exactly known:
@@ -79,15 +44,29 @@ class Influence:
     """
 
     name: str
+    """Its name."""
     value: float
+    """Its best estimate, in `unit`."""
     uncertainty: float | None = None
+    """Its standard uncertainty, in `unit`."""
     half_width: float | None = None
+    """Half of the interval that it lies in, in `unit`; in place of the uncertainty."""
     distribution: str | None = None
+    """One of `DISTRIBUTIONS`; where not given, ``uniform`` with a half-width, ``student`` with
+    finite degrees of freedom of kind A, else ``normal``.
+    """
     degrees_of_freedom: float = math.inf
+    """How well the uncertainty itself is known: n - 1 of the mean of n observations; infinite where
+    it is given.
+    """
     unit: str = ""
+    """Unit of value and uncertainty."""
     kind: Literal["A", "B"] = "B"
+    """Whether it was found from repeated observations (A) or otherwise (B)."""
     flat_share: float = 0.5
+    """Top over base of a trapezoid [1]."""
     source: str = ""
+    """Where its figures come from."""
 
     def __post_init__(self) -> None:
         who = f"influence '{self.name}'"
@@ -145,18 +124,7 @@ class Influence:
         )
 
     def quantile(self, probability: Array) -> Array:
-        """Return the values below which it lies with given probabilities.
-
-        Parameters
-        ----------
-        probability : numpy.ndarray
-            Probabilities, 0 to 1 [1], any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values in `unit`, of the same shape.
-        """
+        """Return the values below which it lies with given probabilities."""
         from scipy.special import ndtri, stdtrit
 
         p, u = probability, self.standard_uncertainty
@@ -169,20 +137,7 @@ class Influence:
         return self.value + a * _unit_quantile(self.law, p, self.flat_share)
 
     def draw(self, generator: np.random.Generator, count: int) -> Array:
-        """Draw values at random.
-
-        Parameters
-        ----------
-        generator : numpy.random.Generator
-            Source of randomness.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values in `unit`, shape (count,).
-        """
+        """Draw values at random."""
         if self.law == "normal":
             return self.value + self.standard_uncertainty * generator.standard_normal(count)
         if self.law == "student":
@@ -208,19 +163,6 @@ def _unit_quantile(law: str, p: Array, flat: float) -> Array:
 
 def influence_from(estimate: Estimate, name: str) -> Influence:
     """Return a measured value as an influence on another one.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The value.
-    name : str
-        What it is called there.
-
-    Returns
-    -------
-    Influence
-        The same value, uncertainty and degrees of freedom, of kind A if one of its contributions
-        is.
 
     Examples
     --------

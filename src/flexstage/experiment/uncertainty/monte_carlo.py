@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.correlation import Correlations, correlation_matrix
@@ -15,10 +15,6 @@ from flexstage.experiment.uncertainty.draws import sampler
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.propagate import Propagated
 from flexstage.progress import tell
-
-__all__ = ["MonteCarlo", "Validation", "monte_carlo", "numerical_tolerance", "validate"]
-
-Array = NDArray[np.float64]
 
 #: Trials drawn from one stream.
 BLOCK = 10_000
@@ -31,40 +27,28 @@ _FINEST = 3e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MonteCarlo:
-    """A result drawn at random.
-
-    Parameters
-    ----------
-    value : float
-        Mean of the trials, in `unit`.
-    uncertainty : float
-        Their standard deviation, in `unit`.
-    unit : str
-        Unit of the result.
-    confidence : float
-        Probability that an interval holds the value [1].
-    symmetric : tuple of float
-        Probabilistically symmetric interval: as much below as above it, in `unit`.
-    shortest : tuple of float
-        The shortest interval, in `unit`.
-    values : numpy.ndarray
-        The trials, rising, in `unit`, shape (trials,).
-    tolerance : float, optional
-        Numerical tolerance that value, uncertainty and both ends of the symmetric interval have
-        come to rest within, in `unit`; None where the number of trials was given.
-    seed : int
-        Seed of the draws.
-    """
+    """A result drawn at random."""
 
     value: float
+    """Mean of the trials, in `unit`."""
     uncertainty: float
+    """Their standard deviation, in `unit`."""
     unit: str
+    """Unit of the result."""
     confidence: float
+    """Probability that an interval holds the value [1]."""
     symmetric: tuple[float, float]
+    """Probabilistically symmetric interval: as much below as above it, in `unit`."""
     shortest: tuple[float, float]
+    """The shortest interval, in `unit`."""
     values: Array
+    """The trials, rising, in `unit`, shape (trials,)."""
     tolerance: float | None
+    """Numerical tolerance that value, uncertainty and both ends of the symmetric interval have come
+    to rest within, in `unit`; None where the number of trials was given.
+    """
     seed: int
+    """Seed of the draws."""
 
     @property
     def trials(self) -> int:
@@ -72,18 +56,7 @@ class MonteCarlo:
         return self.values.size
 
     def estimate(self) -> Estimate:
-        """Return mean, spread, and the symmetric interval as the bounds of the value.
-
-        Returns
-        -------
-        Estimate
-            The result, with one contribution.
-
-        Raises
-        ------
-        ModelError
-            The intervals are not for a confidence of 0.95.
-        """
+        """Return mean, spread, and the symmetric interval as the bounds of the value."""
         if self.confidence != 0.95:
             raise ModelError(f"an estimate is bounded at 0.95, these are for {self.confidence!r}")
         part = Component(name="all influences", uncertainty=self.uncertainty, kind="B")
@@ -98,41 +71,22 @@ class MonteCarlo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Validation:
-    """Whether the first-order interval may be used in place of the Monte Carlo one.
-
-    Parameters
-    ----------
-    valid : bool
-        Whether both ends agree.
-    tolerance : float
-        How near they must be: half of the last of `digits` significant digits of the uncertainty.
-    low, high : float
-        Distance of the lower and of the upper ends.
-    digits : int
-        Significant digits of the uncertainty that are meant.
-    """
+    """Whether the first-order interval may be used in place of the Monte Carlo one."""
 
     valid: bool
+    """Whether both ends agree."""
     tolerance: float
+    """How near they must be: half of the last of `digits` significant digits of the uncertainty."""
     low: float
+    """Distance of the lower and of the upper ends."""
     high: float
+    """Distance of the lower and of the upper ends."""
     digits: int
+    """Significant digits of the uncertainty that are meant."""
 
 
 def numerical_tolerance(uncertainty: float, digits: int = 2) -> float:
     """Return half of the last significant digit of an uncertainty (JCGM 101:2008, 7.9.2).
-
-    Parameters
-    ----------
-    uncertainty : float
-        The uncertainty.
-    digits : int
-        How many of its digits are significant.
-
-    Returns
-    -------
-    float
-        The tolerance, in the unit of the uncertainty.
 
     Examples
     --------

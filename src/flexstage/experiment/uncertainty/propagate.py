@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.correlation import (
@@ -17,72 +17,47 @@ from flexstage.experiment.uncertainty.correlation import (
 )
 from flexstage.experiment.uncertainty.influence import Influence
 
-__all__ = ["BudgetLine", "Propagated", "propagate"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BudgetLine:
-    """What one influence contributes to the uncertainty of a result.
-
-    Parameters
-    ----------
-    name : str
-        Name of the influence.
-    value : float
-        Its value, in `unit`.
-    uncertainty : float
-        Its standard uncertainty, in `unit`.
-    unit : str
-        Its unit.
-    degrees_of_freedom : float
-        Those of its uncertainty.
-    distribution : str
-        Its distribution; "exact" of a constant.
-    kind : {"A", "B"}
-        Whether it was found from repeated observations (A) or otherwise (B).
-    sensitivity : float
-        Change of the result with it: the partial derivative.
-    contribution : float
-        Size of sensitivity times uncertainty, in the unit of the result.
-    share : float
-        Part of the variance of the result [1], half of each covariance counted to either of its
-        two: all lines sum to 1, and one may be negative.
-    source : str
-        Where its figures come from.
-    """
+    """What one influence contributes to the uncertainty of a result."""
 
     name: str
+    """Name of the influence."""
     value: float
+    """Its value, in `unit`."""
     uncertainty: float
+    """Its standard uncertainty, in `unit`."""
     unit: str
+    """Its unit."""
     degrees_of_freedom: float
+    """Those of its uncertainty."""
     distribution: str
+    """Its distribution; "exact" of a constant."""
     kind: Literal["A", "B"]
+    """Whether it was found from repeated observations (A) or otherwise (B)."""
     sensitivity: float
+    """Change of the result with it: the partial derivative."""
     contribution: float
+    """Size of sensitivity times uncertainty, in the unit of the result."""
     share: float
+    """Part of the variance of the result [1], half of each covariance counted to either of its two:
+    all lines sum to 1, and one may be negative.
+    """
     source: str = ""
+    """Where its figures come from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Propagated:
-    """A result with its uncertainty to first order, and the budget behind it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The result; influences that are correlated stand together as one contribution.
-    lines : tuple of BudgetLine
-        The budget, one line for each influence.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """A result with its uncertainty to first order, and the budget behind it."""
 
     estimate: Estimate
+    """The result; influences that are correlated stand together as one contribution."""
     lines: tuple[BudgetLine, ...]
+    """The budget, one line for each influence."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     @property
     def value(self) -> float:
@@ -100,18 +75,7 @@ class Propagated:
         return self.estimate.degrees_of_freedom
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
-        """Return the coverage interval, by Student's t at the effective degrees of freedom.
-
-        Parameters
-        ----------
-        confidence : float
-            Probability that it holds the value [1].
-
-        Returns
-        -------
-        tuple of float
-            Its ends, in the unit of the result.
-        """
+        """Return the coverage interval, by Student's t at the effective degrees of freedom."""
         return self.estimate.interval(confidence)
 
 

@@ -35,8 +35,6 @@ from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.influence import Influence, influence_from
 from flexstage.experiment.uncertainty.propagate import propagate
 
-__all__ = ["ROLES", "Role", "SensorSetup", "measured"]
-
 Role = Literal[
     "length",
     "transverse range",
@@ -67,32 +65,6 @@ ROLES: tuple[Role, ...] = (
 class SensorSetup:
     """A sensor and how it stands to what it reads: what is known of its errors.
 
-    Parameters
-    ----------
-    calibration : float
-        Relative standard uncertainty of its gain [1].
-    nonlinearity : float
-        Half-width of its deviation from a straight line, relative to the range in use [1].
-    alignment : float
-        Standard uncertainty of the angle between it and the axis [rad].
-    abbe_offset : float
-        Distance from its line to the point whose motion is wanted, positive where a positive pitch
-        adds to the reading [m].
-    abbe_uncertainty : float
-        Standard uncertainty of that distance [m].
-    temperature_uncertainty : float
-        Standard uncertainty of the change of temperature within a record [K].
-    expansion : float
-        Coefficient of expansion of what holds it [1/K].
-    length_of_loop : float
-        Length of the path from it to what it reads [m].
-    drift : float
-        Standard uncertainty of the rate of drift that is left [m/s].
-    resolution_step : float
-        Step of its reading [m], or [rad] of a sensor of angle.
-    time_base : float
-        Relative standard uncertainty of the clock that samples it [1].
-
     Raises
     ------
     ModelError
@@ -105,16 +77,29 @@ class SensorSetup:
     """
 
     calibration: float = 0.0
+    """Relative standard uncertainty of its gain [1]."""
     nonlinearity: float = 0.0
+    """Half-width of its deviation from a straight line, relative to the range in use [1]."""
     alignment: float = 0.0
+    """Standard uncertainty of the angle between it and the axis [rad]."""
     abbe_offset: float = 0.0
+    """Distance from its line to the point whose motion is wanted, positive where a positive pitch
+    adds to the reading [m].
+    """
     abbe_uncertainty: float = 0.0
+    """Standard uncertainty of that distance [m]."""
     temperature_uncertainty: float = 0.0
+    """Standard uncertainty of the change of temperature within a record [K]."""
     expansion: float = 0.0
+    """Coefficient of expansion of what holds it [1/K]."""
     length_of_loop: float = 0.0
+    """Length of the path from it to what it reads [m]."""
     drift: float = 0.0
+    """Standard uncertainty of the rate of drift that is left [m/s]."""
     resolution_step: float = 0.0
+    """Step of its reading [m], or [rad] of a sensor of angle."""
     time_base: float = 0.0
+    """Relative standard uncertainty of the clock that samples it [1]."""
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

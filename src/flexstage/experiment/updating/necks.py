@@ -13,8 +13,6 @@ from flexstage.hinges import (
     VFillet,
 )
 
-__all__ = ["with_neck_thickness"]
-
 
 def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
     """Return a notch of the same length and the same roots with another neck.
@@ -22,23 +20,6 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
     The bottom of the cut moves and its mouth stays, so that the notch still meets its bodies where
     they end. The depth changes by what the neck does, and a circle becomes an ellipse of the same
     length.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-    thickness : float
-        Thickness of its neck [m].
-
-    Returns
-    -------
-    Profile
-        The notch with that neck; the same one where nothing changes.
-
-    Raises
-    ------
-    HingeError
-        There is no such notch.
 
     Notes
     -----

@@ -10,8 +10,6 @@ from flexstage.errors import ModelError
 from flexstage.experiment.updating.necks import with_neck_thickness
 from flexstage.stage import Hinge, Stage
 
-__all__ = ["PARAMETER_KINDS", "UpdateParameter", "stage_with"]
-
 Kind = Literal["neck_factor", "neck_offset", "modulus_factor", "density_factor", "damping_ratio"]
 
 #: Kinds of parameters: the unit, and the expectation where none is given.
@@ -28,21 +26,6 @@ PARAMETER_KINDS: dict[str, tuple[str, float | None]] = {
 class UpdateParameter:
     """A parameter of a stage that measurements are to tell, and what is known of it before.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    kind : str
-        One of `PARAMETER_KINDS`: a factor of neck thicknesses or what is added to them, a factor of
-        Young's modulus or of the density, or the damping ratio of all modes.
-    spread : float
-        Standard deviation of what is known before [1], of an offset [m]: the scatter of the
-        machine, of the alloy.
-    hinges : tuple of str
-        Patterns of the names of the hinges that it is for, as ``xgp*``; all where not given.
-    expected : float, optional
-        What is expected before; 1 of a factor, 0 of an offset. A damping ratio needs it.
-
     Raises
     ------
     ModelError
@@ -56,10 +39,19 @@ class UpdateParameter:
     """
 
     name: str
+    """Its name."""
     kind: Kind
+    """One of `PARAMETER_KINDS`: a factor of neck thicknesses or what is added to them, a factor of
+    Young's modulus or of the density, or the damping ratio of all modes.
+    """
     spread: float
+    """Standard deviation of what is known before [1], of an offset [m]: the scatter of the machine,
+    of the alloy.
+    """
     hinges: tuple[str, ...] = ("*",)
+    """Patterns of the names of the hinges that it is for, as ``xgp*``; all where not given."""
     expected: float | None = None
+    """What is expected before; 1 of a factor, 0 of an offset. A damping ratio needs it."""
 
     def __post_init__(self) -> None:
         if self.kind not in PARAMETER_KINDS:

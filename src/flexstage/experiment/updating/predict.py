@@ -3,22 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.system import (
-    AxisAnalysis,
-    AxisPort,
-    DriveCondition,
-    MechanicalSystem,
-    analyse_axis,
-    axis_mode,
-    modes,
-)
-
-__all__ = ["UPDATABLE", "predict"]
-
-Array = NDArray[np.float64]
+from flexstage.system import AxisAnalysis, DriveCondition, MechanicalSystem, analyse_axis, modes
+from flexstage.system.characteristics import axis_mode
+from flexstage.system.mechanical import AxisPort
 
 _MODAL = ("natural_frequency_hz", "damping_ratio")
 _STATIC = ("transmission_ratio", "output_displacement", "input_stiffness")
@@ -33,26 +23,6 @@ def predict(
     drives: DriveCondition = "removed",
 ) -> Array:
     """Return what a model says of quantities of its axes.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The model.
-    wanted : sequence of tuple of str
-        Quantity, one of `UPDATABLE`, and name of an axis.
-    drives : str
-        Condition of the drives that frequencies and damping belong to; ratios and strokes are those
-        of one drive over its stroke, the others removed.
-
-    Returns
-    -------
-    numpy.ndarray
-        The values [Hz, 1, m, N/m], shape (n,).
-
-    Raises
-    ------
-    ModelError
-        A quantity cannot be had, or the stage has no such axis.
 
     Examples
     --------

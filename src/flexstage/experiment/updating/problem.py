@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
@@ -15,9 +15,6 @@ from flexstage.experiment.updating.predict import predict
 from flexstage.stage import Stage
 from flexstage.system import DriveCondition, MechanicalSystem, ModalDamping
 
-__all__ = ["Model", "Problem", "half_square", "most_probable"]
-
-Array = NDArray[np.float64]
 Model = Callable[[Stage], MechanicalSystem]
 
 _STEP = 1e-3
@@ -35,28 +32,7 @@ _NORMAL = 1.959963984540054
 
 
 class Problem:
-    """Residuals in units of their uncertainty, over parameters in units of their spread.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as it was described.
-    measured : Mapping
-        Measured values by quantity and name of the axis, m of them.
-    parameters : tuple of UpdateParameter
-        What is to be found, p of them.
-    model : "lumped" or callable
-        The model.
-    drives : str
-        Condition of the drives that frequencies and damping belong to.
-    model_uncertainty : float
-        Relative standard uncertainty of the model [1].
-
-    Raises
-    ------
-    ModelError
-        The uncertainty of the model is impossible.
-    """
+    """Residuals in units of their uncertainty, over parameters in units of their spread."""
 
     def __init__(
         self,
@@ -91,49 +67,16 @@ class Problem:
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def values(self, x: Array) -> Array:
-        """Return the values of the parameters.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Values in their units, shape (p,).
-        """
+        """Return the values of the parameters."""
         return self.mean + self.sigma * x
 
     def stage_at(self, x: Array) -> Stage:
-        """Return the stage that has parameters.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        Stage
-            The stage.
-        """
+        """Return the stage that has parameters."""
         named = dict(zip((p.name for p in self.parameters), self.values(x).tolist(), strict=True))
         return stage_with(self.stage, self.parameters, named)
 
     def predicted(self, x: Array) -> Array:
-        """Return what the model says of the measured quantities.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Values in the units of the measured ones, shape (m,).
-        """
+        """Return what the model says of the measured quantities."""
         system = self.model(self.stage_at(x))
         for p, value in zip(self.parameters, self.values(x).tolist(), strict=True):
             if p.kind == "damping_ratio":
@@ -141,56 +84,18 @@ class Problem:
         return predict(system, self.keys, drives=self.drives)
 
     def residual(self, x: Array) -> Array:
-        """Return measured less predicted values, whitened by their covariance.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Residuals [1], shape (m,).
-        """
+        """Return measured less predicted values, whitened by their covariance."""
         return self.whiten @ (self.y - self.predicted(x))
 
     def residual_or_refused(self, x: Array) -> Array:
-        """Return the residuals, infinite where there is no such stage.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Residuals [1], shape (m,).
-        """
+        """Return the residuals, infinite where there is no such stage."""
         try:
             return self.residual(x)
         except (FlexstageError, np.linalg.LinAlgError):
             return np.full(self.y.size, math.inf)
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives of the whitened prediction, by central differences.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            Parameters less what is expected, over their spreads [1], shape (p,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Derivatives [1], shape (m, p).
-
-        Raises
-        ------
-        ConvergenceError
-            There is no such stage beside these parameters.
-        """
+        """Return the derivatives of the whitened prediction, by central differences."""
         columns = []
         for step in _STEP * np.eye(x.size):
             low, high = self.residual_or_refused(x - step), self.residual_or_refused(x + step)
@@ -203,18 +108,6 @@ class Problem:
 def half_square(residual: Array, x: Array) -> float:
     """Return Phi, half of the squares of residuals and parameters.
 
-    Parameters
-    ----------
-    residual : numpy.ndarray
-        Whitened residuals [1], shape (m,).
-    x : numpy.ndarray
-        Parameters less what is expected, over their spreads [1], shape (p,).
-
-    Returns
-    -------
-    float
-        Phi [1].
-
     Examples
     --------
     >>> half_square(np.array([1.0, 2.0]), np.array([0.5]))
@@ -224,31 +117,7 @@ def half_square(residual: Array, x: Array) -> float:
 
 
 def most_probable(problem: Problem) -> tuple[Array, Array, Array, Array, int]:
-    """Search by Gauss and Newton's steps.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is to be fitted to what.
-
-    Returns
-    -------
-    x : numpy.ndarray
-        Most probable parameters less what is expected, over their spreads [1], shape (p,).
-    residual : numpy.ndarray
-        Whitened residuals there [1], shape (m,).
-    jacobian : numpy.ndarray
-        Derivatives of the whitened prediction there [1], shape (m, p).
-    first : numpy.ndarray
-        The same derivatives at what is expected [1], shape (m, p).
-    steps : int
-        Number of steps.
-
-    Raises
-    ------
-    ConvergenceError
-        40 steps do not reach it, or no step descends.
-    """
+    """Search by Gauss and Newton's steps."""
     x = np.zeros(len(problem.parameters))
     r = problem.residual(x)
     first = jacobian = problem.jacobian(x)

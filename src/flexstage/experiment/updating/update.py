@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.updating.parameters import UpdateParameter
@@ -26,78 +26,61 @@ from flexstage.experiment.updating.problem import Model, Problem, half_square, m
 from flexstage.stage import Stage
 from flexstage.system import DriveCondition
 
-__all__ = ["Updated", "UpdatedRow", "update_stage"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpdatedRow:
-    """One measured quantity beside the model before and after.
-
-    Parameters
-    ----------
-    quantity, axis : str
-        What was measured.
-    measured : Estimate
-        The measured value.
-    before, after : float
-        What the model says with the expected and with the fitted parameters, in the unit of
-        `measured`.
-    before_uncertainty, after_uncertainty : float
-        Standard uncertainty of that from the parameters.
-    """
+    """One measured quantity beside the model before and after."""
 
     quantity: str
+    """What was measured."""
     axis: str
+    """What was measured."""
     measured: Estimate
+    """The measured value."""
     before: float
+    """What the model says with the expected and with the fitted parameters, in the unit of
+    `measured`.
+    """
     after: float
+    """What the model says with the expected and with the fitted parameters, in the unit of
+    `measured`.
+    """
     before_uncertainty: float
+    """Standard uncertainty of that from the parameters."""
     after_uncertainty: float
+    """Standard uncertainty of that from the parameters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Updated:
-    """A stage fitted to measurements.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage with the fitted necks and material.
-    parameters : tuple of UpdateParameter
-        What was fitted.
-    values : dict of str to Estimate
-        The parameters by name; their contributions are what comes from the measurement and what
-        comes from the knowledge before.
-    covariance : numpy.ndarray
-        Posterior covariance of the parameters, in their units, shape (p, p).
-    learned : dict of str to float
-        Part of the variance of each parameter that the measurements took away [1].
-    unidentified : tuple of str
-        What the measurements do not tell, a sentence each.
-    rows : tuple of UpdatedRow
-        Each measured quantity beside the model before and after.
-    misfit : float
-        Twice the least Phi; of the chi-squared distribution with as many degrees of freedom as
-        there are measured values, where model and expectation hold.
-    curvature_error : float
-        Largest relative error of the quadratic posterior one standard deviation away from its peak
-        [1]: above some 0.3 the spread is a rough one.
-    iterations : int
-        Steps that were made.
-    """
+    """A stage fitted to measurements."""
 
     stage: Stage
+    """The stage with the fitted necks and material."""
     parameters: tuple[UpdateParameter, ...]
+    """What was fitted."""
     values: dict[str, Estimate]
+    """The parameters by name; their contributions are what comes from the measurement and what
+    comes from the knowledge before.
+    """
     covariance: Array
+    """Posterior covariance of the parameters, in their units, shape (p, p)."""
     learned: dict[str, float]
+    """Part of the variance of each parameter that the measurements took away [1]."""
     unidentified: tuple[str, ...]
+    """What the measurements do not tell, a sentence each."""
     rows: tuple[UpdatedRow, ...]
+    """Each measured quantity beside the model before and after."""
     misfit: float
+    """Twice the least Phi; of the chi-squared distribution with as many degrees of freedom as there
+    are measured values, where model and expectation hold.
+    """
     curvature_error: float
+    """Largest relative error of the quadratic posterior one standard deviation away from its peak
+    [1]: above some 0.3 the spread is a rough one.
+    """
     iterations: int
+    """Steps that were made."""
 
     @property
     def correlation(self) -> Array:

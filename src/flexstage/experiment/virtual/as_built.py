@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.updating import UpdateParameter, update_stage
+from flexstage.experiment.updating.parameters import UpdateParameter
+from flexstage.experiment.updating.update import update_stage
 from flexstage.experiment.virtual.guide import GuideErrors, random_guide
 from flexstage.experiment.virtual.scatter import (
     Scatter,
@@ -20,20 +22,12 @@ from flexstage.experiment.virtual.scatter import (
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.virtual_stack import virtual_stack
-from flexstage.lumped import hinge_matrix, hinge_springs, layout_of
+from flexstage.lumped import hinge_springs
+from flexstage.lumped.assemble import layout_of
+from flexstage.lumped.hinge_kinematics import hinge_matrix
 from flexstage.stage import PiezoStack, Stage
-from flexstage.system import (
-    AxisAnalysis,
-    MechanicalSystem,
-    ModalDamping,
-    analyse,
-    axis_mode,
-    modes,
-)
-
-__all__ = ["AsBuilt", "AsBuiltAxis", "as_built"]
-
-Array = NDArray[np.float64]
+from flexstage.system import AxisAnalysis, MechanicalSystem, ModalDamping, analyse, modes
+from flexstage.system.characteristics import axis_mode
 
 #: Straightness over the stroke where nobody has measured one [1].
 _USUAL_STRAIGHTNESS = 2e-3
@@ -56,43 +50,30 @@ _SETTLING = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AsBuiltAxis:
-    """What one axis truly does.
-
-    Parameters
-    ----------
-    name : str
-        Name of the axis.
-    command_range : tuple of float
-        Ends of the command: voltage [V] of a piezo stack, elongation [m] of a screw.
-    command_unit : str
-        Its unit.
-    guide : GuideErrors
-        Motions beside the one along the axis, and what the position is off by.
-    hysteresis : HysteresisModel or None
-        From command to position, where the drive has one.
-    reversal : float
-        By how much the position is further on the way back, in the middle of the stroke, of a drive
-        without hysteresis [m].
-    repeatability : float
-        Standard deviation of the position from cycle to cycle [m].
-    mode : int
-        The mode by which the drive moves the axis.
-    smallest_step : float or None
-        Smallest step of the position, of a drive that has one [m].
-    low_end : float
-        Output of the hysteresis at the low end of the stroke [m], from which positions count.
-    """
+    """What one axis truly does."""
 
     name: str
+    """Name of the axis."""
     command_range: tuple[float, float]
+    """Ends of the command: voltage [V] of a piezo stack, elongation [m] of a screw."""
     command_unit: str
+    """Its unit."""
     guide: GuideErrors
+    """Motions beside the one along the axis, and what the position is off by."""
     hysteresis: HysteresisModel | None
+    """From command to position, where the drive has one."""
     reversal: float
+    """By how much the position is further on the way back, in the middle of the stroke, of a drive
+    without hysteresis [m].
+    """
     repeatability: float
+    """Standard deviation of the position from cycle to cycle [m]."""
     mode: int
+    """The mode by which the drive moves the axis."""
     smallest_step: float | None
+    """Smallest step of the position, of a drive that has one [m]."""
     low_end: float = 0.0
+    """Output of the hysteresis at the low end of the stroke [m], from which positions count."""
 
     @property
     def stroke(self) -> float:
@@ -100,19 +81,7 @@ class AsBuiltAxis:
         return self.guide.stroke
 
     def position(self, command: ArrayLike) -> Array:
-        """Return the position for a sequence of commands, after two full cycles.
-
-        Parameters
-        ----------
-        command : array_like
-            Commands [V, or m], shape (n,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions from the low end [m], shape (n,), without what differs from cycle to
-            cycle.
-        """
+        """Return the position for a sequence of commands, after two full cycles."""
         u = np.asarray(command, dtype=np.float64)
         low, high = self.command_range
         if self.hysteresis is None:
@@ -126,18 +95,7 @@ class AsBuiltAxis:
         return found - self.low_end
 
     def cycle(self, samples: int) -> Array:
-        """Return one triangle of commands over the whole range, from the low end.
-
-        Parameters
-        ----------
-        samples : int
-            Number of samples.
-
-        Returns
-        -------
-        numpy.ndarray
-            Commands, shape (samples,).
-        """
+        """Return one triangle of commands over the whole range, from the low end."""
         low, high = self.command_range
         t = np.arange(samples) / samples
         return low + (high - low) * (1.0 - np.abs(2.0 * t - 1.0))
@@ -152,27 +110,18 @@ class AsBuiltAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AsBuilt:
-    """A stage as it was made: the description of what was drawn, and what it truly does.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    made : Stage
-        The stage as made.
-    system : MechanicalSystem
-        Model of the stage as made.
-    axes : tuple of AsBuiltAxis
-        What each axis does.
-    notes : tuple of str
-        What was set, and to what.
-    """
+    """A stage as it was made: the description of what was drawn, and what it truly does."""
 
     stage: Stage
+    """The stage as drawn."""
     made: Stage
+    """The stage as made."""
     system: MechanicalSystem
+    """Model of the stage as made."""
     axes: tuple[AsBuiltAxis, ...]
+    """What each axis does."""
     notes: tuple[str, ...]
+    """What was set, and to what."""
 
     def axis(self, name: str) -> AsBuiltAxis:
         """Return an axis by name.
@@ -213,27 +162,6 @@ def as_built(
     stage knows is drawn too: how straight it moves, what differs from cycle to cycle, and the
     loop of its stacks. Where measured figures of the stage are published these are set to them
     (necks to the natural frequencies), so that measuring it should bring them back.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    seed : int
-        Seed of all draws.
-    scatter : Scatter, optional
-        The process; that of good wire erosion where not given.
-    as_published : bool
-        Whether to set what has been measured and published.
-
-    Returns
-    -------
-    AsBuilt
-        The stage.
-
-    Raises
-    ------
-    ModelError
-        The stage names no axis, or it cannot be driven.
 
     Notes
     -----

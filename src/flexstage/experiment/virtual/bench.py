@@ -5,22 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.experiment.virtual.guide import MOTIONS
 from flexstage.experiment.virtual.laboratory import Laboratory, Sensor, drawn
 from flexstage.records import Channel, Record
 from flexstage.system import modes
-
-__all__ = [
-    "HammerBench",
-    "hold_record",
-    "motion_record",
-    "sphere_record",
-    "staircase_record",
-    "workspace_record",
-]
-
-Array = NDArray[np.float64]
 
 _ANGLES = ("roll", "pitch", "yaw")
 #: Steps of a staircase over the noise of the sensor.
@@ -62,22 +52,6 @@ def _record(
 def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
     """Run an axis over its whole stroke in cycles, and read all six motions.
 
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage.
-    laboratory : Laboratory
-        What it is measured with.
-    axis : str
-        The axis.
-    seed : int
-        Seed of what the sensors are off by, of their noise, and of the approaches.
-
-    Returns
-    -------
-    Record
-        Command, along, across, vertical, roll, pitch and yaw.
-
     Examples
     --------
     >>> from flexstage.designs import design
@@ -117,24 +91,7 @@ def _read(
 
 
 def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
-    """Hold an axis in the middle of its stroke, and read it.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage.
-    laboratory : Laboratory
-        What it is measured with.
-    axis : str
-        The axis.
-    seed : int
-        Seed of sensor and noise.
-
-    Returns
-    -------
-    Record
-        Position.
-    """
+    """Hold an axis in the middle of its stroke, and read it."""
     own = built.axis(axis)
     rng = _generator(seed, 20 + [a.name for a in built.axes].index(axis))
     time = np.arange(laboratory.hold) / laboratory.sample_rate_hz
@@ -144,24 +101,7 @@ def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int 
 
 
 def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
-    """Climb a staircase of small steps from the middle of the stroke, and read the position.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage.
-    laboratory : Laboratory
-        What it is measured with.
-    axis : str
-        The axis.
-    seed : int
-        Seed of sensor and noise.
-
-    Returns
-    -------
-    Record
-        Command and position; the steps are some times the noise, or the smallest step of the drive.
-    """
+    """Climb a staircase of small steps from the middle of the stroke, and read the position."""
     own = built.axis(axis)
     lab = laboratory
     rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
@@ -178,22 +118,7 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
 
 
 def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -> Record:
-    """Go to the four corners of the workspace again and again, and read x and y.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage, of two axes.
-    laboratory : Laboratory
-        What it is measured with.
-    seed : int
-        Seed of sensors, noise and approaches.
-
-    Returns
-    -------
-    Record
-        Number of the corner, from 0 and anticlockwise, and readings of both axes.
-    """
+    """Go to the four corners of the workspace again and again, and read x and y."""
     first, second = built.axes[:2]
     rng = _generator(seed, 40)
     corner = np.tile(np.arange(4.0), laboratory.repeats)
@@ -222,28 +147,7 @@ def sphere_record(
     noise: float = 1e-7,
     seed: int = 0,
 ) -> Record:
-    """Probe the spheres of a plate on the platform at stations along the stroke, there and back.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage.
-    laboratory : Laboratory
-        How many cycles, and the calibration of the machine's scales.
-    axis : str
-        The axis.
-    stations : int
-        Stations of a run.
-    noise : float
-        Standard deviation of each coordinate of a sphere's centre [m].
-    seed : int
-        Seed of the mounting of the plate, of noise and of the approaches.
-
-    Returns
-    -------
-    Record
-        Command, and ``SPH1.X`` to ``SPH5.Z``, a row for each station.
-    """
+    """Probe the spheres of a plate on the platform at stations along the stroke, there and back."""
     own = built.axis(axis)
     names = [a.name for a in built.axes]
     rng = _generator(seed, 50 + names.index(axis))
@@ -288,13 +192,6 @@ class HammerBench:
 
     Force and acceleration belong together as of the continuous system: the response is that of all
     its modes, up to half the sample rate.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The virtual stage.
-    laboratory : Laboratory
-        How many blows, and the noise.
     """
 
     def __init__(self, built: AsBuilt, laboratory: Laboratory) -> None:
@@ -316,20 +213,7 @@ class HammerBench:
                 self._response[struck.name, read.name] = value
 
     def record(self, axis: str, *, seed: int = 0) -> Record:
-        """Strike along an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        seed : int
-            Seed of blows and noise.
-
-        Returns
-        -------
-        Record
-            Force, and acceleration along every axis.
-        """
+        """Strike along an axis."""
         lab = self._laboratory
         names = [a.name for a in self._built.axes]
         rng = _generator(seed, 60 + names.index(axis))

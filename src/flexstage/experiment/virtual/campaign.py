@@ -17,28 +17,19 @@ from flexstage.experiment.virtual.guide import MOTIONS
 from flexstage.experiment.virtual.laboratory import Laboratory, Sensor
 from flexstage.records import Record
 
-__all__ = ["VirtualCampaign", "virtual_campaign"]
-
 _SPHERES = tuple(f"SPH{i}" for i in range(1, 6))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VirtualCampaign:
-    """Tests of a virtual stage, with their records.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The stage, and what it truly does.
-    campaign : Campaign
-        The tests.
-    records : Mapping
-        Records by the names that the tests call them.
-    """
+    """Tests of a virtual stage, with their records."""
 
     built: AsBuilt
+    """The stage, and what it truly does."""
     campaign: Campaign
+    """The tests."""
     records: Mapping[str, Record]
+    """Records by the names that the tests call them."""
 
 
 def virtual_campaign(

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-
-__all__ = ["MOTIONS", "GuideErrors", "random_guide", "straight_line"]
-
-Array = NDArray[np.float64]
 
 #: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
 #: the axis, about the sideways direction and about the normal of the plane.
@@ -26,14 +23,6 @@ _GRID = 4001
 class GuideErrors:
     """Motions beside the one along the axis, as curves over the stroke.
 
-    Parameters
-    ----------
-    stroke : float
-        Length of the stroke [m].
-    coefficients : Mapping
-        Coefficients of the Legendre polynomials over the stroke, from order 0 [m, or rad], by the
-        names of `MOTIONS`, and ``along`` for what the position itself is off by.
-
     Examples
     --------
     >>> bow = GuideErrors(stroke=60e-6, coefficients={"across": np.array([0.0, 0.0, 1e-7])})
@@ -42,23 +31,14 @@ class GuideErrors:
     """
 
     stroke: float
+    """Length of the stroke [m]."""
     coefficients: Mapping[str, Array]
+    """Coefficients of the Legendre polynomials over the stroke, from order 0 [m, or rad], by the
+    names of `MOTIONS`, and ``along`` for what the position itself is off by.
+    """
 
     def at(self, position: ArrayLike, motion: str) -> Array:
-        """Return a motion.
-
-        Parameters
-        ----------
-        position : array_like
-            Position along the axis, from 0 [m], any shape.
-        motion : str
-            One of `MOTIONS`, or ``along``.
-
-        Returns
-        -------
-        numpy.ndarray
-            The motion [m, or rad], zero at position 0.
-        """
+        """Return a motion."""
         c = self.coefficients.get(motion)
         t = 2.0 * np.asarray(position, dtype=np.float64) / self.stroke - 1.0
         if c is None:
@@ -66,70 +46,24 @@ class GuideErrors:
         return legendre.legval(t, c) - legendre.legval(-1.0, c)
 
     def straightness(self, motion: str) -> float:
-        """Return largest less smallest deviation from the least-squares straight line.
-
-        Parameters
-        ----------
-        motion : str
-            One of `MOTIONS`, or ``along``.
-
-        Returns
-        -------
-        float
-            The range, over evenly spread positions [m, or rad].
-        """
+        """Return largest less smallest deviation from the least-squares straight line."""
         p = np.linspace(0.0, self.stroke, _GRID)
         e = self.at(p, motion)
         return float(np.ptp(e - straight_line(p, e)(p)))
 
     def slope(self, motion: str) -> float:
-        """Return the slope of the least-squares straight line.
-
-        Parameters
-        ----------
-        motion : str
-            One of `MOTIONS`, or ``along``.
-
-        Returns
-        -------
-        float
-            Motion over position [1, or rad/m].
-        """
+        """Return the slope of the least-squares straight line."""
         p = np.linspace(0.0, self.stroke, _GRID)
         fitted = straight_line(p, self.at(p, motion)).convert().coef
         return float(fitted[1]) if fitted.size > 1 else 0.0
 
     def range(self, motion: str) -> float:
-        """Return largest less smallest motion over the stroke.
-
-        Parameters
-        ----------
-        motion : str
-            One of `MOTIONS`, or ``along``.
-
-        Returns
-        -------
-        float
-            The range [m, or rad].
-        """
+        """Return largest less smallest motion over the stroke."""
         return float(np.ptp(self.at(np.linspace(0.0, self.stroke, _GRID), motion)))
 
 
 def straight_line(x: Array, y: Array) -> np.polynomial.Polynomial:
-    """Return the least-squares straight line of a curve, all positions alike.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        Even positions, shape (n,).
-    y : numpy.ndarray
-        The curve, shape (n,).
-
-    Returns
-    -------
-    numpy.polynomial.Polynomial
-        The line: of the integral over the stroke, so that the ends count by half.
-    """
+    """Return the least-squares straight line of a curve, all positions alike."""
     weight = np.ones(x.size)
     weight[[0, -1]] = 0.5**0.5
     return np.polynomial.Polynomial.fit(x, y, 1, w=weight)
@@ -141,29 +75,7 @@ def random_guide(
     slopes: Mapping[str, float],
     rng: np.random.Generator,
 ) -> GuideErrors:
-    """Draw smooth curves of given straightness and slope.
-
-    Parameters
-    ----------
-    stroke : float
-        Length of the stroke [m].
-    straightness : Mapping
-        Largest less smallest deviation from the least-squares line [m, or rad], by motion.
-    slopes : Mapping
-        Slope of that line [1, or rad/m], by motion; 0 where none is given.
-    rng : numpy.random.Generator
-        Source of the draw.
-
-    Returns
-    -------
-    GuideErrors
-        The curves: Legendre polynomials of orders 2 to 5, whose size falls with the order.
-
-    Raises
-    ------
-    ModelError
-        The stroke is not positive.
-    """
+    """Draw smooth curves of given straightness and slope."""
     if not stroke > 0.0:
         raise ModelError(f"a stroke must be positive, got {stroke!r} m")
     coefficients: dict[str, Array] = {}

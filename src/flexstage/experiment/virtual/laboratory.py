@@ -3,64 +3,26 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.experiment.uncertainty import SensorSetup
-
-__all__ = ["Laboratory", "Sensor", "drawn"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
+from flexstage.experiment.uncertainty.sensor import SensorSetup
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """A sensor: what is stated of it, and its noise.
-
-    Parameters
-    ----------
-    setup : SensorSetup
-        Standard uncertainties of calibration, alignment and drift.
-    noise : float
-        Rms of its noise from sample to sample, in the unit of its reading.
-    unit : str
-        Unit of its reading.
-    """
+    """A sensor: what is stated of it, and its noise."""
 
     setup: SensorSetup
+    """Standard uncertainties of calibration, alignment and drift."""
     noise: float
+    """Rms of its noise from sample to sample, in the unit of its reading."""
     unit: str = "m"
+    """Unit of its reading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laboratory:
     """Sensors and procedures of a virtual laboratory.
-
-    Parameters
-    ----------
-    position : Sensor
-        Reads along the axis.
-    transverse : Sensor
-        Read across it, in the plane and out of it.
-    angle : Sensor
-        Reads roll, pitch and yaw [rad].
-    cycles : int
-        Cycles over the whole stroke.
-    samples : int
-        Samples of a cycle.
-    sample_rate_hz : float
-        Rate of those samples [Hz].
-    hold : int
-        Samples of a record with the stage held.
-    levels : int
-        Levels of a staircase.
-    per_level : int
-        Samples of each.
-    hits : int
-        Blows of a hammer.
-    signal_to_noise : float
-        Rms of the response to a blow over the rms of the noise [1].
-    repeats : int
-        How often each corner of the workspace is gone to.
 
     Notes
     -----
@@ -73,25 +35,37 @@ class Laboratory:
             setup=SensorSetup(calibration=5e-4, alignment=1e-3, drift=2e-11), noise=5e-9
         )
     )
+    """Reads along the axis."""
     transverse: Sensor = field(
         default_factory=lambda: Sensor(
             setup=SensorSetup(calibration=2e-3, alignment=5e-4, drift=2e-11), noise=3e-9
         )
     )
+    """Read across it, in the plane and out of it."""
     angle: Sensor = field(
         default_factory=lambda: Sensor(
             setup=SensorSetup(calibration=2e-3, drift=1e-10), noise=5e-8, unit="rad"
         )
     )
+    """Reads roll, pitch and yaw [rad]."""
     cycles: int = 8
+    """Cycles over the whole stroke."""
     samples: int = 400
+    """Samples of a cycle."""
     sample_rate_hz: float = 50.0
+    """Rate of those samples [Hz]."""
     hold: int = 4096
+    """Samples of a record with the stage held."""
     levels: int = 20
+    """Levels of a staircase."""
     per_level: int = 80
+    """Samples of each."""
     hits: int = 6
+    """Blows of a hammer."""
     signal_to_noise: float = 100.0
+    """Rms of the response to a blow over the rms of the noise [1]."""
     repeats: int = 10
+    """How often each corner of the workspace is gone to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,20 +81,7 @@ class _Drawn:
 
 
 def drawn(sensor: Sensor, rng: np.random.Generator) -> _Drawn:
-    """Draw what a sensor is off by, of what is stated of it.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The sensor.
-    rng : numpy.random.Generator
-        Source of the draw.
-
-    Returns
-    -------
-    object
-        Gain [1], angle [rad] and drift of one such sensor, with a method ``read``.
-    """
+    """Draw what a sensor is off by, of what is stated of it."""
     s = sensor.setup
     g, a, d = rng.standard_normal(3)
     return _Drawn(gain=s.calibration * g, angle=s.alignment * a, drift=s.drift * d)

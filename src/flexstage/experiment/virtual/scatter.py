@@ -7,33 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.experiment.updating import with_neck_thickness
-from flexstage.lumped import hinge_matrix, hinge_springs, layout_of, lumped_system
+from flexstage.experiment.updating.necks import with_neck_thickness
+from flexstage.lumped import hinge_springs, lumped_system
+from flexstage.lumped.assemble import layout_of
+from flexstage.lumped.hinge_kinematics import hinge_matrix
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
-
-__all__ = ["Scatter", "displaced_system", "displacements", "manufactured"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
     """How far a process misses what it was told.
-
-    Parameters
-    ----------
-    neck_common : float
-        Standard deviation of what all necks of a stage are off by, as from the wire's width [m].
-    neck_own : float
-        Standard deviation of what each neck is off by beside that [m].
-    position : float
-        Standard deviation of each coordinate of a notch [m].
-    modulus : float
-        Relative standard deviation of Young's modulus [1].
-
-    Raises
-    ------
-    ModelError
-        One is negative or not finite.
 
     Notes
     -----
@@ -42,9 +26,13 @@ class Scatter:
     """
 
     neck_common: float = 4e-6
+    """Standard deviation of what all necks of a stage are off by, as from the wire's width [m]."""
     neck_own: float = 2e-6
+    """Standard deviation of what each neck is off by beside that [m]."""
     position: float = 3e-6
+    """Standard deviation of each coordinate of a notch [m]."""
     modulus: float = 0.01
+    """Relative standard deviation of Young's modulus [1]."""
 
     def __post_init__(self) -> None:
         for name in ("neck_common", "neck_own", "position", "modulus"):
@@ -54,26 +42,6 @@ class Scatter:
 
 def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
     """Draw one stage from a process.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    scatter : Scatter
-        The process.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    Stage
-        The same stage with other necks and another modulus. Outlines of bodies stay, as the masses
-        that they give change by far less.
-
-    Raises
-    ------
-    ModelError
-        The process is so coarse that a neck would vanish.
 
     Examples
     --------
@@ -111,22 +79,7 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
 def displacements(
     stage: Stage, scatter: Scatter, *, seed: int = 0
 ) -> dict[str, tuple[float, float]]:
-    """Draw how far each notch is out of place.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    scatter : Scatter
-        The process.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    dict
-        By hinge, along x and y [m].
-    """
+    """Draw how far each notch is out of place."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
     moved = scatter.position * rng.standard_normal((len(stage.hinges), 2))
     return {h.name: (float(d[0]), float(d[1])) for h, d in zip(stage.hinges, moved, strict=True)}
@@ -137,18 +90,6 @@ def displaced_system(stage: Stage, moved: Mapping[str, tuple[float, float]]) -> 
 
     Each spring acts at its displaced neck; outlines, and with them masses and roots, stay where
     they were drawn.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    moved : Mapping
-        By hinge, how far its neck is off along x and y [m].
-
-    Returns
-    -------
-    MechanicalSystem
-        The model.
 
     Examples
     --------

@@ -9,8 +9,6 @@ from flexstage.experiment.virtual.guide import straight_line
 from flexstage.experiment.virtual.laboratory import Laboratory
 from flexstage.system import modes
 
-__all__ = ["true_figures"]
-
 _SAMPLES = 2000
 #: Share of a level that is averaged: what is left when it has settled, of which one half counts.
 _AVERAGED = 0.5 * (1.0 - 0.3)
@@ -21,20 +19,6 @@ def true_figures(
     built: AsBuilt, laboratory: Laboratory | None = None
 ) -> dict[tuple[str, str], float]:
     """Return the figures of a virtual stage, by quantity and axis.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The stage.
-    laboratory : Laboratory, optional
-        What it is measured with, for the figures that are those of the sensor: noise, and the
-        resolution of a drive without steps.
-
-    Returns
-    -------
-    dict
-        Values in the units of `flexstage.characteristic.QUANTITIES`, computed from what the stage
-        does and from no record.
 
     Examples
     --------

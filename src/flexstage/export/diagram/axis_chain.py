@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.system import AxisPort, MechanicalSystem, modes
-
-__all__ = ["AxisChain", "axis_chain"]
-
-Array = NDArray[np.float64]
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.mechanical import AxisPort
 
 # A drive and a probe whose ratio differs by less from mode to mode move as one.
 _AS_ONE = 1e-6
@@ -22,30 +19,22 @@ class AxisChain:
 
     With the elongation d of the drive and the reading p, the potential energy is
     ``(k_in d^2 + k_t (p - i d)^2)/2`` and the kinetic one ``(m_in d'^2 + m_out p'^2)/2``.
-
-    Parameters
-    ----------
-    ratio : float
-        Static ratio i of reading to elongation of the drive [1].
-    input_stiffness : float
-        Stiffness k_in that the drive feels [N/m], its own left out.
-    transmission_stiffness : float
-        Stiffness k_t of the transmission at its output [N/m]; 0 where the input and the output
-        move as one.
-    input_mass : float
-        Mass m_in at the drive [kg].
-    output_mass : float
-        Mass m_out at the probe [kg]; 0 where they move as one.
-    frequency_hz : float
-        Frequency of the mode that it holds, drives in place [Hz].
     """
 
     ratio: float
+    """Static ratio i of reading to elongation of the drive [1]."""
     input_stiffness: float
+    """Stiffness k_in that the drive feels [N/m], its own left out."""
     transmission_stiffness: float
+    """Stiffness k_t of the transmission at its output [N/m]; 0 where the input and the output move
+    as one.
+    """
     input_mass: float
+    """Mass m_in at the drive [kg]."""
     output_mass: float
+    """Mass m_out at the probe [kg]; 0 where they move as one."""
     frequency_hz: float
+    """Frequency of the mode that it holds, drives in place [Hz]."""
 
 
 def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) -> AxisChain:
@@ -58,26 +47,6 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
     .. math:: k_t = \frac{\omega^2 - (k_{in} + k_s)\phi_d^2}{(\phi_p - i\phi_d)^2}, \quad
               m_{out} = \frac{k_t (\phi_p - i\phi_d)}{\omega^2\phi_p}, \quad
               m_{in} = \frac{1 - m_{out}\phi_p^2}{\phi_d^2}.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The stage.
-    axis : AxisPort
-        The axis.
-    pushed_mass : float
-        Mass of the body that the drive pushes [kg]: the input mass where the displacement is
-        imposed, which takes no part in the modes.
-
-    Returns
-    -------
-    AxisChain
-        The masses, springs and the ratio. Where no two positive masses do this, one mass.
-
-    Raises
-    ------
-    ModelError
-        The drive does not move the probe.
 
     Examples
     --------

@@ -12,8 +12,6 @@ from flexstage.export.diagram.springs import DriveSpring
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import RayleighDamping
 
-__all__ = ["axis_blocks"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Mass:
@@ -36,30 +34,7 @@ def axis_blocks(
     title: str,
     notes: tuple[str, ...],
 ) -> Diagram:
-    """Return the diagram of an axis.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    drive, probe : ModelDrive, ModelProbe
-        Drive and probe of the axis.
-    chain : AxisChain
-        Masses, springs and the lever.
-    spring : DriveSpring
-        Spring of the drive.
-    damping : RayleighDamping
-        Damping of all springs and masses, but for a spring that stands in.
-    title : str
-        What it shows.
-    notes : tuple of str
-        What was simplified.
-
-    Returns
-    -------
-    Diagram
-        The diagram.
-    """
+    """Return the diagram of an axis."""
     b = DiagramBuilder()
     group = b.group("drive", title=f"Drive {drive.name} ({drive.kind})", kind="drive")
     free = add_drive_chain(b, model, drive, group)

@@ -3,51 +3,31 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.export.diagram.builder import DiagramBuilder
 from flexstage.lumped import Mechanism
 from flexstage.system import RayleighDamping
 
-__all__ = ["BodyBlocks", "add_body", "count_mark", "per_second", "point_of_body"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyBlocks:
-    """What other groups connect to.
-
-    Parameters
-    ----------
-    forces, rate, motion : str
-        Names of the sum of forces and of the two integrators.
-    members : tuple of int
-        Indices of the bodies that share the group.
-    label : str
-        What is written behind q: name of the body and units.
-    """
+    """What other groups connect to."""
 
     forces: str
+    """Names of the sum of forces and of the two integrators."""
     rate: str
+    """Names of the sum of forces and of the two integrators."""
     motion: str
+    """Names of the sum of forces and of the two integrators."""
     members: tuple[int, ...]
+    """Indices of the bodies that share the group."""
     label: str
+    """What is written behind q: name of the body and units."""
 
 
 def count_mark(members: tuple[int, ...]) -> str:
-    """Return how many share a group.
-
-    Parameters
-    ----------
-    members : tuple of int
-        Those who share it.
-
-    Returns
-    -------
-    str
-        `` ×2`` and so on; nothing for one alone.
-    """
+    """Return how many share a group."""
     return f" ×{len(members)}" if len(members) > 1 else ""
 
 
@@ -57,24 +37,7 @@ def add_body(
     members: tuple[int, ...],
     damping: RayleighDamping,
 ) -> BodyBlocks:
-    """Add the group of a body, or of several that do the same.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    mechanism : Mechanism
-        Bodies and hinges.
-    members : tuple of int
-        Indices of the bodies.
-    damping : RayleighDamping
-        Its alpha makes a damper between each body and the ground.
-
-    Returns
-    -------
-    BodyBlocks
-        What other groups connect to.
-    """
+    """Add the group of a body, or of several that do the same."""
     first = mechanism.bodies[members[0]]
     many = count_mark(members)
     words = f"body {first.name}" + (f" and {len(members) - 1} like it" if many else "")
@@ -137,37 +100,11 @@ def add_body(
 
 
 def point_of_body(mechanism: Mechanism, body: int, at: tuple[float, float]) -> Array:
-    """Return the motion of a point for the coordinates of its body.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Bodies and hinges.
-    body : int
-        Index of the body.
-    at : tuple of float
-        The point [m].
-
-    Returns
-    -------
-    numpy.ndarray
-        Displacement x, y and rotation for x, y and rotation of the body, shape (3, 3).
-    """
+    """Return the motion of a point for the coordinates of its body."""
     cx, cy = mechanism.bodies[body].centre
     return np.array([[1.0, 0.0, -(at[1] - cy)], [0.0, 1.0, at[0] - cx], [0.0, 0.0, 1.0]])
 
 
 def per_second(label: str) -> str:
-    """Return the units of rates instead of those of motion.
-
-    Parameters
-    ----------
-    label : str
-        Name and units of a motion.
-
-    Returns
-    -------
-    str
-        The same name with the units of its rate.
-    """
+    """Return the units of rates instead of those of motion."""
     return label.replace("[m, m, rad]", "[m/s, m/s, rad/s]")

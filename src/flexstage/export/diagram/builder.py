@@ -8,24 +8,12 @@ from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, BlockKind, Diagram, Group, Line
 from flexstage.system.mechanical import Array
 
-__all__ = ["DiagramBuilder", "identifier"]
-
 # MATLAB cuts names after 63 characters; some room is left for what is put before or after one
 _LONGEST = 48
 
 
 def identifier(text: str) -> str:
     """Return a text as the name of a block: letters, digits and underscores.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The name, which begins with a letter and has at most 48 characters.
 
     Examples
     --------
@@ -53,45 +41,13 @@ class DiagramBuilder:
         self._units: dict[str, str] = {}
 
     def group(self, wanted: str, **described: Any) -> str:
-        """Add a group and return its name.
-
-        Parameters
-        ----------
-        wanted : str
-            Its name; changed where it is no identifier, or taken.
-        **described
-            What `Group` takes besides.
-
-        Returns
-        -------
-        str
-            The name.
-        """
+        """Add a group and return its name."""
         name = self._free(wanted)
         self._groups.append(Group(name=name, **described))
         return name
 
     def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
-        """Add a block and return its name.
-
-        Parameters
-        ----------
-        wanted : str
-            Its name; changed where it is no identifier, or taken.
-        kind : str
-            What it does.
-        label : str
-            What is written in it.
-        meaning : str
-            What it is, in words.
-        **described
-            What `Block` takes besides; ``unit`` for an input or output.
-
-        Returns
-        -------
-        str
-            The name.
-        """
+        """Add a block and return its name."""
         name = self._free(wanted)
         if "unit" in described:
             self._units[name] = described.pop("unit")
@@ -99,55 +55,18 @@ class DiagramBuilder:
         return name
 
     def connect(self, source: str, target: str, signal: str = "", *, port: int = 0) -> None:
-        """Add a line from one block to an input of another.
-
-        Parameters
-        ----------
-        source, target : str
-            Names of the blocks.
-        signal : str
-            What the line carries.
-        port : int
-            Input of the target.
-        """
+        """Add a line from one block to an input of another."""
         self._lines.append(Line(source=source, target=target, port=port, signal=signal))
 
     def matrix(self, name: str) -> Array:
-        """Return the matrix of a gain.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        numpy.ndarray
-            Its matrix.
-
-        Raises
-        ------
-        ModelError
-            There is no such gain.
-        """
+        """Return the matrix of a gain."""
         for block in self._blocks:
             if block.name == name and block.matrix is not None:
                 return block.matrix
         raise ModelError(f"there is no gain '{name}' yet")
 
     def chain(self, *names: str) -> str:
-        """Connect blocks one behind the other and return the last.
-
-        Parameters
-        ----------
-        *names : str
-            Names of the blocks.
-
-        Returns
-        -------
-        str
-            The last of them.
-        """
+        """Connect blocks one behind the other and return the last."""
         for source, target in pairwise(names):
             self.connect(source, target)
         return names[-1]
@@ -155,42 +74,12 @@ class DiagramBuilder:
     def term(
         self, total: str, source: str, sign: int, signal: str = "", *, last: bool = False
     ) -> None:
-        """Lead a block to a sum that was added without signs.
-
-        Parameters
-        ----------
-        total, source : str
-            Names of the sum and of the block.
-        sign : int
-            1 or -1.
-        signal : str
-            What the line carries.
-        last : bool
-            Whether it comes behind all others, as the feedbacks of a body do.
-        """
+        """Lead a block to a sum that was added without signs."""
         held = self._late if last else self._terms
         held.setdefault(total, []).append((source, sign, signal))
 
     def diagram(self, title: str, notes: tuple[str, ...]) -> Diagram:
-        """Return the diagram.
-
-        Parameters
-        ----------
-        title : str
-            What it shows.
-        notes : tuple of str
-            What was simplified.
-
-        Returns
-        -------
-        Diagram
-            The diagram.
-
-        Raises
-        ------
-        ModelError
-            It does not fit together.
-        """
+        """Return the diagram."""
         blocks, lines = [], list(self._lines)
         for block in self._blocks:
             made = block

@@ -3,96 +3,58 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Cell", "Net", "Pin", "Point", "Routed", "Segment", "branches"]
-
 Point = tuple[float, float]
 Segment = tuple[Point, Point]
 
 
 @dataclass(frozen=True, slots=True)
 class Pin:
-    """A pin of a cell.
-
-    Parameters
-    ----------
-    side : str
-        ``L`` or ``R``.
-    y : float
-        Distance below the top of the cell [px].
-    """
+    """A pin of a cell."""
 
     side: str
+    """``L`` or ``R``."""
     y: float
+    """Distance below the top of the cell [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A thing in the grid.
-
-    Parameters
-    ----------
-    width, height : float
-        Its size [px].
-    axis : float
-        Distance of the line that cells of a row share below its top [px].
-    pins : Mapping
-        Its pins by name.
-    """
+    """A thing in the grid."""
 
     width: float
+    """Its size [px]."""
     height: float
+    """Its size [px]."""
     axis: float
+    """Distance of the line that cells of a row share below its top [px]."""
     pins: Mapping[str, Pin]
+    """Its pins by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Net:
-    """A line from one pin to others.
-
-    Parameters
-    ----------
-    source : tuple of str
-        Cell and pin.
-    targets : tuple of tuple of str
-        Cells and pins.
-    """
+    """A line from one pin to others."""
 
     source: tuple[str, str]
+    """Cell and pin."""
     targets: tuple[tuple[str, str], ...]
+    """Cells and pins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Routed:
-    """Where things are.
-
-    Parameters
-    ----------
-    size : tuple of float
-        Width and height [px].
-    cells : Mapping
-        Left top corner of each cell [px].
-    lines : Mapping
-        Segments of each net.
-    """
+    """Where things are."""
 
     size: Point
+    """Width and height [px]."""
     cells: Mapping[str, Point]
+    """Left top corner of each cell [px]."""
     lines: Mapping[str, tuple[Segment, ...]]
+    """Segments of each net."""
 
 
 def branches(segments: Sequence[Segment]) -> list[Point]:
-    """Return the points at which a line branches.
-
-    Parameters
-    ----------
-    segments : Sequence
-        Its segments, level or upright.
-
-    Returns
-    -------
-    list of tuple of float
-        The points.
-    """
+    """Return the points at which a line branches."""
     points = sorted({p for s in segments for p in s})
     out = []
     for x, y in points:

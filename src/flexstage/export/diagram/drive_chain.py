@@ -6,26 +6,11 @@ from flexstage.export.diagram.builder import DiagramBuilder
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import modes
 
-__all__ = ["add_drive_chain", "add_probe_chain", "output_scale"]
-
 _FORCE, _LENGTH = "N", "m"
 
 
 def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
-    """Return the free displacement over the output of a drive's hysteresis.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    drive : ModelDrive
-        One of its drives.
-
-    Returns
-    -------
-    float
-        1; another number for a hysteresis that was identified from voltage to reading [m/unit].
-    """
+    """Return the free displacement over the output of a drive's hysteresis."""
     if drive.hysteresis is None or drive.stiffness is None:
         return 1.0
     port = model.system.drive(drive.name)
@@ -41,24 +26,7 @@ def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
 def add_drive_chain(
     builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: str
 ) -> str:
-    """Add what lies before the spring of a drive.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    model : DynamicModel
-        The model.
-    drive : ModelDrive
-        The drive.
-    group : str
-        Name of the group of the drive.
-
-    Returns
-    -------
-    str
-        Name of the block that gives the free displacement w [m], or the force [N].
-    """
+    """Add what lies before the spring of a drive."""
     what = "force" if drive.stiffness == 0.0 else "free displacement"
     unit = _FORCE if drive.stiffness == 0.0 else _LENGTH
     words = f"{what} of drive {drive.name} [{unit}]"
@@ -137,26 +105,7 @@ def add_drive_chain(
 def add_probe_chain(
     builder: DiagramBuilder, probe: ModelProbe, source: str, group: str, signal: str = ""
 ) -> str:
-    """Add what lies behind a probe: its sensor and the output.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    probe : ModelProbe
-        The probe.
-    source : str
-        Name of the block that gives the true motion [m].
-    group : str
-        Name of the group of the probe.
-    signal : str
-        What the source carries.
-
-    Returns
-    -------
-    str
-        Name of the output.
-    """
+    """Add what lies behind a probe: its sensor and the output."""
     at = source
     if probe.sensor is not None:
         block = builder.add(

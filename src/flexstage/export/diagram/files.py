@@ -7,8 +7,6 @@ from flexstage.export.model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
 
-__all__ = ["diagram_files"]
-
 
 def diagram_files(
     stage: Stage,

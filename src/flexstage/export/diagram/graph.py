@@ -8,8 +8,6 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.system.mechanical import Array
 
-__all__ = ["Block", "BlockKind", "Diagram", "Group", "Line"]
-
 #: What a block does. Signals are columns of numbers.
 #: ``input``, ``output``: where the diagram begins and ends. ``gain``: its matrix times its input.
 #: ``sum``: its inputs added, each with its sign. ``integrator``: the integral over time, zero at
@@ -29,42 +27,28 @@ BlockKind = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """A block of a diagram. It has one output, but for ``output``, which has none.
-
-    Parameters
-    ----------
-    name : str
-        Its name: letters, digits and underscores, beginning with a letter, unlike every other.
-    kind : str
-        What it does.
-    label : str
-        What is written in it, in a few letters of mathematics: ``1/m``, ``k``, ``d``.
-    meaning : str
-        What it is, in words, with its unit: ``stiffness of hinge P1 [N/m, N, N m/rad]``.
-    group : str
-        Name of the group that it belongs to; empty for none.
-    width : int
-        Number of signals at its output (at its input, for ``output``).
-    matrix : numpy.ndarray or None
-        Of a ``gain``, shape (width, width of its input).
-    signs : tuple of int
-        Of a ``sum``: 1 or -1 for each input.
-    model : object or None
-        Of a ``hysteresis``, ``amplifier``, ``creep`` or ``sensor``.
-    role : str
-        For the drawing: ``spring``, ``damper``, ``mass``, ``geometry``, ``drive`` or empty.
-    """
+    """A block of a diagram. It has one output, but for ``output``, which has none."""
 
     name: str
+    """Its name: letters, digits and underscores, beginning with a letter, unlike every other."""
     kind: BlockKind
+    """What it does."""
     label: str
+    """What is written in it, in a few letters of mathematics: ``1/m``, ``k``, ``d``."""
     meaning: str
+    """What it is, in words, with its unit: ``stiffness of hinge P1 [N/m, N, N m/rad]``."""
     group: str = ""
+    """Name of the group that it belongs to; empty for none."""
     width: int = 1
+    """Number of signals at its output (at its input, for ``output``)."""
     matrix: Array | None = None
+    """Of a ``gain``, shape (width, width of its input)."""
     signs: tuple[int, ...] = ()
+    """Of a ``sum``: 1 or -1 for each input."""
     model: HysteresisModel | Amplifier | Creep | Sensor | None = None
+    """Of a ``hysteresis``, ``amplifier``, ``creep`` or ``sensor``."""
     role: str = ""
+    """For the drawing: ``spring``, ``damper``, ``mass``, ``geometry``, ``drive`` or empty."""
 
     @property
     def inputs(self) -> int:
@@ -76,83 +60,50 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A line from the output of one block to an input of another.
-
-    Parameters
-    ----------
-    source : str
-        Name of the block that it comes from.
-    target : str
-        Name of the block that it leads to.
-    port : int
-        Input of the target, counted from 0.
-    signal : str
-        What it carries, with its unit: ``q_P1 [m, m, rad]``; empty where the blocks say it.
-    """
+    """A line from the output of one block to an input of another."""
 
     source: str
+    """Name of the block that it comes from."""
     target: str
+    """Name of the block that it leads to."""
     port: int = 0
+    """Input of the target, counted from 0."""
     signal: str = ""
+    """What it carries, with its unit: ``q_P1 [m, m, rad]``; empty where the blocks say it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Blocks that are drawn together, such as those of one body.
-
-    Parameters
-    ----------
-    name : str
-        Its name, as in `Block.group`.
-    title : str
-        What is written over it.
-    kind : str
-        ``body``, ``hinge``, ``drive``, ``probe`` or ``modes``.
-    place : tuple of float or None
-        Where the thing lies on the stage (x, y) [m]: bodies and hinges are laid out after it.
-    stands_for : tuple of str
-        Names of the others that this one stands for by symmetry.
-    """
+    """Blocks that are drawn together, such as those of one body."""
 
     name: str
+    """Its name, as in `Block.group`."""
     title: str
+    """What is written over it."""
     kind: str
+    """``body``, ``hinge``, ``drive``, ``probe`` or ``modes``."""
     place: tuple[float, float] | None = None
+    """Where the thing lies on the stage (x, y) [m]: bodies and hinges are laid out after it."""
     stands_for: tuple[str, ...] = ()
+    """Names of the others that this one stands for by symmetry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagram:
-    """A structural diagram.
-
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    blocks : tuple of Block
-        The blocks.
-    lines : tuple of Line
-        The lines; every input of every block has exactly one.
-    groups : tuple of Group
-        The groups.
-    notes : tuple of str
-        What was simplified or collapsed, as sentences.
-    units : Mapping
-        Unit of each ``input`` and ``output`` block, by its name.
-
-    Raises
-    ------
-    ModelError
-        Names are not unique or not letters, digits and underscores, a line leads to no input, an
-        input has no line or two, or the widths of signals do not fit.
-    """
+    """A structural diagram."""
 
     title: str
+    """What it shows."""
     blocks: tuple[Block, ...]
+    """The blocks."""
     lines: tuple[Line, ...]
+    """The lines; every input of every block has exactly one."""
     groups: tuple[Group, ...] = ()
+    """The groups."""
     notes: tuple[str, ...] = ()
+    """What was simplified or collapsed, as sentences."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of each ``input`` and ``output`` block, by its name."""
 
     def __post_init__(self) -> None:
         by_name = {b.name: b for b in self.blocks}
@@ -184,23 +135,7 @@ class Diagram:
                     raise ModelError(f"input {port} of block '{b.name}' has no line")
 
     def block(self, name: str) -> Block:
-        """Return a block by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Block
-            The block.
-
-        Raises
-        ------
-        ModelError
-            There is no such block.
-        """
+        """Return a block by name."""
         for b in self.blocks:
             if b.name == name:
                 return b

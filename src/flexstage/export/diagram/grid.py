@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from flexstage.export.diagram.cells import Cell, Net, Point, Routed, Segment
 from flexstage.export.diagram.tracks import PITCH, SAME, Run, tracks_of
 
-__all__ = ["MARGIN", "route"]
-
 #: Distance between the outer tracks of a channel and cells [px].
 MARGIN = 14.0
 
@@ -25,30 +23,7 @@ def route(
     outer: bool = True,
     room: Mapping[int, float] | None = None,
 ) -> Routed:
-    """Place cells in a grid and lead lines between them.
-
-    Parameters
-    ----------
-    cells : Mapping
-        The cells by name.
-    places : Mapping
-        Column and row of each; no two share both.
-    nets : Mapping
-        The nets by name.
-    apart : bool
-        Whether cells are lowered a little where pins on both sides of a channel are of one height.
-        Without it two lines that change places between pins of equal heights lie on each other for
-        a short way.
-    outer : bool
-        Whether there is room left of the first column and right of the last one.
-    room : Mapping, optional
-        Room for words at the left of channels, by the column at their right [px].
-
-    Returns
-    -------
-    Routed
-        Positions and lines.
-    """
+    """Place cells in a grid and lead lines between them."""
     grid = _Grid(cells, places, nets, apart=apart, outer=outer, room=room or {})
     return grid.routed()
 

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from flexstage.arrays import Array
 from flexstage.export.diagram.body_blocks import (
     BodyBlocks,
     count_mark,
@@ -16,10 +16,6 @@ from flexstage.export.diagram.builder import DiagramBuilder
 from flexstage.lumped import Mechanism
 from flexstage.lumped.rigid_bodies import SpringHinge
 from flexstage.system import RayleighDamping
-
-__all__ = ["add_hinge"]
-
-Array = NDArray[np.float64]
 
 
 def _hinge_end(mechanism: Mechanism, hinge: SpringHinge, body: int) -> Array:
@@ -66,21 +62,7 @@ def add_hinge(
     bodies: dict[int, BodyBlocks],
     damping: RayleighDamping,
 ) -> None:
-    """Add the group of a hinge, or of several that do the same, and lead its forces to bodies.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    mechanism : Mechanism
-        Bodies and hinges.
-    members : tuple of int
-        Indices of the hinges.
-    bodies : dict
-        Blocks of the free bodies, by index.
-    damping : RayleighDamping
-        Its beta makes a damper beside each spring.
-    """
+    """Add the group of a hinge, or of several that do the same, and lead its forces to bodies."""
     first = mechanism.hinges[members[0]]
     sides = _sides(mechanism, members, bodies)
     if not sides:

@@ -4,40 +4,19 @@ from dataclasses import dataclass
 
 from flexstage.export.diagram.graph import Block, Line
 
-__all__ = ["Layered", "layered"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layered:
-    """Where blocks stand among each other.
-
-    Parameters
-    ----------
-    places : dict
-        Column and row of each block.
-    flipped : set of str
-        Those that are drawn from right to left.
-    """
+    """Where blocks stand among each other."""
 
     places: dict[str, tuple[int, int]]
+    """Column and row of each block."""
     flipped: set[str]
+    """Those that are drawn from right to left."""
 
 
 def layered(blocks: tuple[Block, ...], lines: tuple[Line, ...]) -> Layered:
-    """Put blocks into columns along their lines, and beside each other into rows.
-
-    Parameters
-    ----------
-    blocks : tuple of Block
-        The blocks of a group.
-    lines : tuple of Line
-        The lines between them.
-
-    Returns
-    -------
-    Layered
-        Columns and rows.
-    """
+    """Put blocks into columns along their lines, and beside each other into rows."""
     names = [b.name for b in blocks]
     after: dict[str, list[str]] = {n: [] for n in names}
     for line in lines:

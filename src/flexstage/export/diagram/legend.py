@@ -10,8 +10,6 @@ from flexstage.export.diagram.signals import SignalKind
 from flexstage.export.diagram.symbols import symbol
 from flexstage.export.diagram.text import text_width, wrapped
 
-__all__ = ["LINES", "foot"]
-
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
     "motion": ("#0060a0", None, "displacement and rotation q"),
@@ -34,22 +32,7 @@ _USUAL = {
 
 
 def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, float]:
-    """Write what stands below a diagram.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-    width : float
-        Width of the page [px].
-    used : set of str
-        Kinds of lines that it has.
-
-    Returns
-    -------
-    str and float
-        The elements, with their top at 0, and their height [px].
-    """
+    """Write what stands below a diagram."""
     out: list[str] = []
     columns = [_symbols(diagram), _lines(used)]
     columns += [_table(title, rows) for title, rows in _values(diagram) if rows]

@@ -4,21 +4,9 @@ from xml.sax.saxutils import escape
 
 from flexstage.export.diagram.text import BASE
 
-__all__ = ["attributes", "path", "text"]
-
 
 def attributes(**given: object) -> str:
     """Return attributes of an element.
-
-    Parameters
-    ----------
-    **given
-        Values by name; underscores stand for hyphens, and None leaves an attribute out.
-
-    Returns
-    -------
-    str
-        The attributes, with a blank before each.
 
     Examples
     --------
@@ -36,22 +24,7 @@ def attributes(**given: object) -> str:
 
 
 def path(points: list[tuple[float, float]], *, closed: bool = False, **given: object) -> str:
-    """Return a line through points.
-
-    Parameters
-    ----------
-    points : list of tuple of float
-        The points [px].
-    closed : bool
-        Whether it leads back to the first.
-    **given
-        Attributes.
-
-    Returns
-    -------
-    str
-        The element.
-    """
+    """Return a line through points."""
     d = "M" + "L".join(f"{round(x, 2):g} {round(y, 2):g}" for x, y in points)
     return f"<path{attributes(d=d + ('Z' if closed else ''), **given)}/>"
 
@@ -59,26 +32,7 @@ def path(points: list[tuple[float, float]], *, closed: bool = False, **given: ob
 def text(
     words: str, x: float, y: float, *, size: float = BASE, anchor: str = "start", **given: object
 ) -> str:
-    """Return a line of text; what follows an underscore is lowered, up to a blank.
-
-    Parameters
-    ----------
-    words : str
-        The text.
-    x, y : float
-        Where its base line begins, or its middle or end [px].
-    size : float
-        Size of its letters [px].
-    anchor : str
-        ``start``, ``middle`` or ``end``.
-    **given
-        Attributes.
-
-    Returns
-    -------
-    str
-        The element.
-    """
+    """Return a line of text; what follows an underscore is lowered, up to a blank."""
     shown = attributes(
         x=round(x, 2),
         y=round(y, 2),

@@ -8,114 +8,81 @@ from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.placing import Thing, place_groups
 from flexstage.export.diagram.tile import Tile, make_tile
 
-__all__ = ["Frame", "Layout", "PlacedBlock", "PlacedLabel", "Wire", "layout"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedBlock:
-    """A block on the page.
-
-    Parameters
-    ----------
-    block : Block
-        The block.
-    x, y : float
-        Left top corner of its cell [px].
-    cell : Cell
-        Its size and pins.
-    flipped : bool
-        Whether it is drawn from right to left.
-    """
+    """A block on the page."""
 
     block: Block
+    """The block."""
     x: float
+    """Left top corner of its cell [px]."""
     y: float
+    """Left top corner of its cell [px]."""
     cell: Cell
+    """Its size and pins."""
     flipped: bool
+    """Whether it is drawn from right to left."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedLabel:
-    """Name of a signal on the page.
-
-    Parameters
-    ----------
-    text : str
-        The name.
-    x, y : float
-        Where its base line begins, or ends [px].
-    end : bool
-        Whether it ends there.
-    """
+    """Name of a signal on the page."""
 
     text: str
+    """The name."""
     x: float
+    """Where its base line begins, or ends [px]."""
     y: float
+    """Where its base line begins, or ends [px]."""
     end: bool = False
+    """Whether it ends there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """A group on the page.
-
-    Parameters
-    ----------
-    group : Group
-        The group.
-    x, y, width, height : float
-        Left top corner and size [px].
-    subtitle : tuple of str
-        Lines below its title.
-    """
+    """A group on the page."""
 
     group: Group
+    """The group."""
     x: float
+    """Left top corner and size [px]."""
     y: float
+    """Left top corner and size [px]."""
     width: float
+    """Left top corner and size [px]."""
     height: float
+    """Left top corner and size [px]."""
     subtitle: tuple[str, ...]
+    """Lines below its title."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wire:
-    """A line from one block to others.
-
-    Parameters
-    ----------
-    source : str
-        The block that it comes from.
-    segments : tuple
-        Its segments, level or upright.
-    """
+    """A line from one block to others."""
 
     source: str
+    """The block that it comes from."""
     segments: tuple[Segment, ...]
+    """Its segments, level or upright."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A diagram on a page.
-
-    Parameters
-    ----------
-    width, height : float
-        Size [px].
-    frames : tuple of Frame
-        The groups.
-    blocks : tuple of PlacedBlock
-        The blocks.
-    wires : tuple of Wire
-        The lines.
-    labels : tuple of PlacedLabel
-        Names of signals where lines enter and leave groups.
-    """
+    """A diagram on a page."""
 
     width: float
+    """Size [px]."""
     height: float
+    """Size [px]."""
     frames: tuple[Frame, ...]
+    """The groups."""
     blocks: tuple[PlacedBlock, ...]
+    """The blocks."""
     wires: tuple[Wire, ...]
+    """The lines."""
     labels: tuple[PlacedLabel, ...]
+    """Names of signals where lines enter and leave groups."""
 
 
 def layout(diagram: Diagram) -> Layout:
@@ -124,20 +91,10 @@ def layout(diagram: Diagram) -> Layout:
     Groups stand in a grid, near to those that they are joined with; lines between them run in the
     channels between.
 
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-
-    Returns
-    -------
-    Layout
-        Positions of groups and blocks, and the lines. The same diagram gives the same layout.
-
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export.diagram import stage_diagram
+    >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> found = layout(stage_diagram(design("parallelogram")))
     >>> len(found.frames), len(found.blocks)
     (6, 34)

@@ -5,8 +5,6 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["Thing", "place_groups"]
-
 #: Width over height that the drawing should have; values and notes stand below it.
 _ASPECT = 2.2
 # Room for lines between groups [px].
@@ -21,19 +19,14 @@ Place = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
-    """A group to be placed.
-
-    Parameters
-    ----------
-    kind : str
-        What it is: drives are drawn to the left, probes to the right.
-    width, height : float
-        Its size [px].
-    """
+    """A group to be placed."""
 
     kind: str
+    """What it is: drives are drawn to the left, probes to the right."""
     width: float
+    """Its size [px]."""
     height: float
+    """Its size [px]."""
 
 
 def place_groups(
@@ -43,18 +36,6 @@ def place_groups(
 
     They begin in the order of their distance from the first drive, and change places, two at a
     time, as long as that shortens the lines. The same groups give the same places.
-
-    Parameters
-    ----------
-    things : Mapping
-        The groups by name.
-    nets : Iterable of tuple
-        Lines: the group that each comes from, and those that it leads to.
-
-    Returns
-    -------
-    dict
-        Column and row of each.
     """
     lines = [(s, tuple(t for t in targets if t != s)) for s, targets in nets]
     lines = [(s, t) for s, t in lines if t]

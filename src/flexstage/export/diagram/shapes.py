@@ -6,8 +6,6 @@ from flexstage.export.diagram.cells import Cell, Pin
 from flexstage.export.diagram.graph import Block
 from flexstage.export.diagram.text import BASE, SMALL, plain, text_width
 
-__all__ = ["SUM_RADIUS", "block_cell", "round_sum", "shape_width"]
-
 SUM_RADIUS = 15.0
 # Distance of the inputs of a long sum, and of the outer ones from its ends.
 _APART = 19.0
@@ -18,34 +16,12 @@ _CAPTION = 15.0
 
 
 def round_sum(block: Block) -> bool:
-    """Return whether a sum is drawn as a circle: one with few inputs is.
-
-    Parameters
-    ----------
-    block : Block
-        The sum.
-
-    Returns
-    -------
-    bool
-        Whether it has at most two inputs.
-    """
+    """Return whether a sum is drawn as a circle: one with few inputs is."""
     return len(block.signs) <= len(_ROUND)
 
 
 def shape_width(block: Block) -> float:
-    """Return the width of what is drawn for a block, without its caption.
-
-    Parameters
-    ----------
-    block : Block
-        The block.
-
-    Returns
-    -------
-    float
-        The width [px].
-    """
+    """Return the width of what is drawn for a block, without its caption."""
     label = text_width(plain(block.label), BASE)
     match block.kind:
         case "sum":
@@ -74,27 +50,7 @@ def block_cell(
     lower: Mapping[int, bool] | None = None,
     long: bool = False,
 ) -> Cell:
-    """Return the cell of a block.
-
-    Parameters
-    ----------
-    block : Block
-        The block.
-    flipped : bool
-        Whether it is drawn from right to left, as in a feedback.
-    straight : int, optional
-        Input of a sum that lies on its axis; the first of a round one, and the middle of a long
-        one, where not given.
-    lower : Mapping, optional
-        For inputs of a round sum, whether they come from below.
-    long : bool
-        Whether a sum of few inputs is drawn long all the same.
-
-    Returns
-    -------
-    Cell
-        Its size and pins: ``out``, and ``in0``, ``in1`` and so on.
-    """
+    """Return the cell of a block."""
     into, out = ("R", "L") if flipped else ("L", "R")
     width = shape_width(block)
     if block.kind == "sum":

@@ -3,17 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.export.diagram.body_blocks import BodyBlocks, per_second, point_of_body
 from flexstage.export.diagram.builder import DiagramBuilder
 from flexstage.export.diagram.springs import DriveSpring
 from flexstage.lumped import Mechanism, Sight
 from flexstage.system import RayleighDamping
-
-__all__ = ["add_drive", "add_reading"]
-
-Array = NDArray[np.float64]
 
 
 def _line_of_sight(
@@ -47,27 +43,7 @@ def add_drive(
     free: str,
     group: str,
 ) -> None:
-    """Add the spring between the free displacement and the bodies, and its force on them.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    mechanism : Mechanism
-        Bodies and hinges.
-    sight : Sight
-        Where the drive acts.
-    bodies : dict
-        Blocks of the free bodies, by index.
-    spring : DriveSpring
-        The spring; without stiffness what comes is a force.
-    damping : RayleighDamping
-        Its beta makes a damper beside a spring that does not stand in.
-    free : str
-        Block of the free displacement, or of the force.
-    group : str
-        Name of the group of the drive.
-    """
+    """Add the spring between the free displacement and the bodies, and its force on them."""
     sides = _line_of_sight(mechanism, sight, bodies)
     force = free
     if spring.stiffness > 0.0:
@@ -180,26 +156,7 @@ def add_reading(
     bodies: dict[int, BodyBlocks],
     group: str,
 ) -> str:
-    """Add what a probe reads of the bodies.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-        Where to.
-    mechanism : Mechanism
-        Bodies and hinges.
-    sight : Sight
-        Where the probe reads.
-    bodies : dict
-        Blocks of the free bodies, by index.
-    group : str
-        Name of the group of the probe.
-
-    Returns
-    -------
-    str
-        Name of the block that gives the distance; empty where no free body is read.
-    """
+    """Add what a probe reads of the bodies."""
     sides = _line_of_sight(mechanism, sight, bodies)
     gains = []
     for number, (end, sign, row) in enumerate(sides):

@@ -4,26 +4,13 @@ from typing import Literal
 
 from flexstage.export.diagram.graph import Block, Diagram
 
-__all__ = ["SignalKind", "signal_kinds"]
-
 SignalKind = Literal["motion", "rate", "force", "other"]
 
 _OF_UNIT: dict[str, SignalKind] = {"m": "motion", "m/s": "rate", "N": "force"}
 
 
 def signal_kinds(diagram: Diagram) -> dict[str, SignalKind]:
-    """Return what the output of each block carries.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-
-    Returns
-    -------
-    dict
-        ``motion``, ``rate``, ``force`` or ``other`` (commands, voltages, accelerations), by block.
-    """
+    """Return what the output of each block carries."""
     feeds = {}
     for line in diagram.lines:
         if line.port == 0:

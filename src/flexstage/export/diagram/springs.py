@@ -3,16 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import nnls
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
-
-__all__ = ["DriveSpring", "drive_springs", "fitted_damping"]
-
-Array = NDArray[np.float64]
 
 #: By how much a stiff spring in place of an imposed displacement may change the lowest frequencies.
 _CHANGE = 1e-3
@@ -23,42 +19,20 @@ _STEPS = tuple(digit * 10.0**power for power in range(-2, 10) for digit in (1.0,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveSpring:
-    """The spring between the free displacement of a drive and the stage.
-
-    Parameters
-    ----------
-    stiffness : float
-        Its stiffness [N/m]; 0 for a drive that is a pure force.
-    stands_in : bool
-        Whether it takes the place of an imposed displacement.
-    own_frequency_hz : float
-        About the frequency of the motion that one that stands in adds [Hz]. The drive follows its
-        displacement with an error of (f/own)^2 at a frequency f.
-    """
+    """The spring between the free displacement of a drive and the stage."""
 
     stiffness: float
+    """Its stiffness [N/m]; 0 for a drive that is a pure force."""
     stands_in: bool = False
+    """Whether it takes the place of an imposed displacement."""
     own_frequency_hz: float = 0.0
+    """About the frequency of the motion that one that stands in adds [Hz]. The drive follows its
+    displacement with an error of (f/own)^2 at a frequency f.
+    """
 
 
 def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
     """Return the spring of each drive; a stiff one where the displacement is imposed.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The stage.
-
-    Returns
-    -------
-    dict
-        Spring by name of the drive. Those that stand in are just stiff enough that the six lowest
-        frequencies with the drives in place change by less than 0.1 %.
-
-    Raises
-    ------
-    ModelError
-        No spring is stiff enough.
 
     Examples
     --------
@@ -112,22 +86,6 @@ def _own_frequency(system: MechanicalSystem, vector: Array, stiffness: float) ->
 
 def fitted_damping(system: MechanicalSystem) -> RayleighDamping:
     """Return Rayleigh damping that gives the two lowest modes, drives in place, what they have.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The stage.
-
-    Returns
-    -------
-    RayleighDamping
-        C = alpha M + beta K, K with the springs of the drives. Where both factors cannot be
-        positive, the closest that can.
-
-    Raises
-    ------
-    ModelError
-        A mode has no stiffness.
 
     Examples
     --------

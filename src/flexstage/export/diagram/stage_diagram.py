@@ -17,8 +17,6 @@ from flexstage.lumped import Mechanism, lumped_system, mechanism
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
 
-__all__ = ["stage_diagram"]
-
 
 def stage_diagram(
     stage: Stage,

@@ -3,39 +3,32 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
-
-__all__ = ["StateSpace", "diagram_state_space"]
-
-Array = NDArray[np.float64]
 
 _NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateSpace:
-    """Linear equations x' = A x + B u, y = C x + D u.
-
-    Parameters
-    ----------
-    A, B, C, D : numpy.ndarray
-        The matrices.
-    states : tuple of str
-        Integrators that the states belong to, one entry for each state.
-    inputs, outputs : tuple of str
-        Names of blocks that the inputs and outputs belong to, one entry for each signal.
-    """
+    """Linear equations x' = A x + B u, y = C x + D u."""
 
     A: Array
+    """The matrices."""
     B: Array
+    """The matrices."""
     C: Array
+    """The matrices."""
     D: Array
+    """The matrices."""
     states: tuple[str, ...]
+    """Integrators that the states belong to, one entry for each state."""
     inputs: tuple[str, ...]
+    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
     outputs: tuple[str, ...]
+    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         """Iterate over A, B, C, D."""
@@ -44,24 +37,6 @@ class StateSpace:
 
 def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> StateSpace:
     """Return the linear equations that a diagram holds.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-    nonlinear : str
-        What to do with hysteresis, amplifiers, creep and sensors: ``refuse`` them, let their input
-        pass (``pass``), or ``cut`` there, so that the output of the last of them is an input.
-
-    Returns
-    -------
-    StateSpace
-        The equations.
-
-    Raises
-    ------
-    ModelError
-        A block is not linear, or lines form a loop without an integrator.
 
     Examples
     --------

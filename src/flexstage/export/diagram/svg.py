@@ -12,8 +12,6 @@ from flexstage.export.diagram.signals import SignalKind, signal_kinds
 from flexstage.export.diagram.symbols import inset, symbol
 from flexstage.export.diagram.text import SMALL, wrapped
 
-__all__ = ["diagram_svg"]
-
 _MARGIN = 24.0
 _FRAMES = {
     "body": ("#6f4a8e", "#fbf9fc"),
@@ -27,23 +25,10 @@ _LEAST_WIDTH = 900.0
 def diagram_svg(diagram: Diagram, *, placed: Layout | None = None) -> bytes:
     """Draw a diagram.
 
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-    placed : Layout, optional
-        Its layout; `flexstage.export.diagram.layout` where not given.
-
-    Returns
-    -------
-    bytes
-        An SVG file on white ground, without outside fonts, scripts or names that could clash with
-        those of another drawing on the same page. No letter is smaller than 9 px.
-
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export.diagram import stage_diagram
+    >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> diagram_svg(stage_diagram(design("parallelogram")))[:5]
     b'<?xml'
     """

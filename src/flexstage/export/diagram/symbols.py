@@ -9,8 +9,6 @@ from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import SUM_RADIUS, shape_width
 from flexstage.export.diagram.text import SMALL
 
-__all__ = ["COLOURS", "Colour", "inset", "symbol"]
-
 Colour = str
 Point = tuple[float, float]
 
@@ -25,18 +23,7 @@ COLOURS: dict[str, tuple[Colour, Colour]] = {
 
 
 def symbol(placed: PlacedBlock) -> str:
-    """Draw a block.
-
-    Parameters
-    ----------
-    placed : PlacedBlock
-        The block and its place.
-
-    Returns
-    -------
-    str
-        The element; its title, which browsers show over it, is the meaning of the block.
-    """
+    """Draw a block."""
     block = placed.block
     width = shape_width(block)
     x = placed.x + 0.5 * (placed.cell.width - width)
@@ -104,20 +91,7 @@ def _inset(y: float) -> float:
 
 
 def inset(placed: PlacedBlock, port: int) -> float:
-    """Return how far inside its cell a block is met by the line of an input.
-
-    Parameters
-    ----------
-    placed : PlacedBlock
-        The block.
-    port : int
-        The input.
-
-    Returns
-    -------
-    float
-        The distance [px].
-    """
+    """Return how far inside its cell a block is met by the line of an input."""
     block, cell = placed.block, placed.cell
     if block.kind != "sum":
         return 0.5 * (cell.width - shape_width(block))

@@ -1,7 +1,5 @@
 """How much room text takes in a drawing, estimated on the safe side."""
 
-__all__ = ["BASE", "SMALL", "plain", "text_width", "wrapped"]
-
 #: Sizes of letters [px].
 BASE = 12.0
 SMALL = 10.0
@@ -12,35 +10,12 @@ _WIDE = frozenset("mwMWΣ×→")
 
 
 def plain(text: str) -> str:
-    """Return a text without the marks of subscripts.
-
-    Parameters
-    ----------
-    text : str
-        A text such as ``k_in``.
-
-    Returns
-    -------
-    str
-        The text as it is read: ``kin``.
-    """
+    """Return a text without the marks of subscripts."""
     return text.replace("_", "")
 
 
 def text_width(text: str, size: float = BASE) -> float:
     """Return a width that a text does not exceed.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    size : float
-        Size of its letters [px].
-
-    Returns
-    -------
-    float
-        The width [px].
 
     Examples
     --------
@@ -52,22 +27,7 @@ def text_width(text: str, size: float = BASE) -> float:
 
 
 def wrapped(text: str, width: float, size: float = BASE) -> list[str]:
-    """Break a text into lines.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    width : float
-        Width of a line [px].
-    size : float
-        Size of the letters [px].
-
-    Returns
-    -------
-    list of str
-        The lines; a word that is wider than a line stands alone.
-    """
+    """Break a text into lines."""
     lines: list[str] = []
     for word in text.split():
         if lines and text_width(f"{lines[-1]} {word}", size) <= width:

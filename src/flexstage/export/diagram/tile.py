@@ -9,8 +9,6 @@ from flexstage.export.diagram.layered import Layered, layered
 from flexstage.export.diagram.shapes import block_cell
 from flexstage.export.diagram.text import SMALL, plain, text_width, wrapped
 
-__all__ = ["Port", "Tile", "make_tile"]
-
 _PAD = 10.0
 _TITLE = 26.0
 _SUBTITLE = 14.0
@@ -19,79 +17,46 @@ _PORT_APART = 19.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Port:
-    """Where a line enters or leaves a group.
-
-    Parameters
-    ----------
-    block : str
-        The block that it comes from.
-    side : str
-        ``L`` for one that enters, ``R`` for one that leaves.
-    y : float
-        Height below the top of the group [px].
-    label : str
-        Name of the signal.
-    """
+    """Where a line enters or leaves a group."""
 
     block: str
+    """The block that it comes from."""
     side: str
+    """``L`` for one that enters, ``R`` for one that leaves."""
     y: float
+    """Height below the top of the group [px]."""
     label: str
+    """Name of the signal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tile:
-    """A group, drawn.
-
-    Parameters
-    ----------
-    group : Group
-        The group.
-    width, height : float
-        Its size [px].
-    subtitle : tuple of str
-        Lines below its title: those that it stands for.
-    cells : dict
-        Left top corner of each block.
-    shapes : dict
-        Cells of the blocks.
-    flipped : set of str
-        Blocks that are drawn from right to left.
-    lines : dict
-        Segments of each line, by the block that it comes from.
-    ports : tuple of Port
-        Its ports.
-    names : tuple of tuple
-        Names of signals inside: the name, and where its base line begins [px].
-    """
+    """A group, drawn."""
 
     group: Group
+    """The group."""
     width: float
+    """Its size [px]."""
     height: float
+    """Its size [px]."""
     subtitle: tuple[str, ...]
+    """Lines below its title: those that it stands for."""
     cells: dict[str, tuple[float, float]]
+    """Left top corner of each block."""
     shapes: dict[str, Cell]
+    """Cells of the blocks."""
     flipped: set[str]
+    """Blocks that are drawn from right to left."""
     lines: dict[str, tuple[Segment, ...]]
+    """Segments of each line, by the block that it comes from."""
     ports: tuple[Port, ...]
+    """Its ports."""
     names: tuple[tuple[str, float, float], ...]
+    """Names of signals inside: the name, and where its base line begins [px]."""
 
 
 def make_tile(diagram: Diagram, group: Group) -> Tile:
-    """Draw one group.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-    group : Group
-        One of its groups.
-
-    Returns
-    -------
-    Tile
-        The drawing.
-    """
+    """Draw one group."""
     blocks = tuple(b for b in diagram.blocks if b.group == group.name)
     own = {b.name for b in blocks}
     inner = tuple(x for x in diagram.lines if x.source in own and x.target in own)

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["PITCH", "SAME", "Run", "tracks_of"]
-
 #: Distance between tracks [px].
 PITCH = 9.0
 #: Pins nearer than this count as one height [px].
@@ -13,18 +11,20 @@ SAME = 3.5
 
 @dataclass(slots=True)
 class Run:
-    """What a net needs in one channel between columns.
-
-    Parameters
-    ----------
-    left, right, bus : list of float
-        Heights at which it comes from the left, goes to the right, and joins a channel between
-        rows [px].
-    """
+    """What a net needs in one channel between columns."""
 
     left: list[float] = field(default_factory=list)
+    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
+    [px].
+    """
     right: list[float] = field(default_factory=list)
+    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
+    [px].
+    """
     bus: list[float] = field(default_factory=list)
+    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
+    [px].
+    """
 
     @property
     def heights(self) -> list[float]:
@@ -52,16 +52,6 @@ def tracks_of(runs: Mapping[str, Run]) -> dict[str, int]:
 
     Where a line comes from the left at the height at which another goes to the right, the first
     must turn before the second.
-
-    Parameters
-    ----------
-    runs : Mapping
-        The runs by the name of their net.
-
-    Returns
-    -------
-    dict
-        Number of the track of each, from the left.
     """
     before: dict[str, set[str]] = {n: set() for n in runs}
     for a, first in runs.items():

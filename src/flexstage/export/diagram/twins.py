@@ -9,25 +9,17 @@ import numpy as np
 from flexstage.lumped import Mechanism
 from flexstage.lumped.rigid_bodies import SpringHinge
 
-__all__ = ["Twins", "find_twins"]
-
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Twins:
-    """Classes of bodies and of hinges.
-
-    Parameters
-    ----------
-    bodies : tuple of tuple of int
-        Indices of the free bodies of each class.
-    hinges : tuple of tuple of int
-        Indices of the hinges of each class.
-    """
+    """Classes of bodies and of hinges."""
 
     bodies: tuple[tuple[int, ...], ...]
+    """Indices of the free bodies of each class."""
     hinges: tuple[tuple[int, ...], ...]
+    """Indices of the hinges of each class."""
 
 
 def find_twins(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> Twins:
@@ -37,18 +29,6 @@ def find_twins(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> Twins
     distance from their centres, to bodies that are twins in turn. Held bodies and those where a
     drive acts or a probe reads have no twins. It is the refinement of colours of a graph (B.
     Weisfeiler, A. Lehman, 1968).
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The bodies and hinges.
-    tolerance : float or None
-        By how much masses, stiffnesses and distances of twins may differ [1]; None for no twins.
-
-    Returns
-    -------
-    Twins
-        The classes, in the order of the mechanism.
 
     Examples
     --------

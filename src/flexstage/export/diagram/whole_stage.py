@@ -12,8 +12,6 @@ from flexstage.export.model import DynamicModel
 from flexstage.lumped import Mechanism
 from flexstage.system import RayleighDamping
 
-__all__ = ["whole_stage"]
-
 
 def whole_stage(
     mechanism: Mechanism,
@@ -25,31 +23,7 @@ def whole_stage(
     title: str,
     notes: tuple[str, ...],
 ) -> Diagram:
-    """Return the diagram of a whole stage.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Bodies and hinges.
-    model : DynamicModel
-        Chains of the drives, and sensors.
-    twins : Twins
-        Which bodies and hinges share a group. Their signals stand below one another in one line,
-        so that the diagram holds the same equations whichever are drawn together.
-    springs : dict
-        Spring of each drive.
-    damping : RayleighDamping
-        Damping.
-    title : str
-        What it shows.
-    notes : tuple of str
-        What was simplified.
-
-    Returns
-    -------
-    Diagram
-        The diagram.
-    """
+    """Return the diagram of a whole stage."""
     builder = DiagramBuilder()
     drives = {sight.name: sight for sight in mechanism.drives}
     opened = {

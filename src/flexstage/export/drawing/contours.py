@@ -8,8 +8,6 @@ from flexstage.errors import StageError
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
 
-__all__ = ["Contour", "Neck", "PlateContours", "plate_contours"]
-
 Pair = tuple[float, float]
 
 _SAME = 1e-9  # two points are one [m]
@@ -19,45 +17,32 @@ _STRAIGHT = 1e-14
 
 
 class Neck(NamedTuple):
-    """The thinnest section of a hinge, as the line between its two surfaces.
-
-    Parameters
-    ----------
-    hinge : str
-        Name of the hinge.
-    right, left : tuple of float
-        Its two ends [m], right and left of the hinge's direction; both are corners of contours.
-    """
+    """The thinnest section of a hinge, as the line between its two surfaces."""
 
     hinge: str
+    """Name of the hinge."""
     right: Pair
+    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
     left: Pair
+    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contour:
-    """One closed line of a plate, with the material on its left.
-
-    Parameters
-    ----------
-    loop : Loop
-        The line: counter-clockwise round the plate, clockwise round an opening in it.
-    kind : str
-        ``"outline"`` round the plate, ``"slot"`` round an opening in it, ``"hole"`` round a
-        mounting hole, which is drilled.
-    bodies : tuple of str
-        For each segment, the body that it bounds.
-    hinges : tuple of str or None
-        For each segment, the hinge on whose notch it lies; None on the edge of a body.
-    circle : Circle, optional
-        The circle, where it is one.
-    """
+    """One closed line of a plate, with the material on its left."""
 
     loop: Loop
+    """The line: counter-clockwise round the plate, clockwise round an opening in it."""
     kind: Literal["outline", "slot", "hole"]
+    """``"outline"`` round the plate, ``"slot"`` round an opening in it, ``"hole"`` round a mounting
+    hole, which is drilled.
+    """
     bodies: tuple[str, ...]
+    """For each segment, the body that it bounds."""
     hinges: tuple[str | None, ...]
+    """For each segment, the hinge on whose notch it lies; None on the edge of a body."""
     circle: Circle | None = None
+    """The circle, where it is one."""
 
     @property
     def area(self) -> float:
@@ -67,24 +52,16 @@ class Contour:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlateContours:
-    """All contours of a plate.
-
-    Parameters
-    ----------
-    outline : Contour
-        The outer one.
-    slots : tuple of Contour
-        The slots between bodies, and openings in them.
-    holes : tuple of Contour
-        Mounting holes.
-    necks : tuple of Neck
-        The necks of the hinges, in the order of the stage.
-    """
+    """All contours of a plate."""
 
     outline: Contour
+    """The outer one."""
     slots: tuple[Contour, ...]
+    """The slots between bodies, and openings in them."""
     holes: tuple[Contour, ...]
+    """Mounting holes."""
     necks: tuple[Neck, ...]
+    """The necks of the hinges, in the order of the stage."""
 
     @property
     def inner(self) -> tuple[Contour, ...]:
@@ -118,21 +95,6 @@ def plate_contours(stage: Stage) -> PlateContours:
     The contours of the bodies, each with its half notches grown on, are opened at the necks and
     chained across them, so that lines stay lines and arcs stay arcs. Corners in a straight edge are
     taken out, save the two ends of every neck.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    PlateContours
-        The contours.
-
-    Raises
-    ------
-    StageError
-        A notch does not grow from its bodies, or the plate is not of one piece.
 
     Notes
     -----

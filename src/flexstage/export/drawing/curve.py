@@ -5,8 +5,6 @@ from typing import NamedTuple
 
 from flexstage.stage.outline import arc
 
-__all__ = ["Curve", "crossings", "distance", "point_distance"]
-
 Pair = tuple[float, float]
 
 # how far beyond its end a curve still counts as met there [m]
@@ -14,19 +12,14 @@ _REACH = 1e-12
 
 
 class Curve(NamedTuple):
-    """A straight line or an arc.
-
-    Parameters
-    ----------
-    start, end : tuple of float
-        Its ends [m].
-    bulge : float
-        Tangent of a quarter of its angle, positive where it turns left [1]; 0 of a line.
-    """
+    """A straight line or an arc."""
 
     start: Pair
+    """Its ends [m]."""
     end: Pair
+    """Its ends [m]."""
     bulge: float = 0.0
+    """Tangent of a quarter of its angle, positive where it turns left [1]; 0 of a line."""
 
     @property
     def length(self) -> float:
@@ -47,18 +40,7 @@ class Curve(NamedTuple):
         return chord * (1.0 + self.bulge**2) / (4.0 * self.bulge)
 
     def direction(self, share: float) -> Pair:
-        """Return the unit tangent at a share of the length.
-
-        Parameters
-        ----------
-        share : float
-            0 at the start, 1 at the end [1].
-
-        Returns
-        -------
-        tuple of float
-            The direction (x, y).
-        """
+        """Return the unit tangent at a share of the length."""
         chord = math.dist(self.start, self.end)
         ux, uy = (self.end[0] - self.start[0]) / chord, (self.end[1] - self.start[1]) / chord
         if not self.bulge:
@@ -74,18 +56,7 @@ class Curve(NamedTuple):
         return ux * c - uy * s, ux * s + uy * c
 
     def point(self, share: float) -> Pair:
-        """Return the point at a share of the length.
-
-        Parameters
-        ----------
-        share : float
-            0 at the start, 1 at the end [1].
-
-        Returns
-        -------
-        tuple of float
-            The point (x, y) [m].
-        """
+        """Return the point at a share of the length."""
         if share in (0.0, 1.0):
             return self.end if share else self.start
         if not self.bulge:
@@ -102,35 +73,12 @@ class Curve(NamedTuple):
         )
 
     def part(self, first: float, last: float) -> "Curve":
-        """Return a part of the curve.
-
-        Parameters
-        ----------
-        first, last : float
-            Where it begins and ends, as shares of the length [1].
-
-        Returns
-        -------
-        Curve
-            The part.
-        """
+        """Return a part of the curve."""
         bulge = math.tan((last - first) * math.atan(self.bulge)) if self.bulge else 0.0
         return Curve(self.point(first), self.point(last), bulge)
 
     def shifted(self, distance: float) -> "Curve":
-        """Return the parallel curve on its right.
-
-        Parameters
-        ----------
-        distance : float
-            Distance to the right [m]; negative to the left. Less than the radius of an arc whose
-            centre is on that side.
-
-        Returns
-        -------
-        Curve
-            The parallel curve, of the same angle.
-        """
+        """Return the parallel curve on its right."""
         ends = []
         for share, (x, y) in ((0.0, self.start), (1.0, self.end)):
             tx, ty = self.direction(share)
@@ -138,18 +86,7 @@ class Curve(NamedTuple):
         return Curve(ends[0], ends[1], self.bulge)
 
     def share(self, p: Pair) -> float | None:
-        """Return where the curve passes a point of its line or circle.
-
-        Parameters
-        ----------
-        p : tuple of float
-            A point of the line or circle on which the curve lies [m].
-
-        Returns
-        -------
-        float or None
-            Its share of the length, 0 to 1; None where the curve does not reach it.
-        """
+        """Return where the curve passes a point of its line or circle."""
         slack = _REACH / self.length
         if self.bulge:
             centre, _, first, sweep = arc(*self)
@@ -169,17 +106,6 @@ class Curve(NamedTuple):
 
 def crossings(a: Curve, b: Curve) -> list[tuple[float, float]]:
     """Return where two curves meet.
-
-    Parameters
-    ----------
-    a, b : Curve
-        The curves.
-
-    Returns
-    -------
-    list of tuple of float
-        For each meeting, its share of the length of a and of b [1]; none where they run along each
-        other.
 
     Examples
     --------
@@ -239,20 +165,7 @@ def _arc_arc(a: Curve, b: Curve) -> list[Pair]:
 
 
 def point_distance(p: Pair, curve: Curve) -> float:
-    """Return the distance of a point from a curve.
-
-    Parameters
-    ----------
-    p : tuple of float
-        The point [m].
-    curve : Curve
-        The curve.
-
-    Returns
-    -------
-    float
-        The shortest distance [m].
-    """
+    """Return the distance of a point from a curve."""
     ends = min(math.dist(p, curve.start), math.dist(p, curve.end))
     if curve.bulge:
         centre, radius, _, _ = arc(*curve)
@@ -266,16 +179,6 @@ def point_distance(p: Pair, curve: Curve) -> float:
 
 def distance(a: Curve, b: Curve) -> float:
     """Return the shortest distance between two curves, exactly.
-
-    Parameters
-    ----------
-    a, b : Curve
-        The curves.
-
-    Returns
-    -------
-    float
-        The distance [m]; 0 where they meet.
 
     Examples
     --------

@@ -9,8 +9,6 @@ from flexstage.export.drawing.contours import Contour, Pair, PlateContours
 from flexstage.export.drawing.curve import Curve, distance, point_distance
 from flexstage.export.drawing.offset import WirePath
 
-__all__ = ["CUT_ORDER_RULE", "Cut", "cuts"]
-
 #: The rule by which `cuts` orders contours, in words.
 CUT_ORDER_RULE = (
     "openings without notches first, then slots from the middle of the plate outwards, "
@@ -26,24 +24,16 @@ _MARGIN = 1e-6  # how much further than it must the wire stays away on its way t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """One contour as it is cut.
-
-    Parameters
-    ----------
-    number : int
-        Its place in the order, from 1.
-    path : WirePath
-        The path of the wire.
-    start : tuple of float
-        Centre of the start hole [m].
-    entry : tuple of float
-        Where the wire comes upon its path, on a straight line from the start hole [m].
-    """
+    """One contour as it is cut."""
 
     number: int
+    """Its place in the order, from 1."""
     path: WirePath
+    """The path of the wire."""
     start: Pair
+    """Centre of the start hole [m]."""
     entry: Pair
+    """Where the wire comes upon its path, on a straight line from the start hole [m]."""
 
 
 def cuts(
@@ -54,27 +44,6 @@ def cuts(
     The start hole of a slot lies away from necks as far as the slot has room for it, that of the
     outline outside of its longest straight edge. The lead-in goes straight to the nearest place of
     the path that does not lie on a notch, where it would leave a mark.
-
-    Parameters
-    ----------
-    contours : PlateContours
-        The contours of the plate.
-    paths : tuple of WirePath
-        The path of the wire along the outline and the slots, by `offset_contours`.
-    offset : float
-        Half of the width of the cut [m].
-    start_hole : float
-        Diameter of the start holes [m].
-
-    Returns
-    -------
-    tuple of Cut
-        One for each path, in the order of cutting (`CUT_ORDER_RULE`).
-
-    Raises
-    ------
-    StageError
-        The start hole is narrower than the wire's cut, or does not fit into a slot.
     """
     if not 2.0 * offset <= start_hole < math.inf:
         raise StageError(

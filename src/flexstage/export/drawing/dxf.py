@@ -13,8 +13,6 @@ from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.export.file_names import file_name
 from flexstage.stage import Circle, Loop, Stage
 
-__all__ = ["DXF_LAYERS", "dxf_files"]
-
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
 DXF_LAYERS: dict[str, tuple[str, int, int]] = {
     "OUTLINE": ("outer contour of the plate", 7, 50),

@@ -4,23 +4,9 @@ import flexstage
 from flexstage.export.drawing.smooth import ARC_TOLERANCE, is_chords
 from flexstage.stage import Stage
 
-__all__ = ["millimetres", "notes", "title_lines"]
-
 
 def millimetres(value: float, digits: int = 6) -> str:
     """Write a length in millimetres, without the unit.
-
-    Parameters
-    ----------
-    value : float
-        The length [m].
-    digits : int
-        Digits after the point at most.
-
-    Returns
-    -------
-    str
-        The number, without zeros at its end.
 
     Examples
     --------
@@ -32,18 +18,7 @@ def millimetres(value: float, digits: int = 6) -> str:
 
 
 def title_lines(stage: Stage) -> list[tuple[str, str]]:
-    """Return what stands in the title block.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    list of tuple of str
-        Label and text of each line.
-    """
+    """Return what stands in the title block."""
     return [
         ("Stage", stage.name),
         ("Title", stage.title or "-"),
@@ -55,24 +30,7 @@ def title_lines(stage: Stage) -> list[tuple[str, str]]:
 
 
 def notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -> list[str]:
-    """Return the notes of a drawing.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    kerf : float or None
-        Width of the cut [m].
-    start_hole : float
-        Diameter of the start holes [m].
-    order : str
-        The rule of the order of cutting.
-
-    Returns
-    -------
-    list of str
-        One sentence each.
-    """
+    """Return the notes of a drawing."""
     profiles = {h.profile.kind for h in stage.hinges if is_chords(h.profile)}
     lines = ["Contours are those of the finished part; mounting holes are drilled."]
     if profiles:

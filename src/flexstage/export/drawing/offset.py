@@ -11,8 +11,6 @@ from flexstage.export.drawing.contours import Contour, Pair, PlateContours
 from flexstage.export.drawing.curve import Curve, crossings, distance, point_distance
 from flexstage.stage import Circle, Loop
 
-__all__ = ["WirePath", "offset_contours"]
-
 _SAME = 1e-12  # two points are one [m]
 # How far the wire may cut into the design, or leave material on a neck, before the path is refused
 # [m]: rounding is a millionth of it.
@@ -21,21 +19,14 @@ _GOUGE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WirePath:
-    """The path of the wire's centre along one contour.
-
-    Parameters
-    ----------
-    contour : Contour
-        The contour that it cuts.
-    loop : Loop
-        The path, in the direction of the contour: the material on its left.
-    circle : Circle, optional
-        The path of a circular contour.
-    """
+    """The path of the wire's centre along one contour."""
 
     contour: Contour
+    """The contour that it cuts."""
     loop: Loop
+    """The path, in the direction of the contour: the material on its left."""
     circle: Circle | None = None
+    """The path of a circular contour."""
 
 
 def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath, ...]:
@@ -45,24 +36,6 @@ def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath,
     material the wire runs on an arc, which leaves the corner sharp; into a re-entrant corner it
     goes as far as it fits, which leaves a fillet of the radius of the cut.
 
-    Parameters
-    ----------
-    contours : PlateContours
-        The contours of the plate.
-    distance : float
-        Half of the width of the cut [m]: half the diameter of the wire and the spark gap.
-
-    Returns
-    -------
-    tuple of WirePath
-        One for the outline and for each slot, in their order. Mounting holes are drilled, and have
-        none.
-
-    Raises
-    ------
-    StageError
-        The cut is too wide: for the radius of a notch or fillet, or for a slot.
-
     Notes
     -----
     Validity: the path is checked before it is returned. Nowhere is it nearer to a contour than
@@ -71,7 +44,7 @@ def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath,
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export.drawing import plate_contours
+    >>> from flexstage.export.drawing.contours import plate_contours
     >>> plate = plate_contours(design("parallelogram"))
     >>> outline, slot = offset_contours(plate, 0.15e-3)
     >>> round((plate.slots[0].area - slot.loop.integrals().area) * 1e6, 3)

@@ -13,8 +13,6 @@ from flexstage.hinges.profile import Piece, Vertex
 from flexstage.stage import Stage
 from flexstage.stage.outline import arc
 
-__all__ = ["ARC_TOLERANCE", "is_chords", "profile_in_arcs", "smooth_notches"]
-
 #: Largest distance of the arcs from the profile that they stand for [m].
 ARC_TOLERANCE = 10e-9
 
@@ -27,43 +25,29 @@ _Node = tuple[float, float, float]  # x, depth [m] and angle [rad]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _InArcs(Profile):
-    """A profile whose outline is made of arcs; all else is the profile's own.
-
-    Parameters
-    ----------
-    neck_thickness : float
-        Smallest thickness t [m].
-    one_sided : bool
-        Whether the notch is cut on one side only.
-    original : Profile
-        The profile.
-    """
+    """A profile whose outline is made of arcs; all else is the profile's own."""
 
     kind: ClassVar[str] = "arcs"
 
     original: Profile
+    """The profile."""
 
     @property
     def length(self) -> float:
-        """Length of the whole notch along the hinge [m]."""
         return self.original.length
 
     @property
     def depth(self) -> float:
-        """Depth of the notch at its root, on one side [m]."""
         return self.original.depth
 
     @property
     def neck_radius(self) -> float:
-        """Radius of curvature where the stress is largest [m]."""
         return self.original.neck_radius
 
     def pieces(self) -> tuple[Piece, ...]:
-        """Return the contour of the profile."""
         return self.original.pieces()
 
     def contour(self) -> tuple[Vertex, ...]:
-        """Return the contour as arcs."""
         return _arcs(self.original)
 
 
@@ -73,16 +57,6 @@ def smooth_notches(stage: Stage) -> Stage:
     Elliptical, parabolic, hyperbolic and power notches are described elsewhere by chords, whose
     corners a wire would blunt. Here they become pairs of arcs with a common tangent (K. M. Bolton,
     Computer-Aided Design 7 (1975) 89), as many as bring them within 10 nm of the profile.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    Stage
-        The same stage for `plate_contours`; profiles of lines and arcs are left as they are.
 
     Examples
     --------
@@ -104,18 +78,7 @@ def smooth_notches(stage: Stage) -> Stage:
 
 
 def profile_in_arcs(profile: Profile) -> Profile:
-    """Return a profile that draws itself with lines and arcs only.
-
-    Parameters
-    ----------
-    profile : Profile
-        The profile.
-
-    Returns
-    -------
-    Profile
-        The same where it does already.
-    """
+    """Return a profile that draws itself with lines and arcs only."""
     if not is_chords(profile):
         return profile
     return _InArcs(
@@ -124,18 +87,7 @@ def profile_in_arcs(profile: Profile) -> Profile:
 
 
 def is_chords(profile: Profile) -> bool:
-    """Tell whether the outline of a profile only comes near to it.
-
-    Parameters
-    ----------
-    profile : Profile
-        The profile.
-
-    Returns
-    -------
-    bool
-        True for those that are neither lines nor arcs.
-    """
+    """Tell whether the outline of a profile only comes near to it."""
     contour = profile.contour()
     return len(contour) > 8 and not any(v.bulge for v in contour)
 

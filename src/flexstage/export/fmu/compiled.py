@@ -10,8 +10,6 @@ from tempfile import TemporaryDirectory
 
 from flexstage.errors import ModelError
 
-__all__ = ["OPTIONS", "binary_folder", "compiler", "shared_library"]
-
 #: Options that keep every result to the last bit: products and sums are not contracted. A higher
 #: level gains a tenth in time, but reads ahead what it then does not use, which valgrind reports.
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off")
@@ -24,29 +22,12 @@ _EXTENSIONS = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
 
 
 def compiler() -> str | None:
-    """Return the C compiler that is found.
-
-    Returns
-    -------
-    str or None
-        Its path; None where there is none.
-    """
+    """Return the C compiler that is found."""
     return next((path for name in _COMPILERS if (path := shutil.which(name))), None)
 
 
 def binary_folder(version: str) -> tuple[str, str]:
-    """Return where an importer on this computer looks for the library.
-
-    Parameters
-    ----------
-    version : str
-        ``2.0`` or ``3.0``.
-
-    Returns
-    -------
-    tuple of str
-        Name of the folder under ``binaries``, and the extension of the file.
-    """
+    """Return where an importer on this computer looks for the library."""
     system = _SYSTEMS.get(sys.platform, sys.platform)
     machine = platform.machine().lower()
     machine = _MACHINES.get(machine, machine)
@@ -57,27 +38,7 @@ def binary_folder(version: str) -> tuple[str, str]:
 
 
 def shared_library(sources: Mapping[str, bytes], main: str, name: str) -> bytes:
-    """Compile sources into a shared library.
-
-    Parameters
-    ----------
-    sources : Mapping
-        Content by file name.
-    main : str
-        The file to compile, which includes the others.
-    name : str
-        Name of the library.
-
-    Returns
-    -------
-    bytes
-        The library.
-
-    Raises
-    ------
-    ModelError
-        There is no compiler, or it fails.
-    """
+    """Compile sources into a shared library."""
     found = compiler()
     if found is None:
         raise ModelError(

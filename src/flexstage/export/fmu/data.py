@@ -6,26 +6,9 @@ from flexstage.export.fmu.layout import INDICATORS, FmuLayout
 from flexstage.export.model import DynamicModel
 from flexstage.export.source.arrays import c_comment, c_number
 
-__all__ = ["fmu_data"]
-
 
 def fmu_data(model: DynamicModel, layout: FmuLayout, token: str) -> str:
-    """Return the header that ties value references to the core.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    layout : FmuLayout
-        Its variables.
-    token : str
-        The guid or instantiation token.
-
-    Returns
-    -------
-    str
-        The text of ``fmu_data.h``.
-    """
+    """Return the header that ties value references to the core."""
     first, count, at = layout.first, layout.count, layout.states
     amplified = [i for i, place in enumerate(at.voltage_at) if place >= 0]
     numbers = {

@@ -5,24 +5,9 @@ import numpy as np
 from flexstage.export.fmu.layout import FmuLayout
 from flexstage.export.model import DynamicModel
 
-__all__ = ["depends_on"]
-
 
 def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
-    """Return which inputs and states each output, derivative and event indicator is a function of.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    layout : FmuLayout
-        Its variables.
-
-    Returns
-    -------
-    dict
-        Value references of inputs, states and time, rising, by value reference.
-    """
+    """Return the inputs and states that each output, derivative and event indicator depends on."""
     k, x, at = model.omega.size, layout.first["state"], layout.states
     dx = layout.first["derivative"]
     q, v = x + at.deflection_at, x + at.deflection_at + k

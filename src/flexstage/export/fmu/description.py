@@ -7,8 +7,6 @@ from flexstage.export.fmu.layout import FmuLayout, FmuVariable
 from flexstage.export.fmu.unit_definitions import base_units
 from flexstage.export.model import DynamicModel
 
-__all__ = ["MAIN", "model_description", "tool"]
-
 #: The file to compile, by version; it includes all others.
 MAIN = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
 
@@ -17,37 +15,14 @@ _STEPS_SHOWN = 10000  # of the default experiment: a second of most stages
 
 
 def tool() -> str:
-    """Return the name of this program with its version.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return the name of this program with its version."""
     from flexstage import __version__
 
     return f"flexstage {__version__}"
 
 
 def model_description(model: DynamicModel, layout: FmuLayout, version: str, token: str) -> bytes:
-    """Return what an FMU says about itself.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    layout : FmuLayout
-        Its variables.
-    version : str
-        ``2.0`` or ``3.0``.
-    token : str
-        The guid or instantiation token.
-
-    Returns
-    -------
-    bytes
-        The XML.
-    """
+    """Return what an FMU says about itself."""
     second = version == "2.0"
     root = ET.Element(
         "fmiModelDescription",

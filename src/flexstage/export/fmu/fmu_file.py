@@ -16,10 +16,8 @@ from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.icon import icon_png
 from flexstage.export.fmu.layout import FmuLayout, fmu_layout
 from flexstage.export.model import DynamicModel
-from flexstage.export.source import render_source
+from flexstage.export.source.render import render_source
 from flexstage.stage import Stage
-
-__all__ = ["fmu_files"]
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}

@@ -12,25 +12,12 @@ from flexstage.stage.contour import body_contour
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["icon_png"]
-
 _PIXELS = 256
 _HELD, _MOVED, _EDGE = "#9aa5b1", "#3f7fbf", "#1f2d3d"
 
 
 def icon_png(stage: Stage | None) -> bytes:
-    """Return a small square picture.
-
-    Parameters
-    ----------
-    stage : Stage or None
-        The stage whose plate is drawn; None for a sketch of a block between two leaf springs.
-
-    Returns
-    -------
-    bytes
-        A PNG image with a clear background.
-    """
+    """Return a small square picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -7,9 +7,7 @@ from typing import Literal
 from flexstage.export.fmu.names import identifier, plain_names, structured
 from flexstage.export.fmu.solver_states import SolverStates, solver_states, usual_command
 from flexstage.export.model import DynamicModel
-from flexstage.export.source import c_variables
-
-__all__ = ["INDICATORS", "FmuLayout", "FmuVariable", "fmu_layout"]
+from flexstage.export.source.variables import c_variables
 
 Causality = Literal["independent", "parameter", "input", "output", "local"]
 
@@ -24,108 +22,61 @@ INDICATORS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FmuVariable:
-    """A variable of an FMU.
-
-    Parameters
-    ----------
-    reference : int
-        Value reference; variables are listed in this order, from 0.
-    name : str
-        Its name.
-    causality : str
-        ``independent``, ``parameter``, ``input``, ``output`` or ``local``.
-    variability : str
-        ``continuous``, ``tunable`` or ``fixed``.
-    description : str
-        What it is.
-    unit : str
-        Its unit; ``1`` for none.
-    start : float, int or None
-        Its value at first, of parameters and inputs.
-    whole : bool
-        Whether it is an integer.
-    expression : str
-        Where it is in C, of parameters and of locals that the core has.
-    nominal : float or None
-        Usual size, of states.
-    state : int or None
-        Value reference of the state whose derivative it is.
-    limits : tuple of float or None
-        Lowest and highest value, where there are such.
-    """
+    """A variable of an FMU."""
 
     reference: int
+    """Value reference; variables are listed in this order, from 0."""
     name: str
+    """Its name."""
     causality: Causality
+    """``independent``, ``parameter``, ``input``, ``output`` or ``local``."""
     variability: Literal["continuous", "tunable", "fixed"]
+    """``continuous``, ``tunable`` or ``fixed``."""
     description: str
+    """What it is."""
     unit: str = "1"
+    """Its unit; ``1`` for none."""
     start: float | None = None
+    """Its value at first, of parameters and inputs."""
     whole: bool = False
+    """Whether it is an integer."""
     expression: str = ""
+    """Where it is in C, of parameters and of locals that the core has."""
     nominal: float | None = None
+    """Usual size, of states."""
     state: int | None = None
+    """Value reference of the state whose derivative it is."""
     limits: tuple[float, float] | None = None
+    """Lowest and highest value, where there are such."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FmuLayout:
-    """The variables of an FMU, and where each kind begins.
-
-    Parameters
-    ----------
-    identifier : str
-        Name of the FMU as C takes it.
-    variables : tuple of FmuVariable
-        The variables, by value reference.
-    first : dict
-        First value reference by kind: ``parameter``, ``input``, ``output``, ``local``, ``state``,
-        ``derivative``, ``indicator``.
-    count : dict
-        Number of variables by kind.
-    states : SolverStates
-        The states of the solver, in their order.
-    usual_voltage : tuple of float
-        Usual size of the voltage of each drive [V].
-    """
+    """The variables of an FMU, and where each kind begins."""
 
     identifier: str
+    """Name of the FMU as C takes it."""
     variables: tuple[FmuVariable, ...]
+    """The variables, by value reference."""
     first: dict[str, int]
+    """First value reference by kind: ``parameter``, ``input``, ``output``, ``local``, ``state``,
+    ``derivative``, ``indicator``.
+    """
     count: dict[str, int]
+    """Number of variables by kind."""
     states: SolverStates
+    """The states of the solver, in their order."""
     usual_voltage: tuple[float, ...]
+    """Usual size of the voltage of each drive [V]."""
 
     def of(self, kind: str) -> tuple[FmuVariable, ...]:
-        """Return the variables of a kind.
-
-        Parameters
-        ----------
-        kind : str
-            One of the keys of `first`.
-
-        Returns
-        -------
-        tuple of FmuVariable
-            The variables.
-        """
+        """Return the variables of a kind."""
         start = self.first[kind]
         return self.variables[start : start + self.count[kind]]
 
 
 def fmu_layout(model: DynamicModel) -> FmuLayout:
-    """Return the variables of the FMU of a model.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    FmuLayout
-        The variables, and where each kind begins.
-    """
+    """Return the variables of the FMU of a model."""
     found: list[FmuVariable] = []
     first: dict[str, int] = {}
     count: dict[str, int] = {}

@@ -5,23 +5,11 @@ from collections.abc import Iterable
 
 from flexstage.export.simulink.matlab_text import plain
 
-__all__ = ["identifier", "plain_names", "structured"]
-
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[[0-9]+(,[0-9]+)*\])?")
 
 
 def identifier(name: str) -> str:
     """Return a name as C takes it.
-
-    Parameters
-    ----------
-    name : str
-        Any name.
-
-    Returns
-    -------
-    str
-        Letters, digits and underscores of it, not a digit first.
 
     Examples
     --------
@@ -34,16 +22,6 @@ def identifier(name: str) -> str:
 
 def plain_names(names: Iterable[str]) -> list[str]:
     """Return a name of one part for each name of drives, or of probes, no two alike.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Any names.
-
-    Returns
-    -------
-    list of str
-        ASCII text without dots for each, in their order.
 
     Examples
     --------
@@ -64,16 +42,6 @@ def plain_names(names: Iterable[str]) -> list[str]:
 
 def structured(name: str) -> str:
     """Return a dotted name as FMI's structured naming convention has it.
-
-    Parameters
-    ----------
-    name : str
-        Parts with dots between them; a part that is a number counts the part before it.
-
-    Returns
-    -------
-    str
-        Numbers in brackets, other parts that are no identifiers between quotes.
 
     Examples
     --------

@@ -7,88 +7,50 @@ import numpy as np
 from flexstage.export.fmu.names import structured
 from flexstage.export.model import DynamicModel, ModelDrive
 
-__all__ = ["SolverState", "SolverStates", "solver_states", "usual_command"]
-
 _SMALLEST_SHARE = 1e-6  # of the largest usual size, for modes that hardly move
 
 
 @dataclass(frozen=True, slots=True)
 class SolverState:
-    """A state of the differential equations.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    unit, rate_unit : str
-        Unit of the state and of its derivative.
-    description : str
-        What it is.
-    nominal : float
-        Usual size.
-    """
+    """A state of the differential equations."""
 
     name: str
+    """Its name."""
     unit: str
+    """Unit of the state and of its derivative."""
     rate_unit: str
+    """Unit of the state and of its derivative."""
     description: str
+    """What it is."""
     nominal: float
+    """Usual size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverStates:
-    """All states, and where each kind is.
-
-    Parameters
-    ----------
-    states : tuple of SolverState
-        Voltages, lags of creep, deflections, rates, lags of sensors.
-    voltage_at, lag_at : tuple of int
-        Where the voltage and the first lag of each drive are; -1 for none.
-    deflection_at : int
-        Where the deflections of the modes begin; their rates come right after.
-    seen_at : tuple of int
-        Where the lag of the sensor of each probe is; -1 for none.
-    """
+    """All states, and where each kind is."""
 
     states: tuple[SolverState, ...]
+    """Voltages, lags of creep, deflections, rates, lags of sensors."""
     voltage_at: tuple[int, ...]
+    """Where the voltage and the first lag of each drive are; -1 for none."""
     lag_at: tuple[int, ...]
+    """Where the voltage and the first lag of each drive are; -1 for none."""
     deflection_at: int
+    """Where the deflections of the modes begin; their rates come right after."""
     seen_at: tuple[int, ...]
+    """Where the lag of the sensor of each probe is; -1 for none."""
 
 
 def usual_command(d: ModelDrive) -> float:
-    """Return the usual size of the command of a drive, which is that of its voltage too.
-
-    Parameters
-    ----------
-    d : ModelDrive
-        The drive.
-
-    Returns
-    -------
-    float
-        The size [V, m or N]; never 0.
-    """
+    """Return the usual size of the command of a drive, which is that of its voltage too."""
     ranges = [r for r in (d.amplifier and d.amplifier.voltage_range, d.input_range) if r]
     size = max((abs(v) for r in ranges for v in r if np.isfinite(v)), default=0.0)
     return size or {"V": 100.0, "m": 1e-5}.get(d.unit, 1.0)
 
 
 def solver_states(model: DynamicModel) -> SolverStates:
-    """Return the states of a model under an importer's solver.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    SolverStates
-        The states.
-    """
+    """Return the states of a model under an importer's solver."""
     found: list[SolverState] = []
     outputs = [_usual_output(d) for d in model.drives]
     voltage_at = tuple(_voltage(found, d) for d in model.drives)

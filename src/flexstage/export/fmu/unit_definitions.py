@@ -2,8 +2,6 @@
 
 import re
 
-__all__ = ["base_units"]
-
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 # exponents of kg, m, s, A; then K and rad where they are not 0
 _KNOWN: dict[str, dict[str, int]] = {
@@ -22,17 +20,6 @@ _FACTOR = re.compile(r"(?P<unit>[A-Za-zµμ]+|1)\^?(?P<power>-?[0-9.]+)?")
 
 def base_units(unit: str) -> dict[str, float] | None:
     """Return the exponents of the base units of a unit.
-
-    Parameters
-    ----------
-    unit : str
-        Units with powers, spaces between them, and one ``/``: ``m/V^2``, ``1/(V m)``.
-
-    Returns
-    -------
-    dict or None
-        Exponents of kg, m, s, A, K, mol, cd, rad that are not 0, and ``factor`` where a prefix
-        makes it another than 1; None where there are no such whole exponents.
 
     Examples
     --------

@@ -13,27 +13,15 @@ from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
-from flexstage.system import DrivePort, MechanicalSystem, modes
+from flexstage.system import MechanicalSystem, modes
 from flexstage.system.imposed import imposed_shape
-
-__all__ = ["contents", "damping_matrix", "mat_file"]
+from flexstage.system.mechanical import DrivePort
 
 _HEADER = 116  # bytes of text at the start of a .mat file, level 5
 
 
 def mat_file(variables: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a .mat file, level 5; the same variables give the same bytes.
-
-    Parameters
-    ----------
-    variables : Mapping
-        Values by name; a dict becomes a struct.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+    """Return the bytes of a .mat file, level 5; the same variables give the same bytes."""
     from scipy.io import savemat
 
     buffer = io.BytesIO()
@@ -47,20 +35,7 @@ def mat_file(variables: Mapping[str, Any]) -> bytes:
 
 
 def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
-    """Return the variables of the .mat file of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : DynamicModel
-        Its model; the matrices are those of its mechanical system.
-
-    Returns
-    -------
-    dict
-        Variables by name, as `scipy.io.savemat` takes them.
-    """
+    """Return the variables of the .mat file of a stage."""
     system = model.system
     form, step, k = linear_part(model), sampled_form(model), model.omega.size
     found = modes(system, drives="in place", count=None)
@@ -118,16 +93,6 @@ def damping_matrix(system: MechanicalSystem) -> Array:
     with the modes :math:`\Phi` of the drives in place, of unit modal mass. T is the static shape of
     a rigid drive and v its vector, so that a motion that follows the rigid drives slowly is not
     damped; without rigid drives there is none.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-
-    Returns
-    -------
-    numpy.ndarray
-        Damping of the coordinates [N s/m and so on], shape (n, n).
     """
     found = modes(system, drives="in place", count=None)
     reader = found.shapes.T @ system.M

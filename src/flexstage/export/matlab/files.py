@@ -13,8 +13,6 @@ from flexstage.export.simulink.matlab_text import KEYWORDS
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
-__all__ = ["matlab_files", "matlab_name"]
-
 _TEMPLATES = ("stage_script.m", "stage_step.m")
 _LONGEST = 63 - len("_step")  # of a name in MATLAB
 
@@ -86,17 +84,6 @@ def matlab_files(
 
 def matlab_name(text: str) -> str:
     """Return the nearest name that MATLAB and C allow.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        Letters, digits and underscores, beginning with a letter, at most 58; no word of the
-        language, and no function or variable that the files use.
 
     Examples
     --------

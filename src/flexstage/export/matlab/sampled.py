@@ -8,26 +8,17 @@ from flexstage.export.control_object import linear_part
 from flexstage.export.model import DynamicModel
 from flexstage.hysteresis.model import Array
 
-__all__ = ["SampledForm", "sampled_form"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampledForm:
-    """x' = transition x + start w + end w' over one step, for inputs of straight lines.
-
-    Parameters
-    ----------
-    transition : numpy.ndarray
-        What the state does to the next one, shape (n, n).
-    start : numpy.ndarray
-        What the input at the start of the step does, shape (n, m).
-    end : numpy.ndarray
-        What the input at its end does, shape (n, m).
-    """
+    """x' = transition x + start w + end w' over one step, for inputs of straight lines."""
 
     transition: Array
+    """What the state does to the next one, shape (n, n)."""
     start: Array
+    """What the input at the start of the step does, shape (n, m)."""
     end: Array
+    """What the input at its end does, shape (n, m)."""
 
     @property
     def held(self) -> Array:
@@ -46,16 +37,6 @@ def sampled_form(model: DynamicModel) -> SampledForm:
     Modes do not act on one another, so each is taken with the lags alone: the exponential of the
     matrix of (mode, its rate over omega, lags, inputs, their rises), C. F. Van Loan, IEEE Trans.
     Autom. Control 23 (1978) 395.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    SampledForm
-        The step.
     """
     from scipy.linalg import expm
 

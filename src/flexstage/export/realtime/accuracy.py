@@ -6,8 +6,6 @@ from flexstage.export.model import DynamicModel
 from flexstage.export.realtime.check_samples import command_span
 from flexstage.hysteresis.model import Array
 
-__all__ = ["ROUNDINGS", "rounding_bound"]
-
 #: Roundings of a step over the largest force: six terms of the size of the force in deflection and
 #: in rate, each with the rounding of its factor, its product and three sums.
 ROUNDINGS = 42.0
@@ -27,18 +25,6 @@ def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array
     with the weights r of the reading and c = 42, which for slow modes is
     :math:`c u/(\zeta\omega h)`. Roundings go both ways, so that what is seen is some hundred times
     less.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    unit_roundoff : float
-        Unit roundoff [1]; that of single precision where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Bounds by probe [unit of the reading], shape (p,); infinite where a mode is not damped.
 
     Notes
     -----

@@ -5,8 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-__all__ = ["amalgamated", "in_single", "prefixed"]
-
 _OWN = re.compile(r'^\s*#\s*include\s+"([^"]+)".*\n', re.MULTILINE)
 _NUMBERS = re.compile(r"static const fs_real \w+(?:\[\w+\])+ = \{.*?\};", re.DOTALL)
 _NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?(?![\w.])")
@@ -14,23 +12,7 @@ _SYSTEM = re.compile(r"^\s*#\s*include\s+<([^>]+)>.*\n", re.MULTILINE)
 
 
 def amalgamated(sources: Mapping[str, bytes]) -> str:
-    """Return headers as one text.
-
-    Parameters
-    ----------
-    sources : Mapping
-        Content by file name, each file after those that it includes.
-
-    Returns
-    -------
-    str
-        System headers once at its head, then the files without includes of one another.
-
-    Raises
-    ------
-    ValueError
-        A header is missing, or stands behind one that includes it.
-    """
+    """Return headers as one text."""
     parts: list[str] = []
     system: dict[str, None] = {}
     done: set[str] = set()
@@ -49,18 +31,6 @@ def amalgamated(sources: Mapping[str, bytes]) -> str:
 def prefixed(text: str, prefix: str) -> str:
     """Return C with the names of the core, fs_... and FS_..., under a prefix of its own.
 
-    Parameters
-    ----------
-    text : str
-        Code and comments.
-    prefix : str
-        The prefix, a name in C; macros take it in capitals.
-
-    Returns
-    -------
-    str
-        The code; two with other prefixes stand side by side in one program.
-
     Examples
     --------
     >>> prefixed("fs_real x = FS_R(1.0);", "xy")
@@ -72,17 +42,6 @@ def prefixed(text: str, prefix: str) -> str:
 
 def in_single(text: str) -> str:
     """Return C with the numbers of its constant arrays written in single precision.
-
-    Parameters
-    ----------
-    text : str
-        Code with arrays of `fs_real`, in as many digits as double precision needs.
-
-    Returns
-    -------
-    str
-        The same with the fewest digits that bring back the bits of single precision; what is below
-        its smallest normal number is zero.
 
     Examples
     --------

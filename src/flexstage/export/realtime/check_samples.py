@@ -7,43 +7,21 @@ import numpy as np
 from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.hysteresis.model import Array
 
-__all__ = ["CheckSamples", "check_samples", "command_span"]
-
 _COUNT = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CheckSamples:
-    """Commands, and what the stage reads under them, from rest at zero commands.
-
-    Parameters
-    ----------
-    commands : numpy.ndarray
-        Commands in order of the drives, exact in single precision too, shape (n, m).
-    readings : numpy.ndarray
-        Readings in order of the probes, shape (n, p).
-    """
+    """Commands, and what the stage reads under them, from rest at zero commands."""
 
     commands: Array
+    """Commands in order of the drives, exact in single precision too, shape (n, m)."""
     readings: Array
+    """Readings in order of the probes, shape (n, p)."""
 
 
 def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
-    """Return between what a drive may well be commanded.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    drive : ModelDrive
-        One of its drives.
-
-    Returns
-    -------
-    tuple of float
-        Its range where that is known, else its stroke or largest force to both sides, else 10 um
-        or 1 N [unit of the command].
-    """
+    """Return between what a drive may well be commanded."""
     if drive.input_range is not None:
         return drive.input_range
     port = model.system.drive(drive.name)
@@ -56,20 +34,7 @@ def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
 
 
 def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
-    """Return commands that take every drive through loops, steps and rest, and the readings.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    count : int
-        Number of samples.
-
-    Returns
-    -------
-    CheckSamples
-        The samples, stepped one at a time.
-    """
+    """Return commands that take every drive through loops, steps and rest, and the readings."""
     share = np.arange(1, count + 1) / count
     commands = np.empty((count, len(model.drives)))
     for j, drive in enumerate(model.drives):

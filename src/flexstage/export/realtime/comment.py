@@ -10,26 +10,9 @@ from flexstage.export.realtime.accuracy import ROUNDINGS, rounding_bound
 from flexstage.export.realtime.cost import operations, state_numbers
 from flexstage.export.source.arrays import c_comment
 
-__all__ = ["opening"]
-
 
 def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
-    """Return the comment that a header begins with.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    prefix : str
-        Prefix of all names.
-    single : bool
-        Whether it is in single precision.
-
-    Returns
-    -------
-    str
-        The comment.
-    """
+    """Return the comment that a header begins with."""
     big = prefix.upper()
     lines = [
         f"{prefix}.h: flexure stage {model.name}, stepped in real time.",

@@ -5,22 +5,9 @@ import numpy as np
 from flexstage.export.model import DynamicModel
 from flexstage.export.source.model_numbers import lag_rates
 
-__all__ = ["operations", "state_numbers"]
-
 
 def operations(model: DynamicModel) -> int:
-    """Return about how many additions and multiplications a usual step takes.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    int
-        The number, for a step in which no hysteresis changes its branch.
-    """
+    """Return about how many additions and multiplications a usual step takes."""
     k, probes = model.omega.size, len(model.probes)
     total = 0
     for d in model.drives:
@@ -36,18 +23,7 @@ def operations(model: DynamicModel) -> int:
 
 
 def state_numbers(model: DynamicModel) -> int:
-    """Return how many numbers the model remembers from step to step.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    int
-        Deflections and rates of each drive's modes, lags, hysteresis, amplifier, sensors.
-    """
+    """Return how many numbers the model remembers from step to step."""
     total = 0
     for d in model.drives:
         memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.rest()))

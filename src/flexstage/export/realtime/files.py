@@ -16,10 +16,8 @@ from flexstage.export.realtime.accuracy import rounding_bound
 from flexstage.export.realtime.amalgamate import amalgamated, in_single, prefixed
 from flexstage.export.realtime.check_samples import CheckSamples, check_samples, command_span
 from flexstage.export.realtime.comment import opening
-from flexstage.export.source import render_source
 from flexstage.export.source.arrays import c_array, c_comment, c_number
-
-__all__ = ["c_prefix", "realtime_files"]
+from flexstage.export.source.render import render_source
 
 _LONGEST = 40
 # A weight that is this much smaller than the largest is far below what single precision resolves;
@@ -106,16 +104,6 @@ def realtime_files(
 
 def c_prefix(text: str) -> str:
     """Return the nearest prefix of names that C allows.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        Small letters, digits and single underscores, beginning with a letter, at most 40.
 
     Examples
     --------

@@ -15,8 +15,6 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis.model import Array
 
-__all__ = ["Bench", "bench"]
-
 _SAMPLES = 401
 # Largest command where nobody has said how far a drive goes.
 _USUAL = {"V": 10.0, "m": 1e-5, "N": 1.0}
@@ -24,21 +22,14 @@ _USUAL = {"V": 10.0, "m": 1e-5, "N": 1.0}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """A model and what it records.
-
-    Parameters
-    ----------
-    system : System
-        The top of the model.
-    commands : dict
-        Variable of the command by input of the diagram.
-    readings : dict
-        Variable in the workspace of MATLAB, by what it holds.
-    """
+    """A model and what it records."""
 
     system: System
+    """The top of the model."""
     commands: Mapping[str, str]
+    """Variable of the command by input of the diagram."""
     readings: Mapping[str, str]
+    """Variable in the workspace of MATLAB, by what it holds."""
 
 
 def bench(
@@ -51,35 +42,7 @@ def bench(
     variables: Variables,
     functions: Functions,
 ) -> Bench:
-    """Return the top of a Simulink model.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The structural diagram.
-    model : DynamicModel or None
-        The stage, for its modes beside the diagram; None for the diagram alone.
-    name : str
-        Name of the model.
-    sample_time : str
-        Time between samples of the hysteresis, as an expression [s].
-    duration : float
-        Length of the commands [s].
-    variables : Variables
-        Where matrices go.
-    functions : Functions
-        Where hysteresis models go.
-
-    Returns
-    -------
-    Bench
-        The model.
-
-    Raises
-    ------
-    ModelError
-        The diagram has no input or no output, or its inputs are not those of the model.
-    """
+    """Return the top of a Simulink model."""
     inputs = [b for b in diagram.blocks if b.kind == "input"]
     outputs = [b for b in diagram.blocks if b.kind == "output"]
     if not inputs or not outputs:

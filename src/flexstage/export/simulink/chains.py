@@ -10,29 +10,12 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis import Amplifier, Creep, Sensor
 
-__all__ = ["VECTOR_GAIN", "amplifier", "creep", "gain", "hysteresis", "refuse_columns", "sensor"]
-
 #: How a Gain block multiplies a column of signals by its matrix.
 VECTOR_GAIN = "Matrix(K*u) (u vector)"
 
 
 def gain(name: str, variable: str, meaning: str, label: str = "") -> Node:
-    """Return a block that multiplies a column of signals by a matrix.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    variable : str
-        The matrix, as an expression.
-    meaning, label : str
-        What it is, and what is written below it.
-
-    Returns
-    -------
-    Node
-        The block.
-    """
+    """Return a block that multiplies a column of signals by a matrix."""
     return Node(
         name=name,
         kind="Gain",
@@ -63,22 +46,7 @@ def _sum(name: str, signs: str, meaning: str) -> Node:
 
 
 def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
-    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends.
-
-    Parameters
-    ----------
-    model : Amplifier
-        The amplifier.
-    name : str
-        What its variables begin with.
-    variables : Variables
-        Where its numbers go.
-
-    Returns
-    -------
-    System
-        From command to voltage [V].
-    """
+    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends."""
     w = Wiring("amplifier: one pole, limited rate, limited range")
     names = {
         what: variables.add(f"{name}_{what}", value, meaning)
@@ -124,22 +92,7 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
 
 
 def hysteresis(function: str, sample_time: str, meaning: str) -> System:
-    """Return a hysteresis: the input is sampled, and a function with a memory steps on.
-
-    Parameters
-    ----------
-    function : str
-        Name of the function.
-    sample_time : str
-        Time between samples, as an expression [s].
-    meaning : str
-        What it is.
-
-    Returns
-    -------
-    System
-        From input to output, held between the samples.
-    """
+    """Return a hysteresis: the input is sampled, and a function with a memory steps on."""
     w = Wiring(meaning)
     w.add(_port("Inport", "u", "input of the hysteresis"))
     w.add(
@@ -157,22 +110,7 @@ def hysteresis(function: str, sample_time: str, meaning: str) -> System:
 
 
 def creep(model: Creep, name: str, variables: Variables) -> System:
-    """Return creep: lags side by side, and their sum beside the input.
-
-    Parameters
-    ----------
-    model : Creep
-        The creep.
-    name : str
-        What its variables begin with.
-    variables : Variables
-        Where its numbers go.
-
-    Returns
-    -------
-    System
-        From input to input and what has crept.
-    """
+    """Return creep: lags side by side, and their sum beside the input."""
     rate = 1.0 / model.time_constants
     m = rate.size
     w = Wiring("creep: lags side by side")
@@ -206,22 +144,7 @@ def creep(model: Creep, name: str, variables: Variables) -> System:
 
 
 def sensor(model: Sensor, name: str, variables: Variables) -> System:
-    """Return a sensor without its noise: gain, lag, offset, mains and steps of the reading.
-
-    Parameters
-    ----------
-    model : Sensor
-        The sensor.
-    name : str
-        What its variables begin with.
-    variables : Variables
-        Where its numbers go.
-
-    Returns
-    -------
-    System
-        From motion to reading.
-    """
+    """Return a sensor without its noise: gain, lag, offset, mains and steps of the reading."""
     w = Wiring("sensor, without its noise")
     w.add(_port("Inport", "x", "true motion"))
     at = "x"
@@ -289,20 +212,7 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
 
 
 def refuse_columns(width: int, name: str, kind: str) -> None:
-    """Refuse a chain element on more than one signal.
-
-    Parameters
-    ----------
-    width : int
-        Number of signals.
-    name, kind : str
-        Name and kind of the block.
-
-    Raises
-    ------
-    ModelError
-        There is more than one.
-    """
+    """Refuse a chain element on more than one signal."""
     if width != 1:
         raise ModelError(
             f"block '{name}' is a {kind} of {width} signals: give each signal a block of its own"

@@ -6,8 +6,8 @@ import numpy as np
 
 from flexstage import __version__
 from flexstage.errors import ModelError
-from flexstage.export.diagram import diagram_state_space
 from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.functions import Functions
@@ -15,8 +15,6 @@ from flexstage.export.simulink.matlab_text import identifier, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.system import System
 from flexstage.export.simulink.variables import Variables
-
-__all__ = ["model_name", "simulink_files"]
 
 # Longest name of a model: names of functions and variables are made of it.
 _LONGEST = 30
@@ -30,17 +28,6 @@ _FAST = 1e6
 
 def model_name(text: str) -> str:
     """Return a name that a Simulink model of flexstage can have.
-
-    Parameters
-    ----------
-    text : str
-        Any text, such as the name of a stage.
-
-    Returns
-    -------
-    str
-        Letters, digits and underscores, beginning with a letter, 30 at most. It is no other name
-        than that of the script for MATLAB, which would hide the model or be hidden by it.
 
     Examples
     --------
@@ -102,7 +89,7 @@ def simulink_files(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.export.diagram import stage_diagram
+    >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> diagram = stage_diagram(design("parallelogram"), collapse=False)
     >>> sorted(simulink_files(diagram, name="parallelogram"))
     ['README.txt', 'parallelogram_build.m', 'parallelogram_data.mat']

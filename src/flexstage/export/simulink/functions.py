@@ -6,17 +6,9 @@ from flexstage.export.simulink.hysteresis_text import hysteresis_function
 from flexstage.export.simulink.matlab_text import identifier
 from flexstage.hysteresis import HysteresisModel
 
-__all__ = ["Functions"]
-
 
 class Functions:
-    """Texts by the names of their functions; a model that comes again keeps its name.
-
-    Parameters
-    ----------
-    prefix : str
-        What the names begin with.
-    """
+    """Texts by the names of their functions; a model that comes again keeps its name."""
 
     __slots__ = ("_models", "_prefix", "_texts")
 
@@ -26,20 +18,7 @@ class Functions:
         self._models: list[tuple[HysteresisModel, str]] = []
 
     def add(self, model: HysteresisModel, wanted: str) -> str:
-        """Return the name of the function of a model.
-
-        Parameters
-        ----------
-        model : HysteresisModel
-            The model.
-        wanted : str
-            What it belongs to.
-
-        Returns
-        -------
-        str
-            The name.
-        """
+        """Return the name of the function of a model."""
         for known, name in self._models:
             if known is model:
                 return name

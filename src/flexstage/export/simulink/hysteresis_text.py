@@ -27,8 +27,6 @@ from flexstage.hysteresis.models.bouc_wen_steps import law_of
 from flexstage.hysteresis.models.play_model import Sum, terms
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = ["hysteresis_function"]
-
 # Parameters by name, and what is said of each.
 _Numbers = Mapping[str, tuple[Any, str]]
 _PLAYS = "half the gap of each play [unit of u]"
@@ -43,23 +41,6 @@ def hysteresis_function(model: HysteresisModel, name: str) -> str:
 
     Validity: that of the model. The same text runs as a MATLAB Function block of Simulink, which
     has a memory of its own for each block, and in GNU Octave.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    name : str
-        Name of the function.
-
-    Returns
-    -------
-    str
-        The text of the file.
-
-    Raises
-    ------
-    ModelError
-        The name is none of MATLAB, or nobody has written this kind of model in MATLAB.
 
     Examples
     --------

@@ -9,17 +9,6 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 
-__all__ = [
-    "KEYWORDS",
-    "comment",
-    "identifier",
-    "identifiers",
-    "literal",
-    "plain",
-    "quoted",
-    "valid_name",
-]
-
 # What MATLAB takes as a name: longer ones are cut without a word.
 _LONGEST = 63
 #: Words of the language MATLAB, which nothing can be called.
@@ -39,18 +28,7 @@ _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 
 
 def plain(text: str) -> str:
-    """Return a text on one line in ASCII: scripts are read in the character set of the machine.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The text, with letters that ASCII does not have replaced.
-    """
+    """Return a text on one line in ASCII: scripts are read in the character set of the machine."""
     text = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+", lambda m: "^" + m[0].translate(_RAISED), text)
     for letter, instead in _WORDS.items():
         text = text.replace(letter, instead)
@@ -64,16 +42,6 @@ def plain(text: str) -> str:
 def quoted(text: str) -> str:
     """Return a text as a string of MATLAB, in single quotes.
 
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The string.
-
     Examples
     --------
     >>> print(quoted("the stage's stiffness, 12 N/µm"))
@@ -83,22 +51,7 @@ def quoted(text: str) -> str:
 
 
 def comment(text: str, *, indent: str = "", width: int = 92) -> str:
-    """Return a text as lines of comment.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-    indent : str
-        What each line begins with.
-    width : int
-        Longest line.
-
-    Returns
-    -------
-    str
-        The lines, the last one ended.
-    """
+    """Return a text as lines of comment."""
     lines: list[str] = []
     room = width - len(indent) - 2
     line = ""
@@ -115,18 +68,6 @@ def comment(text: str, *, indent: str = "", width: int = 92) -> str:
 def identifier(text: str, *, longest: int = _LONGEST) -> str:
     """Return a name of MATLAB made of a text.
 
-    Parameters
-    ----------
-    text : str
-        Any text.
-    longest : int
-        Longest name.
-
-    Returns
-    -------
-    str
-        Letters, digits and underscores, beginning with a letter; no word of the language.
-
     Examples
     --------
     >>> identifier("vgtu-piezo"), identifier("2nd hinge"), identifier("end")
@@ -141,20 +82,7 @@ def identifier(text: str, *, longest: int = _LONGEST) -> str:
 
 
 def identifiers(texts: Iterable[str], *, longest: int = _LONGEST) -> dict[str, str]:
-    """Return a name of MATLAB for each text, no two alike even where case does not count.
-
-    Parameters
-    ----------
-    texts : iterable of str
-        Texts, each once.
-    longest : int
-        Longest name.
-
-    Returns
-    -------
-    dict
-        Name by text, in the order of the texts.
-    """
+    """Return a name of MATLAB for each text, no two alike even where case does not count."""
     made: dict[str, str] = {}
     taken: set[str] = set()
     for text in texts:
@@ -170,27 +98,7 @@ def identifiers(texts: Iterable[str], *, longest: int = _LONGEST) -> dict[str, s
 
 
 def valid_name(name: str, what: str, *, longest: int = _LONGEST) -> str:
-    """Return a name after checking that MATLAB takes it.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-    what : str
-        What it is called in the message.
-    longest : int
-        Longest name.
-
-    Returns
-    -------
-    str
-        The name.
-
-    Raises
-    ------
-    ModelError
-        It is no name of MATLAB.
-    """
+    """Return a name after checking that MATLAB takes it."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII) or name in KEYWORDS:
         raise ModelError(
             f"the {what} must be letters, digits and underscores, beginning with a letter, and no "
@@ -206,16 +114,6 @@ def valid_name(name: str, what: str, *, longest: int = _LONGEST) -> str:
 
 def literal(values: ArrayLike) -> str:
     """Return a number, or a matrix, as MATLAB writes it; read again it is the same to the last bit.
-
-    Parameters
-    ----------
-    values : array_like
-        A number, a row or a matrix.
-
-    Returns
-    -------
-    str
-        The text.
 
     Examples
     --------

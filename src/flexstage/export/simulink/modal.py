@@ -8,8 +8,6 @@ from flexstage.export.simulink.matlab_text import identifiers
 from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
 
-__all__ = ["modal"]
-
 
 def modal(
     model: DynamicModel, variables: Variables, functions: Functions, sample_time: str
@@ -18,22 +16,6 @@ def modal(
 
     The State-Space block holds `flexstage.export.control_object.linear_part`: modes with the
     damping ratio of each, and the lags of creep.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The stage.
-    variables : Variables
-        Where matrices go.
-    functions : Functions
-        Where hysteresis models go.
-    sample_time : str
-        Time between samples of the hysteresis, as an expression [s].
-
-    Returns
-    -------
-    System
-        Its inports are the drives, its outports the probes, in the order of the model.
     """
     form = linear_part(model)
     w = Wiring(f"{model.name}: modes, with the damping of each")

@@ -2,8 +2,6 @@
 
 from flexstage.export.simulink.system import Node, System
 
-__all__ = ["Box", "positions"]
-
 #: Left, top, right and bottom [pixels].
 Box = tuple[int, int, int, int]
 
@@ -28,18 +26,7 @@ _MANY = 8  # subsystems from which a system is a web rather than a chain
 
 
 def positions(system: System) -> dict[str, Box]:
-    """Return where the blocks of a system stand, from left to right as signals go.
-
-    Parameters
-    ----------
-    system : System
-        The system.
-
-    Returns
-    -------
-    dict
-        Boxes that do not meet, by name of the block.
-    """
+    """Return where the blocks of a system stand, from left to right as signals go."""
     nodes = {n.name: n for n in system.nodes}
     layer = _layers(system)
     columns: dict[int, list[str]] = {}

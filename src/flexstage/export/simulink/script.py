@@ -7,8 +7,6 @@ from flexstage.export.simulink.matlab_text import comment, identifier, plain, qu
 from flexstage.export.simulink.placing import Box, positions
 from flexstage.export.simulink.system import LIBRARY, Node, System
 
-__all__ = ["build_script"]
-
 _INDENT = "    "
 _WIDTH = 96
 
@@ -16,24 +14,7 @@ _WIDTH = 96
 def build_script(
     name: str, top: System, *, settings: Mapping[str, str], notes: tuple[str, ...]
 ) -> str:
-    """Return the script.
-
-    Parameters
-    ----------
-    name : str
-        Name of the model; the function is called ``NAME_build``, and loads ``NAME_data.mat``.
-    top : System
-        The top of the model.
-    settings : Mapping
-        Parameters of the model, such as those of its solver.
-    notes : tuple of str
-        What is written into its description.
-
-    Returns
-    -------
-    str
-        A file with one function and its local functions: one for each subsystem.
-    """
+    """Return the script."""
     systems = list(_walk(top))
     # systems hold mappings, so that they are told apart by what they are, not by what they hold
     names = {id(system): _function_name(system, i) for i, system in enumerate(systems)}

@@ -10,8 +10,6 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.export.simulink.variables import Variables
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 
-__all__ = ["structure"]
-
 _ROUND = 3  # inputs of a sum that is still drawn as a circle
 
 
@@ -22,22 +20,6 @@ def structure(
 
     Every gain, sum and integrator of the diagram becomes the block of that name and kind; what is
     in a group stands in a subsystem, whose ports are named after the blocks that they come from.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram.
-    variables : Variables
-        Where matrices go.
-    functions : Functions
-        Where hysteresis models go.
-    sample_time : str
-        Time between samples of the hysteresis, as an expression [s].
-
-    Returns
-    -------
-    System
-        Its inports and outports are the inputs and outputs of the diagram, in their order.
     """
     top = Wiring(diagram.title)
     inner = {g.name: Wiring(g.title) for g in diagram.groups}

@@ -6,8 +6,6 @@ from itertools import pairwise
 
 from flexstage.errors import ModelError
 
-__all__ = ["LIBRARY", "Node", "System", "Wire", "Wiring"]
-
 #: Where each type of block comes from; these paths are those of every release since 2006.
 LIBRARY: Mapping[str, str] = {
     "Inport": "simulink/Sources/In1",
@@ -34,105 +32,64 @@ LIBRARY: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wire:
-    """A line between two blocks of one system.
-
-    Parameters
-    ----------
-    source, target : str
-        Names of the blocks.
-    output, port : int
-        Output of the source and input of the target, counted from 1.
-    signal : str
-        What it carries; empty where the blocks say it.
-    """
+    """A line between two blocks of one system."""
 
     source: str
+    """Names of the blocks."""
     target: str
+    """Names of the blocks."""
     output: int = 1
+    """Output of the source and input of the target, counted from 1."""
     port: int = 1
+    """Output of the source and input of the target, counted from 1."""
     signal: str = ""
+    """What it carries; empty where the blocks say it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """A block.
-
-    Parameters
-    ----------
-    name : str
-        Its name, unlike every other of its system.
-    kind : str
-        Its type, a key of `LIBRARY`.
-    settings : Mapping
-        Its parameters by name, as Simulink takes them.
-    meaning : str
-        What it is, with its unit.
-    label : str
-        What is written below it.
-    inputs, outputs : int
-        Number of its ports.
-    inside : System or None
-        What a ``SubSystem`` holds.
-    function : str
-        Of a ``MatlabFunction``: name of the function whose text it takes.
-    """
+    """A block."""
 
     name: str
+    """Its name, unlike every other of its system."""
     kind: str
+    """Its type, a key of `LIBRARY`."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Its parameters by name, as Simulink takes them."""
     meaning: str = ""
+    """What it is, with its unit."""
     label: str = ""
+    """What is written below it."""
     inputs: int = 1
+    """Number of its ports."""
     outputs: int = 1
+    """Number of its ports."""
     inside: "System | None" = None
+    """What a ``SubSystem`` holds."""
     function: str = ""
+    """Of a ``MatlabFunction``: name of the function whose text it takes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class System:
-    """Blocks and lines of one window.
-
-    Parameters
-    ----------
-    title : str
-        What it holds.
-    nodes : tuple of Node
-        The blocks; ports first and last, in the order of their numbers.
-    wires : tuple of Wire
-        The lines.
-    notes : tuple of str
-        What is written beside the blocks.
-    """
+    """Blocks and lines of one window."""
 
     title: str
+    """What it holds."""
     nodes: tuple[Node, ...]
+    """The blocks; ports first and last, in the order of their numbers."""
     wires: tuple[Wire, ...]
+    """The lines."""
     notes: tuple[str, ...] = ()
+    """What is written beside the blocks."""
 
     def ports(self, kind: str) -> tuple[str, ...]:
-        """Return the names of the inports or outports.
-
-        Parameters
-        ----------
-        kind : str
-            ``Inport`` or ``Outport``.
-
-        Returns
-        -------
-        tuple of str
-            The names, in the order of their numbers.
-        """
+        """Return the names of the inports or outports."""
         return tuple(n.name for n in self.nodes if n.kind == kind)
 
 
 class Wiring:
-    """Collects the blocks and lines of one system.
-
-    Parameters
-    ----------
-    title : str
-        What the system holds.
-    """
+    """Collects the blocks and lines of one system."""
 
     __slots__ = ("_nodes", "_wires", "title")
 
@@ -142,18 +99,7 @@ class Wiring:
         self._wires: list[Wire] = []
 
     def add(self, node: Node) -> str:
-        """Add a block and return its name.
-
-        Parameters
-        ----------
-        node : Node
-            The block; an ``Inport`` or ``Outport`` gets its number here.
-
-        Returns
-        -------
-        str
-            Its name; a number is put behind one that is taken.
-        """
+        """Add a block and return its name."""
         name, count = node.name, 1
         while name in self._nodes:
             count += 1
@@ -170,22 +116,7 @@ class Wiring:
         return name
 
     def nest(self, name: str, inside: System, meaning: str = "") -> str:
-        """Add a subsystem and return its name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        inside : System
-            What it holds.
-        meaning : str
-            What it is; the title of the system where not given.
-
-        Returns
-        -------
-        str
-            Its name; a number is put behind one that is taken.
-        """
+        """Add a subsystem and return its name."""
         return self.add(
             Node(
                 name=name,
@@ -200,56 +131,19 @@ class Wiring:
     def connect(
         self, source: str, target: str, *, output: int = 1, port: int = 1, signal: str = ""
     ) -> None:
-        """Add a line.
-
-        Parameters
-        ----------
-        source, target : str
-            Names of the blocks.
-        output, port : int
-            Output of the source and input of the target, counted from 1.
-        signal : str
-            What it carries.
-        """
+        """Add a line."""
         self._wires.append(
             Wire(source=source, target=target, output=output, port=port, signal=signal)
         )
 
     def chain(self, *names: str) -> str:
-        """Connect blocks one behind the other, first output to first input.
-
-        Parameters
-        ----------
-        *names : str
-            Names of the blocks.
-
-        Returns
-        -------
-        str
-            The last of them.
-        """
+        """Connect blocks one behind the other, first output to first input."""
         for source, target in pairwise(names):
             self.connect(source, target)
         return names[-1]
 
     def system(self, notes: Iterable[str] = ()) -> System:
-        """Return the system.
-
-        Parameters
-        ----------
-        notes : iterable of str
-            What is written beside the blocks.
-
-        Returns
-        -------
-        System
-            The system.
-
-        Raises
-        ------
-        ModelError
-            A line leads nowhere, or an input has no line or two.
-        """
+        """Return the system."""
         taken: set[tuple[str, int]] = set()
         for w in self._wires:
             source, target = self._nodes.get(w.source), self._nodes.get(w.target)

@@ -10,8 +10,6 @@ from flexstage import __version__
 from flexstage.export.simulink.matlab_text import identifier
 from flexstage.hysteresis.model import Array
 
-__all__ = ["Variables"]
-
 _HEADER = 116  # bytes of text at the start of the file
 # Names that stand for something in expressions of MATLAB.
 _TAKEN = frozenset(("ans", "diag", "eps", "i", "inf", "j", "max", "min", "nan", "pi", "zeros"))
@@ -27,22 +25,7 @@ class Variables:
         self._meanings: dict[str, str] = {}
 
     def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
-        """Add a number or a matrix.
-
-        Parameters
-        ----------
-        wanted : str
-            Its name; a number is put behind one that is taken.
-        value : array_like
-            The value.
-        meaning : str
-            What it is, with its unit.
-
-        Returns
-        -------
-        str
-            The name that it got.
-        """
+        """Add a number or a matrix."""
         # room for a sign of order behind the name, and for names of files made of it
         name = base = identifier(wanted, longest=58)
         count = 1
@@ -64,13 +47,7 @@ class Variables:
         return dict(self._meanings)
 
     def mat_file(self) -> bytes:
-        """Return them as a file of MATLAB, version 5.
-
-        Returns
-        -------
-        bytes
-            The file; the same variables give the same bytes.
-        """
+        """Return them as a file of MATLAB, version 5."""
         from scipy.io import savemat
 
         made = io.BytesIO()

@@ -7,28 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["c_array", "c_comment", "c_flags", "c_number"]
-
 _WIDTH = 98
 
 
 def c_number(value: float) -> str:
     """Return a number as C, with the digits that bring back the same bits.
-
-    Parameters
-    ----------
-    value : float
-        The number; infinity is allowed.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    ValueError
-        It is not a number.
 
     Examples
     --------
@@ -46,16 +29,6 @@ def c_number(value: float) -> str:
 def c_comment(text: str) -> str:
     """Return text that may stand in a comment of C.
 
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    str
-        The same, in plain characters, without what ends or opens a comment.
-
     Examples
     --------
     >>> c_comment("10 µm */ x")
@@ -67,48 +40,14 @@ def c_comment(text: str) -> str:
 
 
 def c_array(name: str, dimensions: Sequence[str], values: ArrayLike, comment: str) -> str:
-    """Return the definition of a constant array of `fs_real`.
-
-    Parameters
-    ----------
-    name : str
-        Its name in C.
-    dimensions : Sequence of str
-        Its sizes, as C.
-    values : array_like
-        The numbers, as many dimensions.
-    comment : str
-        What they are, with their unit.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Return the definition of a constant array of `fs_real`."""
     sizes = "".join(f"[{d}]" for d in dimensions)
     body = _braces(np.asarray(values, dtype=np.float64), "    ")
     return f"{_wrapped(comment)}\nstatic const fs_real {name}{sizes} = {body};\n"
 
 
 def c_flags(name: str, dimension: str, values: Sequence[int | str], comment: str) -> str:
-    """Return the definition of a constant array of `int`.
-
-    Parameters
-    ----------
-    name : str
-        Its name in C.
-    dimension : str
-        Its size, as C.
-    values : Sequence of int or str
-        The numbers, or their names.
-    comment : str
-        What they are.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Return the definition of a constant array of `int`."""
     listed = ", ".join(str(v) for v in values)
     return f"{_wrapped(comment)}\nstatic const int {name}[{dimension}] = {{{listed}}};\n"
 

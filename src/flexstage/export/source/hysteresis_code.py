@@ -11,7 +11,7 @@ from flexstage.export.source.hysteresis_code_laws import (
     duhem_code,
     generalised_bouc_wen_code,
 )
-from flexstage.export.source.hysteresis_code_parts import HysteresisCode, TunableParameter
+from flexstage.export.source.hysteresis_code_parts import HysteresisCode
 from flexstage.export.source.hysteresis_code_plays import (
     maxwell_slip_code,
     modified_prandtl_ishlinskii_code,
@@ -19,8 +19,6 @@ from flexstage.export.source.hysteresis_code_plays import (
     preisach_code,
 )
 from flexstage.hysteresis.model import HysteresisModel
-
-__all__ = ["HysteresisCode", "TunableParameter", "hysteresis_code"]
 
 _CODES: Mapping[str, Callable[[Any], HysteresisCode]] = {
     "bouc-wen": bouc_wen_code,
@@ -37,21 +35,6 @@ _CODES: Mapping[str, Callable[[Any], HysteresisCode]] = {
 
 def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
     """Return what C needs to compute a hysteresis model.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model, from volts to metres.
-
-    Returns
-    -------
-    HysteresisCode
-        Headers, names, parameters and sizes.
-
-    Raises
-    ------
-    ModelError
-        There is no C for a model of this kind.
 
     Notes
     -----

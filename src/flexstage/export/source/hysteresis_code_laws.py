@@ -11,14 +11,6 @@ from flexstage.hysteresis.models.duhem import TERMS, Duhem
 from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = [
-    "asymmetric_bouc_wen_code",
-    "bouc_wen_code",
-    "dahl_code",
-    "duhem_code",
-    "generalised_bouc_wen_code",
-]
-
 #: Rows of coefficients in the table of the power law, and where its constants are.
 _ROWS, _CONSTANTS, _COUNT = 4, 5, 7
 _DESCRIPTIONS = {
@@ -37,18 +29,7 @@ _DESCRIPTIONS = {
 
 
 def power_numbers(n: float) -> Array:
-    """Return the table of the power law as C takes it.
-
-    Parameters
-    ----------
-    n : float
-        The exponent.
-
-    Returns
-    -------
-    numpy.ndarray
-        Four rows of coefficients and the constants; none where closed forms do without.
-    """
+    """Return the table of the power law as C takes it."""
     if n in {1.0, 2.0}:
         return np.empty(0)
     table = power_table(n)
@@ -56,69 +37,25 @@ def power_numbers(n: float) -> Array:
 
 
 def bouc_wen_code(model: BoucWen) -> HysteresisCode:
-    """Return the code of Bouc-Wen.
-
-    Parameters
-    ----------
-    model : BoucWen
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code; with pieces where the exponent is 1.
-    """
+    """Return the code of Bouc-Wen."""
     names = ("gain", "hysteresis_gain", "beta", "gamma")
     return _family(model, names, (), 2 if model.exponent == 1.0 else 0)
 
 
 def asymmetric_bouc_wen_code(model: AsymmetricBoucWen) -> HysteresisCode:
-    """Return the code of asymmetric Bouc-Wen.
-
-    Parameters
-    ----------
-    model : AsymmetricBoucWen
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code, without pieces. The limits of the input are not part of it.
-    """
+    """Return the code of asymmetric Bouc-Wen."""
     names = ("gain", "quadratic", "cubic", "hysteresis_gain", "beta", "gamma")
     return _family(model, names, (), 0)
 
 
 def generalised_bouc_wen_code(model: GeneralisedBoucWen) -> HysteresisCode:
-    """Return the code of generalised Bouc-Wen.
-
-    Parameters
-    ----------
-    model : GeneralisedBoucWen
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code; with pieces where the exponent is 1.
-    """
+    """Return the code of generalised Bouc-Wen."""
     names = ("gain", "hysteresis_gain", *(f"shape[{k}]" for k in range(6)))
     return _family(model, names, ("centre",), 4 if model.exponent == 1.0 else 0)
 
 
 def dahl_code(model: Dahl) -> HysteresisCode:
-    """Return the code of Dahl.
-
-    Parameters
-    ----------
-    model : Dahl
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code; with pieces where the exponent is 1, which is then fixed.
-    """
+    """Return the code of Dahl."""
     names = ("gain", "stiffness", "limit")
     numbers = [float(getattr(model, name)) for name in (*names, "exponent")]
     straight = model.exponent == 1.0
@@ -129,19 +66,7 @@ def dahl_code(model: Dahl) -> HysteresisCode:
 
 
 def duhem_code(model: Duhem) -> HysteresisCode:
-    """Return the code of Duhem.
-
-    Parameters
-    ----------
-    model : Duhem
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code. With one piece where the curve is straight and the tangent constant; then only
-        the coefficients of these can be changed. The range of the input is not part of it.
-    """
+    """Return the code of Duhem."""
     curve = np.pad(model.anhysteretic, (0, TERMS - model.anhysteretic.size))
     tangent = np.pad(model.tangent, (0, TERMS - model.tangent.size))
     closed = not (np.any(curve[2:] != 0.0) or np.any(tangent[1:] != 0.0))

@@ -11,36 +11,26 @@ import numpy as np
 from flexstage.hysteresis.identification.parameter_units import parameter_unit
 from flexstage.hysteresis.model import Array, HysteresisModel
 
-__all__ = ["HysteresisCode", "TunableParameter", "code_of", "tunable_of"]
-
 _INPUT, _OUTPUT = "V", "m"
 _INCLUDE = re.compile(r'^#include "([\w.]+)"', re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TunableParameter:
-    """A parameter of a hysteresis model, and where it stands in C.
-
-    Parameters
-    ----------
-    name : str
-        Its name; an element of a list is ``weights[3]``, counted from 0.
-    unit : str
-        Unit, of a model from volts to metres.
-    index : int or None
-        Place in `HysteresisCode.parameters`; None where tables are derived from the parameter, so
-        that it cannot be changed while the code runs.
-    value : float
-        Its value.
-    description : str
-        What it is.
-    """
+    """A parameter of a hysteresis model, and where it stands in C."""
 
     name: str
+    """Its name; an element of a list is ``weights[3]``, counted from 0."""
     unit: str
+    """Unit, of a model from volts to metres."""
     index: int | None
+    """Place in `HysteresisCode.parameters`; None where tables are derived from the parameter, so
+    that it cannot be changed while the code runs.
+    """
     value: float
+    """Its value."""
     description: str
+    """What it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,61 +41,32 @@ class HysteresisCode:
     pieces, room, &value)`` its pieces on the way there; both move the memory, which is laid out as
     the state of the model. A line returns -1, and leaves the memory as it was, where the output is
     not finite or the room is too small.
-
-    Parameters
-    ----------
-    kind : str
-        Name of the model in `flexstage.hysteresis.MODELS`.
-    header : str
-        Name of the header.
-    headers : tuple of str
-        Every header that is needed, each after those that it includes.
-    function : str
-        Prefix of the functions, such as ``fs_bouc_wen``.
-    parameters : numpy.ndarray
-        Parameters as the functions take them, tables after them, shape (n,).
-    tunable : tuple of TunableParameter
-        Parameters by name.
-    memory : int
-        Numbers of the memory.
-    pieces : int
-        The largest number of pieces of a line; 0 where the model has no closed form between
-        samples, and no ``fs_KIND_line``.
     """
 
     kind: str
+    """Name of the model in `flexstage.hysteresis.MODELS`."""
     header: str
+    """Name of the header."""
     headers: tuple[str, ...]
+    """Every header that is needed, each after those that it includes."""
     function: str
+    """Prefix of the functions, such as ``fs_bouc_wen``."""
     parameters: Array
+    """Parameters as the functions take them, tables after them, shape (n,)."""
     tunable: tuple[TunableParameter, ...]
+    """Parameters by name."""
     memory: int
+    """Numbers of the memory."""
     pieces: int
+    """The largest number of pieces of a line; 0 where the model has no closed form between samples,
+    and no ``fs_KIND_line``.
+    """
 
 
 def tunable_of(
     model: HysteresisModel, name: str, index: int | None, description: str, unit: str = ""
 ) -> TunableParameter:
-    """Return a parameter of a model that is one number, or one of a list.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    name : str
-        Name of the field, or of an element of it such as ``weights[3]``.
-    index : int or None
-        Where it stands in C; None where it cannot be changed while the code runs.
-    description : str
-        What it is.
-    unit : str
-        Unit; that of `parameter_unit` where not given.
-
-    Returns
-    -------
-    TunableParameter
-        The parameter.
-    """
+    """Return a parameter of a model that is one number, or one of a list."""
     field, _, places = name.partition("[")
     value = np.asarray(getattr(model, field), dtype=np.float64)
     for place in places.rstrip("]").split(",") if places else ():
@@ -125,24 +86,7 @@ def code_of(
     tunable: Iterable[TunableParameter],
     pieces: int,
 ) -> HysteresisCode:
-    """Return the code of a model, with the names that follow from its kind.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    parameters : iterable of float
-        Parameters as the functions take them.
-    tunable : iterable of TunableParameter
-        Parameters by name.
-    pieces : int
-        The largest number of pieces of a line; 0 for none.
-
-    Returns
-    -------
-    HysteresisCode
-        The code.
-    """
+    """Return the code of a model, with the names that follow from its kind."""
     name = model.kind.replace("-", "_")
     header = f"hysteresis_{name}.h"
     return HysteresisCode(

@@ -15,50 +15,20 @@ from flexstage.hysteresis.models.play_model import Sum, terms
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
 
-__all__ = [
-    "maxwell_slip_code",
-    "modified_prandtl_ishlinskii_code",
-    "prandtl_ishlinskii_code",
-    "preisach_code",
-]
-
 _GAIN = "slope just after the voltage turns back"
 _THRESHOLD = "half the gap of a play"
 _WEIGHT = "weight of a play"
 
 
 def prandtl_ishlinskii_code(model: PrandtlIshlinskii) -> HysteresisCode:
-    """Return the code of Prandtl-Ishlinskii.
-
-    Parameters
-    ----------
-    model : PrandtlIshlinskii
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code. Gain and weights can be changed; thresholds not, since the memory belongs to
-        them.
-    """
+    """Return the code of Prandtl-Ishlinskii."""
     return code_of(
         model, _numbers(_plays(model)), _play_parameters(model), model.thresholds.size + 1
     )
 
 
 def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> HysteresisCode:
-    """Return the code of modified Prandtl-Ishlinskii.
-
-    Parameters
-    ----------
-    model : ModifiedPrandtlIshlinskii
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code. Gain and weights of the plays can be changed.
-    """
+    """Return the code of modified Prandtl-Ishlinskii."""
     line = model.line()
     count = line.knots.size
     numbers = np.concatenate(
@@ -74,18 +44,7 @@ def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> Hyster
 
 
 def maxwell_slip_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
-    """Return the code of Maxwell-slip.
-
-    Parameters
-    ----------
-    model : GeneralisedMaxwellSlip
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code. No parameter can be changed while it runs: the state must fit to all of them.
-    """
+    """Return the code of Maxwell-slip."""
     spring = model.spring()
     slopes = np.empty((model.thresholds.size + 1, spring.slopes.size))
     slopes[0] = spring.slopes
@@ -103,18 +62,7 @@ def maxwell_slip_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
 
 
 def preisach_code(model: Preisach) -> HysteresisCode:
-    """Return the code of Preisach.
-
-    Parameters
-    ----------
-    model : Preisach
-        The model.
-
-    Returns
-    -------
-    HysteresisCode
-        The code. Only the gain can be changed: a table is derived from knots and slopes.
-    """
+    """Return the code of Preisach."""
     # The outermost slopes go on, so only the knots between them matter.
     total = terms(model.gain, model.thresholds, model.knots[1:-1], model.slopes)
     slopes = [

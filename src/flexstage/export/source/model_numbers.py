@@ -11,62 +11,23 @@ from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.chain.orders import ORDERS
 from flexstage.hysteresis.model import Array
 
-__all__ = ["form_of", "lag_rates", "model_data"]
-
 
 def form_of(code: HysteresisCode | None) -> str:
-    """Return what is known of a drive's free displacement between samples, as C names it.
-
-    Parameters
-    ----------
-    code : HysteresisCode or None
-        Its hysteresis; None where it is linear.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return what is known of a drive's free displacement between samples, as C names it."""
     if code is None:
         return "FS_FORM_LINE"
     return "FS_FORM_PIECES" if code.pieces else "FS_FORM_PANELS"
 
 
 def lag_rates(drive: ModelDrive) -> Array:
-    """Return one over the time constants of the creep of a drive.
-
-    Parameters
-    ----------
-    drive : ModelDrive
-        The drive.
-
-    Returns
-    -------
-    numpy.ndarray
-        The rates [1/s], shape (m,): none without creep, or without hysteresis.
-    """
+    """Return one over the time constants of the creep of a drive."""
     if drive.creep is None or drive.hysteresis is None:
         return np.zeros(0)
     return 1.0 / drive.creep.time_constants
 
 
 def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: str) -> str:
-    """Return the header with the sizes and the numbers of a model.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    codes : dict
-        Hysteresis by drive, of those that have one.
-    origin : str
-        Where it comes from, for its first comment.
-
-    Returns
-    -------
-    str
-        The text of ``model_data.h``.
-    """
+    """Return the header with the sizes and the numbers of a model."""
     rooms = _Rooms(model, codes)
     parts = [
         f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"

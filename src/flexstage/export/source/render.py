@@ -7,8 +7,6 @@ from flexstage.export.model import DynamicModel
 from flexstage.export.source.hysteresis_code import HysteresisCode, hysteresis_code
 from flexstage.export.source.model_numbers import form_of, model_data
 
-__all__ = ["render_source"]
-
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
 _BEHIND_DATA = ("modes.h", "lags.h")
@@ -27,21 +25,6 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
     time: bit for bit where hysteresis is in closed form between samples and both use the same
     libm, to a relative 1e-12 where it is not. Parameters that were changed give what a model built
     with them gives, to 1e-12.
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    dict
-        Content by file name, each file after those that it includes.
-
-    Raises
-    ------
-    ModelError
-        There is no probe to read.
 
     Examples
     --------

@@ -8,39 +8,27 @@ from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import Sensor
 
-__all__ = ["CVariable", "c_variables"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CVariable:
-    """A variable of a model in C.
-
-    Parameters
-    ----------
-    name : str
-        Its name, in parts with dots between them.
-    unit : str
-        Its unit; ``1`` for none.
-    causality : str
-        ``input``, ``output``, ``parameter`` or ``local``.
-    start : float
-        Its value at first: as exported, settled at zero commands.
-    description : str
-        What it is.
-    expression : str
-        Where it is in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the
-        arrays that are handed to the functions.
-    prepare : bool
-        Whether `fs_prepare` must follow a change.
-    """
+    """A variable of a model in C."""
 
     name: str
+    """Its name, in parts with dots between them."""
     unit: str
+    """Its unit; ``1`` for none."""
     causality: Literal["input", "output", "parameter", "local"]
+    """``input``, ``output``, ``parameter`` or ``local``."""
     start: float
+    """Its value at first: as exported, settled at zero commands."""
     description: str
+    """What it is."""
     expression: str
+    """Where it is in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the arrays
+    that are handed to the functions.
+    """
     prepare: bool = False
+    """Whether `fs_prepare` must follow a change."""
 
 
 def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
@@ -69,16 +57,6 @@ def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
 
     Limits that are infinite have no variable, nor have parameters that tables depend on which are
     not made in C (the exponent of a Bouc-Wen model, say).
-
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-
-    Returns
-    -------
-    tuple of CVariable
-        Inputs, outputs, locals, then parameters.
 
     Examples
     --------

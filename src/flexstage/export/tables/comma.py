@@ -8,39 +8,15 @@ from dataclasses import fields
 from flexstage.characteristic import QUANTITIES, Characteristic
 from flexstage.export.tables.side_by_side import SideBySide
 
-__all__ = ["comparison_csv", "values_csv"]
-
 
 def values_csv(characteristics: Iterable[Characteristic]) -> bytes:
-    """Write one line for each value.
-
-    Parameters
-    ----------
-    characteristics : iterable of Characteristic
-        The values.
-
-    Returns
-    -------
-    bytes
-        UTF-8. Numbers have all the digits that give back the same bits.
-    """
+    """Write one line for each value."""
     names = [f.name for f in fields(Characteristic)]
     return _csv(names, ([getattr(c, n) for n in names] for c in characteristics))
 
 
 def comparison_csv(table: SideBySide) -> bytes:
-    """Write one line for each quantity and axis, with a column of values for each origin.
-
-    Parameters
-    ----------
-    table : SideBySide
-        The table.
-
-    Returns
-    -------
-    bytes
-        UTF-8. An origin of which an uncertainty is known has a column for it as well.
-    """
+    """Write one line for each quantity and axis, with a column of values for each origin."""
     head = ["quantity", "axis", "unit", "condition"]
     for origin in table.origins:
         head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]

@@ -13,8 +13,6 @@ from flexstage.export.tables.side_by_side import side_by_side
 from flexstage.export.tables.workbook import workbook
 from flexstage.provenance import Provenance
 
-__all__ = ["table_files"]
-
 
 def table_files(
     characteristics: Iterable[Characteristic],

@@ -8,8 +8,6 @@ from flexstage.characteristic import Characteristic
 from flexstage.export.tables.shown import Shown, plain_number, with_uncertainty
 from flexstage.export.tables.side_by_side import SideBySide, SideBySideRow
 
-__all__ = ["escaped", "latex"]
-
 #: Shares of the width of the text: the names of the quantities beside a few columns of figures, and
 #: both together; the rest is for the axis.
 _NAMES, _FEW, _TOGETHER = 0.34, 4, 0.92
@@ -37,16 +35,6 @@ _SPECIAL = {
 def escaped(text: str) -> str:
     r"""Return text that LaTeX prints as it is.
 
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The same with characters that mean something to LaTeX, and units' symbols, replaced.
-
     Examples
     --------
     >>> print(escaped("5 µm & 3_x"))
@@ -63,28 +51,7 @@ def latex(
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
-    r"""Write a table to be included by ``\input``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the table, for its label.
-    title : str
-        What the figures are of.
-    table : SideBySide
-        The table.
-    display : callable
-        How a quantity is shown.
-    about : Mapping
-        Where the values come from; written as comments, as the notes are.
-    notes : sequence of str
-        Where they stop being valid.
-
-    Returns
-    -------
-    bytes
-        UTF-8. It needs the packages array, booktabs and longtable.
-    """
+    r"""Write a table to be included by ``\input``."""
     lines = [
         f"% {title}; written by flexstage {flexstage.__version__}",
         r"% needs \usepackage{array,booktabs,longtable}",

@@ -6,11 +6,9 @@ from typing import Protocol
 
 from flexstage.characteristic import QUANTITIES
 
-__all__ = ["Shown", "plain_number", "shown", "with_uncertainty"]
-
 
 class Shown(Protocol):
-    """How a quantity is shown, such as `flexstage.report.Display`."""
+    """How a quantity is shown, such as `flexstage.report.quantities.Display`."""
 
     @property
     def label(self) -> str:
@@ -56,16 +54,6 @@ _UNITS = {
 def shown(quantity: str) -> Shown:
     """Return how a quantity is shown: by the size that its unit usually has on a flexure stage.
 
-    Parameters
-    ----------
-    quantity : str
-        One of `flexstage.characteristic.QUANTITIES`.
-
-    Returns
-    -------
-    Shown
-        Name, unit and factor.
-
     Examples
     --------
     >>> found = shown("natural_frequency_hz")
@@ -80,18 +68,6 @@ def shown(quantity: str) -> Shown:
 
 def plain_number(value: float, digits: int = 4) -> str:
     """Write a number with some significant digits.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Plain from 1e-3 to 1e6, with an exponent outside.
 
     Examples
     --------
@@ -108,17 +84,6 @@ def plain_number(value: float, digits: int = 4) -> str:
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Write a value and its uncertainty with the same decimals.
-
-    Parameters
-    ----------
-    value, uncertainty : float
-        Both in one unit.
-
-    Returns
-    -------
-    tuple of str
-        Two digits of the uncertainty, and the value as far as these go; four digits of the value
-        where the uncertainty has none that tell, or far less than a millionth of it.
 
     Examples
     --------

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
 
-__all__ = ["SideBySide", "SideBySideRow", "side_by_side"]
-
 _TITLES = {
     "published-analytic": "published, analytic",
     "published-fem": "published, FEM",
@@ -22,38 +20,26 @@ _BEST = ("measured", "solid", "plane", "superelement", "lumped")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideBySideRow:
-    """One quantity on one axis, from every origin that has it.
-
-    Parameters
-    ----------
-    quantity, axis : str
-        The quantity and its axis.
-    condition : str
-        What tells it from other rows of the same quantity and axis; empty where there are none.
-    cells : Mapping
-        The characteristic by origin.
-    """
+    """One quantity on one axis, from every origin that has it."""
 
     quantity: str
+    """The quantity and its axis."""
     axis: str
+    """The quantity and its axis."""
     condition: str
+    """What tells it from other rows of the same quantity and axis; empty where there are none."""
     cells: Mapping[str, Characteristic]
+    """The characteristic by origin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideBySide:
-    """A table of rows, in the order of the quantities, then of the axes.
-
-    Parameters
-    ----------
-    origins : tuple of str
-        The columns, published ones first.
-    rows : tuple of SideBySideRow
-        The rows.
-    """
+    """A table of rows, in the order of the quantities, then of the axes."""
 
     origins: tuple[str, ...]
+    """The columns, published ones first."""
     rows: tuple[SideBySideRow, ...]
+    """The rows."""
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -73,34 +59,12 @@ class SideBySide:
 
     @staticmethod
     def title(origin: str) -> str:
-        """Return what an origin is called.
-
-        Parameters
-        ----------
-        origin : str
-            One of `flexstage.characteristic.ORIGINS`.
-
-        Returns
-        -------
-        str
-            Its title.
-        """
+        """Return what an origin is called."""
         return _TITLES.get(origin, origin)
 
 
 def side_by_side(characteristics: Iterable[Characteristic]) -> SideBySide:
-    """Set characteristics side by side.
-
-    Parameters
-    ----------
-    characteristics : iterable of Characteristic
-        Rows of any origin.
-
-    Returns
-    -------
-    SideBySide
-        The table. An origin that gives a quantity of an axis more than once has a row for each.
-    """
+    """Set characteristics side by side."""
     lines: dict[tuple[str, str], list[dict[str, Characteristic]]] = {}
     axes: list[str] = []
     present = set()

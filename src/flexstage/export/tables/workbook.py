@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from xlsxwriter.workbook import Workbook
     from xlsxwriter.worksheet import Worksheet
 
-__all__ = ["workbook"]
-
 _MADE = datetime.datetime(1980, 1, 1)  # the same table gives the same file
 _WIDEST = 60  # characters
 _COLUMN = 15  # characters of a column of figures
@@ -33,29 +31,7 @@ def workbook(
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
-    """Write a workbook of three sheets.
-
-    Parameters
-    ----------
-    title : str
-        What the figures are of.
-    characteristics : sequence of Characteristic
-        The values.
-    table : SideBySide
-        The same side by side.
-    display : callable
-        How a quantity is shown.
-    about : Mapping
-        Where the values come from.
-    notes : sequence of str
-        Where they stop being valid.
-
-    Returns
-    -------
-    bytes
-        The workbook: ``Figures`` side by side in the units that people use, ``Values`` one a row in
-        SI with all digits, ``Provenance``. No text is ever a formula, a link or a number.
-    """
+    """Write a workbook of three sheets."""
     from xlsxwriter import Workbook as Book
 
     content = io.BytesIO()

@@ -18,8 +18,6 @@ from flexstage.hysteresis.chain.element import (
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.model import Array, Response, samples
 
-__all__ = ["Amplifier"]
-
 # where a wanted output is met to this part of its range, no limit has acted
 _MET = 1e-9
 
@@ -37,21 +35,6 @@ class Amplifier(ChainElement):
     Validity: large and small signal of an amplifier whose closed loop has one dominant pole. The
     capacitance is one number; that of a stack grows with its voltage, its temperature and the
     amplitude.
-
-    Parameters
-    ----------
-    bandwidth_hz : float
-        Frequency at which a small sine has fallen by 3 dB [Hz].
-    capacitance : float
-        Capacitance of the load [F]; 0 where the current does not limit.
-    current_limit : float, optional
-        Largest current [A].
-    slew_limit : float, optional
-        Largest rate of the output, whatever the load [V/s].
-    voltage_range : tuple of float, optional
-        Lowest and highest output [V].
-    gain : float
-        Output over command g [1].
 
     Raises
     ------
@@ -74,11 +57,17 @@ class Amplifier(ChainElement):
     validity: ClassVar[str] = "one dominant pole, and a capacitance that does not change"
 
     bandwidth_hz: float
+    """Frequency at which a small sine has fallen by 3 dB [Hz]."""
     capacitance: float = 0.0
+    """Capacitance of the load [F]; 0 where the current does not limit."""
     current_limit: float | None = None
+    """Largest current [A]."""
     slew_limit: float | None = None
+    """Largest rate of the output, whatever the load [V/s]."""
     voltage_range: tuple[float, float] | None = None
+    """Lowest and highest output [V]."""
     gain: float = 1.0
+    """Output over command g [1]."""
 
     def __post_init__(self) -> None:
         for name in ("bandwidth_hz", "current_limit", "slew_limit"):
@@ -137,41 +126,11 @@ class Amplifier(ChainElement):
         return self.largest_rate / (2.0 * math.pi * amplitude)
 
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant command for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The command [V].
-        dt : float
-            Step between samples [s]; the state does not depend on it.
-
-        Returns
-        -------
-        numpy.ndarray
-            The command, and the output [V], shape (2,).
-        """
         del dt
         low, high = self._range()
         return np.array([x, min(max(self.gain * x, low), high)])
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of commands.
-
-        Parameters
-        ----------
-        x : array_like
-            Commands [V], shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The outputs [V], and the state at the last sample.
-        """
         command = samples(x, "command of the amplifier")
         h = positive_step(dt)
         now = self._start(command[0], h, state)
@@ -254,18 +213,6 @@ class Amplifier(ChainElement):
         return command / self.gain
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to command for a steady small sine.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
         return self.gain * self._lag().frequency_response(frequency_hz)
 
     def _lag(self) -> Lag:

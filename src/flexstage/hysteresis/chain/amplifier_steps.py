@@ -9,8 +9,6 @@ import numpy as np
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
-__all__ = ["amplify"]
-
 _LINEAR, _SLEW, _RAIL = 0, 1, 2
 
 
@@ -25,27 +23,7 @@ def amplify(
     high: float,
     y: Array,
 ) -> None:
-    """Step an amplifier along straight lines, and write its output.
-
-    Parameters
-    ----------
-    target : numpy.ndarray
-        Command times gain at the samples [V], shape (n,).
-    last : float
-        The same one step before the first of them [V].
-    u : float
-        Output there [V].
-    h : float
-        Step over time constant [1].
-    threshold : float
-        Largest rate times time constant [V]: how far the output may be behind.
-    low : float
-        Lowest output [V].
-    high : float
-        Highest output [V].
-    y : numpy.ndarray
-        Outputs [V], shape (n,), written.
-    """
+    """Step an amplifier along straight lines, and write its output."""
     for k in range(target.size):
         u = _one_step(last, (target[k] - last) / h, u, h, threshold, low, high)
         last = target[k]

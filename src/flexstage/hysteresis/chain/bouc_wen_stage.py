@@ -8,8 +8,6 @@ from flexstage.hysteresis.chain.pieces import piece_of_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
-__all__ = ["bouc_wen_with_mode"]
-
 # (1 - exp(-x))/x = sum of (-x)^j/(j + 1)!
 _GROWTH: Array = np.asarray(1.0 / np.cumprod(np.arange(1.0, ORDERS + 2.0)), dtype=np.float64)
 
@@ -29,32 +27,6 @@ def bouc_wen_with_mode(
 
     Inside a line of the input on which h does not pass zero, the derivatives of the force are those
     of an exponential, so that a step is two sums.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    last : float
-        Input one step before the first of them.
-    h : float
-        Hysteretic displacement there.
-    numbers : tuple of float
-        Gain d, hysteresis gain A, beta, gamma.
-    step : UnitStep
-        The mode.
-    z : float
-        Its deflection.
-    v : float
-        Its rate [per sample].
-    share : float
-        Share of the mode; the rest follows at once.
-    y : numpy.ndarray
-        Outputs, shape (n,), written.
-
-    Returns
-    -------
-    tuple of float
-        Hysteretic displacement, deflection and rate at the last sample.
     """
     fastest = (abs(numbers[2]) + abs(numbers[3])) * float(np.abs(np.diff(u, prepend=last)).max())
     terms, size = 2, 1.0

@@ -21,8 +21,6 @@ from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, samples
 
-__all__ = ["Creep", "CreepSpectrum", "LogCreep"]
-
 
 class Creep(ChainElement):
     r"""Linear creep: the input, and lags behind it.
@@ -58,20 +56,6 @@ class Creep(ChainElement):
         return 1.0 + float(self.lag_gains.sum())
 
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The input.
-        dt : float
-            Step between samples [s]; the state does not depend on it.
-
-        Returns
-        -------
-        numpy.ndarray
-            The input, and the value of each lag, shape (1 + m,).
-        """
         del dt
         return np.full(1 + self.time_constants.size, float(x))
 
@@ -93,22 +77,6 @@ class Creep(ChainElement):
         return 1.0 + rise @ self.lag_gains
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            Inputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state at the last sample.
-        """
         given = samples(x, "input of creep")
         now, decay, ramp = self._start(given[0], dt, state)
         y = np.empty_like(given)
@@ -162,18 +130,6 @@ class Creep(ChainElement):
         return Response(values=x, state=now)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         return 1.0 + (1.0 / (1.0 + s * self.time_constants)) @ self.lag_gains
 
@@ -205,17 +161,6 @@ class LogCreep(Creep):
     leaves the logarithm, and it is constant beyond. Few lags ripple about it: by 2 % of
     `rate_per_decade` with one a decade, 0.02 % with two, 0.0002 % with three.
 
-    Parameters
-    ----------
-    rate_per_decade : float
-        Rise after a step in each decade of time, over the step [1]; not negative.
-    shortest : float
-        Time at which creep begins [s].
-    longest : float
-        Time at which creep ends [s].
-    per_decade : int
-        Number of lags in a decade p.
-
     Raises
     ------
     ModelError
@@ -237,9 +182,13 @@ class LogCreep(Creep):
     )
 
     rate_per_decade: float
+    """Rise after a step in each decade of time, over the step [1]; not negative."""
     shortest: float = 0.01
+    """Time at which creep begins [s]."""
     longest: float = 1000.0
+    """Time at which creep ends [s]."""
     per_decade: int = 2
+    """Number of lags in a decade p."""
 
     def __post_init__(self) -> None:
         if not (self.rate_per_decade >= 0.0 and math.isfinite(self.rate_per_decade)):
@@ -258,7 +207,6 @@ class LogCreep(Creep):
 
     @property
     def time_constants(self) -> Array:
-        """Time constants of the lags [s], rising, shape (m,)."""
         decades = math.log10(self.longest / self.shortest)
         count = max(1, math.ceil(self.per_decade * decades - 1e-9))
         # a whole number of lags fills the decades evenly, so that the ends are where they are said
@@ -266,7 +214,6 @@ class LogCreep(Creep):
 
     @property
     def lag_shares(self) -> Array:
-        """Static gain of each lag over the rise in a decade [1], shape (m,): all are alike."""
         count = self.time_constants.size
         return np.full(count, math.log10(self.longest / self.shortest) / count)
 
@@ -278,7 +225,6 @@ class LogCreep(Creep):
 
     @property
     def lag_gains(self) -> Array:
-        """Static gain of each lag [1], shape (m,): all are alike."""
         return np.full(self.time_constants.size, self.lag_gain)
 
 
@@ -297,13 +243,6 @@ class CreepSpectrum(Creep):
     Validity: as `LogCreep`, from the shortest time constant to the longest; rates between those of
     the records that it was found from.
 
-    Parameters
-    ----------
-    times : tuple of float
-        Time constants [s], rising.
-    weights : tuple of float
-        Static gain of each lag [1]; not negative.
-
     Raises
     ------
     ModelError
@@ -321,7 +260,9 @@ class CreepSpectrum(Creep):
     )
 
     times: tuple[float, ...]
+    """Time constants [s], rising."""
     weights: tuple[float, ...]
+    """Static gain of each lag [1]; not negative."""
 
     def __post_init__(self) -> None:
         for name in ("times", "weights"):
@@ -345,7 +286,6 @@ class CreepSpectrum(Creep):
 
     @property
     def time_constants(self) -> Array:
-        """Time constants of the lags [s], rising, shape (m,)."""
         return np.array(self.times)
 
     @property
@@ -355,7 +295,6 @@ class CreepSpectrum(Creep):
 
     @property
     def lag_shares(self) -> Array:
-        """Static gain of each lag over the rise in a decade [1], shape (m,)."""
         return np.array(self.weights) / self.rate_per_decade
 
     def scaled(self, rate_per_decade: float) -> "CreepSpectrum":

@@ -4,17 +4,14 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Complex
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, Response
 
-__all__ = ["LONGEST", "SHORTEST", "ChainElement", "Complex", "checked_state", "positive_step"]
-
 #: What times of an element are between, other than none at all [s]; 1e9 s are 30 years.
 SHORTEST, LONGEST = 1e-12, 1e9
-
-Complex = NDArray[np.complex128]
 
 
 class ChainElement(ABC):
@@ -35,107 +32,26 @@ class ChainElement(ABC):
 
     @abstractmethod
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The input.
-        dt : float
-            Step between samples [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            The state.
-        """
+        """Return the state after a constant input for a long time."""
 
     @abstractmethod
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            Inputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state at the last sample.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, the step is not positive, or the state does not belong
-            to this element.
-        """
+        """Return the output for a sequence of inputs."""
 
     @abstractmethod
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
+        """Return the ratio of output to input for a steady sine."""
 
 
 def positive_step(dt: float) -> float:
-    """Return a step between samples after checking it.
-
-    Parameters
-    ----------
-    dt : float
-        The step [s].
-
-    Returns
-    -------
-    float
-        The step [s].
-
-    Raises
-    ------
-    ModelError
-        It is not positive and finite.
-    """
+    """Return a step between samples after checking it."""
     if not (dt > 0.0 and np.isfinite(dt)):
         raise ModelError(f"the step between samples must be positive and finite, got {dt!r} s")
     return float(dt)
 
 
 def checked_state(state: ArrayLike, size: int, what: str) -> Array:
-    """Return a private copy of a state after checking its size.
-
-    Parameters
-    ----------
-    state : array_like
-        The state.
-    size : int
-        How many numbers it must have.
-    what : str
-        Which element it belongs to.
-
-    Returns
-    -------
-    numpy.ndarray
-        The state, shape (size,).
-
-    Raises
-    ------
-    ModelError
-        It is not a sequence of that many finite numbers.
-    """
+    """Return a private copy of a state after checking its size."""
     given = np.array(state, dtype=np.float64)
     if given.shape != (size,) or not np.all(np.isfinite(given)):
         raise ModelError(

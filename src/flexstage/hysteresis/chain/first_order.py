@@ -7,8 +7,6 @@ from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS, terms_needed
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
 
-__all__ = ["decay_share", "lag_moments", "lags_through_segments", "ramp_share"]
-
 # Below this ratio of step to time constant the closed form loses digits; the series has 18 terms.
 _SHORT = 1.0
 
@@ -17,16 +15,6 @@ def decay_share(ratio: ArrayLike) -> Array:
     r"""Return how far a lag goes towards a constant input in a step.
 
     .. math:: 1 - e^{-r}
-
-    Parameters
-    ----------
-    ratio : array_like
-        Step over time constant r [1]; infinite for no lag.
-
-    Returns
-    -------
-    numpy.ndarray
-        The share of the way.
     """
     return -np.expm1(-np.asarray(ratio, dtype=np.float64))
 
@@ -35,16 +23,6 @@ def ramp_share(ratio: ArrayLike) -> Array:
     r"""Return how far a lag follows the rise of a ramp in a step.
 
     .. math:: 1 - \frac{1 - e^{-r}}{r}
-
-    Parameters
-    ----------
-    ratio : array_like
-        Step over time constant r [1]; infinite for no lag.
-
-    Returns
-    -------
-    numpy.ndarray
-        The share of the rise, exact to rounding also for short steps.
     """
     r = np.asarray(ratio, dtype=np.float64)
     small = np.where(r < _SHORT, r, 0.0)
@@ -60,16 +38,6 @@ def lag_moments(ratio: Array) -> Array:
     r"""Return what the derivatives of an input do to lags in a step of one sample.
 
     .. math:: r \int_0^1 e^{-r (1 - s)} \frac{s^j}{j!}\, ds
-
-    Parameters
-    ----------
-    ratio : numpy.ndarray
-        Step over time constant r of each lag [1], shape (m,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Row j for the derivative j, shape (ORDERS, m).
     """
     out = np.empty((ORDERS, ratio.size))
     small, large = np.minimum(ratio, 2.0), np.maximum(ratio, 2.0)
@@ -89,21 +57,7 @@ def lag_moments(ratio: Array) -> Array:
 def lags_through_segments(
     force: Segments, ratio: Array, lag: Array, reader: Array, y: Array
 ) -> None:
-    """Step lags through an input that is known between the samples, and add their readings.
-
-    Parameters
-    ----------
-    force : Segments
-        The input, n + 1 samples; the lags are at the first of them.
-    ratio : numpy.ndarray
-        Step over time constant of each lag [1], shape (m,).
-    lag : numpy.ndarray
-        Values of the lags, updated, shape (m,).
-    reader : numpy.ndarray
-        Weights of the lags, one row a reading, shape (p, m).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step lags through an input that is known between the samples, and add their readings."""
     _lags_through(
         force.start,
         force.constant,

@@ -19,73 +19,30 @@ from flexstage.hysteresis.chain.resonance import StageModes, values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel, Segments, samples
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 
-__all__ = [
-    "Forcing",
-    "JointResponse",
-    "forcing",
-    "lags_through",
-    "modes_through",
-    "simulate_with_stage",
-    "values_of",
-]
-
 #: An output that is known between the samples.
 Forcing = Segments | Panels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointResponse:
-    """What a stage behind a hysteresis answers.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Output of the stage, shape (n,).
-    hysteresis_state : numpy.ndarray
-        State of the hysteresis at the last sample.
-    stage_state : numpy.ndarray
-        State of the stage at the last sample.
-    """
+    """What a stage behind a hysteresis answers."""
 
     values: Array
+    """Output of the stage, shape (n,)."""
     hysteresis_state: Array
+    """State of the hysteresis at the last sample."""
     stage_state: Array
+    """State of the stage at the last sample."""
 
 
 def forcing(model: HysteresisModel, u: Array, state: Array) -> Forcing:
-    """Return the output of a model from the first to the last sample, known between them.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    u : numpy.ndarray
-        Inputs, shape (n,), n at least 2.
-    state : numpy.ndarray
-        State before the first of them.
-
-    Returns
-    -------
-    Segments or Panels
-        In closed form where the model has one, else on panels of polynomials.
-    """
+    """Return the output of a model from the first to the last sample, known between them."""
     found = model.segments(u, state)
     return panels(model, u, state) if found is None else found
 
 
 def values_of(force: Forcing) -> Array:
-    """Return the values at the samples.
-
-    Parameters
-    ----------
-    force : Segments or Panels
-        An output that is known between the samples.
-
-    Returns
-    -------
-    numpy.ndarray
-        Its values, shape (n,).
-    """
+    """Return the values at the samples."""
     return force.samples if isinstance(force, Panels) else values_at_samples(force)
 
 
@@ -98,26 +55,7 @@ def modes_through(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes through a force, and add their readings.
-
-    Parameters
-    ----------
-    force : Segments or Panels
-        The force, n + 1 samples; the modes are at the first of them.
-    angle : numpy.ndarray
-        Angle of each mode in a step [rad], shape (k,).
-    damping_ratio : numpy.ndarray
-        Damping ratios [1], shape (k,).
-    z : numpy.ndarray
-        Deflections, updated, shape (k,).
-    v : numpy.ndarray
-        Their rates [per sample], updated, shape (k,).
-    reader : numpy.ndarray
-        Weights of z in the first k columns and of z' in the others, one row a reading,
-        shape (p, 2 k).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step modes through a force, and add their readings."""
     if isinstance(force, Panels):
         modes_through_panels(force, angle, damping_ratio, z, v, reader, y)
     else:
@@ -125,21 +63,7 @@ def modes_through(
 
 
 def lags_through(force: Forcing, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input, and add their readings.
-
-    Parameters
-    ----------
-    force : Segments or Panels
-        The input, n + 1 samples; the lags are at the first of them.
-    ratio : numpy.ndarray
-        Step over time constant of each lag [1], shape (m,).
-    lag : numpy.ndarray
-        Values of the lags, updated, shape (m,).
-    reader : numpy.ndarray
-        Weights of the lags, one row a reading, shape (p, m).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step lags through an input, and add their readings."""
     if isinstance(force, Panels):
         lags_through_panels(force, ratio, lag, reader, y)
     else:

@@ -19,8 +19,6 @@ from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, samples
 
-__all__ = ["Lag"]
-
 #: Most steps of a delay: so many samples are kept.
 _MOST_STEPS = 10_000_000
 
@@ -35,13 +33,6 @@ class Lag(ChainElement):
     form, so that the output is exact for an input of straight lines.
 
     Validity: linear; a filter of higher order, or one that rings, is not this.
-
-    Parameters
-    ----------
-    time_constant : float
-        Time constant T [s]; 0 for none.
-    delay : float
-        Delay [s]; 0 for none.
 
     Raises
     ------
@@ -60,7 +51,9 @@ class Lag(ChainElement):
     validity: ClassVar[str] = "one real pole and a delay; nothing that rings"
 
     time_constant: float = 0.0
+    """Time constant T [s]; 0 for none."""
     delay: float = 0.0
+    """Delay [s]; 0 for none."""
 
     def __post_init__(self) -> None:
         for name in ("time_constant", "delay"):
@@ -71,39 +64,9 @@ class Lag(ChainElement):
                 )
 
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The input.
-        dt : float
-            Step between samples [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            The last inputs, newest first, as far back as the delay reaches, then the lag there.
-        """
         return np.full(2 + self._whole(positive_step(dt)), float(x))
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            Inputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state at the last sample.
-        """
         given = samples(x, "input of a lag")
         now = self._start(given[0], dt, state)
         whole = now.size - 2
@@ -196,18 +159,6 @@ class Lag(ChainElement):
         return np.asarray(spline(at), dtype=np.float64) + self.time_constant * rate * inside
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return np.exp(-s * self.delay) / (1.0 + s * self.time_constant)
 

@@ -14,13 +14,6 @@ from flexstage.hysteresis.chain.pieces import piece_of_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
 
-__all__ = [
-    "UnitStep",
-    "modes_along_lines",
-    "modes_through_segments",
-    "unit_step",
-]
-
 # Above this damping ratio the roots of a mode come close; below this angle closed forms of its
 # integrals lose digits.
 _NEARLY_CRITICAL = 0.999
@@ -30,25 +23,18 @@ _LONG = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnitStep:
-    """What a step of one sample does to modes.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Angle of each mode in a step [rad], shape (k,).
-    damping_ratio : numpy.ndarray
-        Damping ratios [1], shape (k,).
-    transition : numpy.ndarray
-        From (z, z') to (z, z'): rows zz, zv, vz, vv, shape (4, k).
-    moments : numpy.ndarray
-        Row j is what the derivative j of the force does to z', and row j + 1 what it does to z,
-        shape (ORDERS + 1, k).
-    """
+    """What a step of one sample does to modes."""
 
     angle: Array
+    """Angle of each mode in a step [rad], shape (k,)."""
     damping_ratio: Array
+    """Damping ratios [1], shape (k,)."""
     transition: Array
+    """From (z, z') to (z, z'): rows zz, zv, vz, vv, shape (4, k)."""
     moments: Array
+    """Row j is what the derivative j of the force does to z', and row j + 1 what it does to z,
+    shape (ORDERS + 1, k).
+    """
 
 
 def unit_step(angle: Array, damping_ratio: Array) -> UnitStep:
@@ -56,18 +42,6 @@ def unit_step(angle: Array, damping_ratio: Array) -> UnitStep:
 
     With g the response to an impulse, the moments are :math:`W^2 g(1)` and
     :math:`W^2 \int_0^1 g(1 - s) s^j / j!\, ds`.
-
-    Parameters
-    ----------
-    angle : numpy.ndarray
-        Angle of each mode in a step [rad], positive, shape (k,).
-    damping_ratio : numpy.ndarray
-        Damping ratios [1], shape (k,).
-
-    Returns
-    -------
-    UnitStep
-        The coefficients.
     """
     transition = np.empty((4, angle.size))
     moments = np.empty((ORDERS + 1, angle.size))
@@ -124,50 +98,14 @@ def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
 def modes_along_lines(
     x: Array, last: float, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes along straight lines, and add their readings.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        Force at the samples, shape (n,).
-    last : float
-        Force one step before the first of them.
-    step : UnitStep
-        The modes.
-    z : numpy.ndarray
-        Deflections, updated, shape (k,).
-    v : numpy.ndarray
-        Their rates [per sample], updated, shape (k,).
-    reader : numpy.ndarray
-        Weights of z in the first k columns and of z' in the others, one row a reading,
-        shape (p, 2 k).
-    y : numpy.ndarray
-        Readings, added to, shape (p, n).
-    """
+    """Step modes along straight lines, and add their readings."""
     _along_lines(x, last, step.transition, step.moments, z, v, reader, y)
 
 
 def modes_through_segments(
     force: Segments, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes through a force that is known between the samples, and add their readings.
-
-    Parameters
-    ----------
-    force : Segments
-        The force, n + 1 samples; the modes are at the first of them.
-    step : UnitStep
-        The modes.
-    z : numpy.ndarray
-        Deflections, updated, shape (k,).
-    v : numpy.ndarray
-        Their rates [per sample], updated, shape (k,).
-    reader : numpy.ndarray
-        Weights of z in the first k columns and of z' in the others, one row a reading,
-        shape (p, 2 k).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step modes through a force that is known between the samples, and add their readings."""
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
             force.start,

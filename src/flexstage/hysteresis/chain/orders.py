@@ -3,8 +3,6 @@
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
-__all__ = ["LARGEST_RATE", "ORDERS", "terms_needed"]
-
 #: Most derivatives that a step takes into account.
 ORDERS = 12
 
@@ -14,20 +12,7 @@ LARGEST_RATE = 0.5
 
 @compiled
 def terms_needed(amplitude: Array, rate: Array) -> int:
-    """Return the number of derivatives that whole steps need for the fastest exponential in reach.
-
-    Parameters
-    ----------
-    amplitude : numpy.ndarray
-        Amplitudes of the exponentials, shape (m,).
-    rate : numpy.ndarray
-        Their rates [per sample], shape (m,); those above `LARGEST_RATE` go another way.
-
-    Returns
-    -------
-    int
-        The number, from 2 to `ORDERS`.
-    """
+    """Return how many derivatives whole steps need for the fastest exponential in reach."""
     fastest = 0.0
     for i in range(rate.size):
         if amplitude[i] != 0.0 and abs(rate[i]) <= LARGEST_RATE:

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel
 
-__all__ = ["Panels", "lags_through_panels", "modes_through_panels", "panels"]
-
 # Points of a panel (Gauss, Legendre): a polynomial of ninth degree is met exactly.
 _POINTS = 10
 # A panel is good where the two highest of its Legendre coefficients, times its length, are this
@@ -33,27 +31,18 @@ _TO_ENDS = np.polynomial.legendre.legvander(np.array((-1.0, 1.0)), _POINTS - 1) 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panels:
-    """An output between the samples by its values at points of panels.
-
-    Parameters
-    ----------
-    level : numpy.ndarray
-        Each panel is 2^-level of a step, shape (m,).
-    values : numpy.ndarray
-        Output at the points, shape (m, points).
-    ends : numpy.ndarray
-        True where a panel ends at a sample, shape (m,).
-    samples : numpy.ndarray
-        Output at the samples, shape (n,).
-    state : numpy.ndarray
-        State of the model at the last sample.
-    """
+    """An output between the samples by its values at points of panels."""
 
     level: Array
+    """Each panel is 2^-level of a step, shape (m,)."""
     values: Array
+    """Output at the points, shape (m, points)."""
     ends: Array
+    """True where a panel ends at a sample, shape (m,)."""
     samples: Array
+    """Output at the samples, shape (n,)."""
     state: Array
+    """State of the model at the last sample."""
 
 
 def panels(model: HysteresisModel, u: Array, state: Array) -> Panels:
@@ -61,20 +50,6 @@ def panels(model: HysteresisModel, u: Array, state: Array) -> Panels:
 
     The model is evaluated exactly at the points. Where a panel is not smooth enough, because the
     hysteretic displacement passes zero in it, say, it is halved until it is.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    u : numpy.ndarray
-        Inputs, shape (n,), n at least 2.
-    state : numpy.ndarray
-        State before the first of them.
-
-    Returns
-    -------
-    Panels
-        The output from the first to the last sample.
     """
     first = model.simulate(u[:1], state)
     line = u[:-1, None] + np.diff(u)[:, None] * np.append(_SHARES, 1.0)
@@ -149,26 +124,7 @@ def modes_through_panels(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes through a force on panels, and add their readings.
-
-    Parameters
-    ----------
-    force : Panels
-        The force, n + 1 samples; the modes are at the first of them.
-    angle : numpy.ndarray
-        Angle of each mode in a step [rad], shape (k,).
-    damping_ratio : numpy.ndarray
-        Damping ratios [1], shape (k,).
-    z : numpy.ndarray
-        Deflections, updated, shape (k,).
-    v : numpy.ndarray
-        Their rates [per sample], updated, shape (k,).
-    reader : numpy.ndarray
-        Weights of z in the first k columns and of z' in the others, one row a reading,
-        shape (p, 2 k).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step modes through a force on panels, and add their readings."""
     levels, index = np.unique(force.level, return_inverse=True)
     k = angle.size
     transition = np.empty((levels.size, 4, k))
@@ -194,21 +150,7 @@ def modes_through_panels(
 
 
 def lags_through_panels(force: Panels, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input on panels, and add their readings.
-
-    Parameters
-    ----------
-    force : Panels
-        The input, n + 1 samples; the lags are at the first of them.
-    ratio : numpy.ndarray
-        Step over time constant of each lag [1], shape (m,).
-    lag : numpy.ndarray
-        Values of the lags, updated, shape (m,).
-    reader : numpy.ndarray
-        Weights of the lags, one row a reading, shape (p, m).
-    y : numpy.ndarray
-        Readings after the first sample, added to, shape (p, n).
-    """
+    """Step lags through an input on panels, and add their readings."""
     levels, index = np.unique(force.level, return_inverse=True)
     decay = np.exp(-ratio * 0.5 ** levels[:, None])
     weights = np.empty((levels.size, ratio.size, _POINTS))

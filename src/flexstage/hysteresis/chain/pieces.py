@@ -4,8 +4,6 @@ import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 
-__all__ = ["piece_of_step"]
-
 # A piece of a step: closed form at less damping than this and over a longer angle than that.
 _DAMPED = 0.9
 _SHORT = 0.5
@@ -24,34 +22,7 @@ def piece_of_step(
     c: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s).
-
-    Parameters
-    ----------
-    z : float
-        Deflection.
-    v : float
-        Its rate [per sample].
-    w : float
-        Angle of the mode in a step [rad].
-    zeta : float
-        Damping ratio [1].
-    h : float
-        Length of the piece [samples].
-    a : float
-        Constant of the force.
-    b : float
-        Slope of the force [per sample].
-    c : float
-        Amplitude of the exponential.
-    mu : float
-        Its rate [per sample].
-
-    Returns
-    -------
-    tuple of float
-        Deflection and rate.
-    """
+    """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s)."""
     if zeta <= _DAMPED and w * h >= _SHORT:
         return _oscillate(z, v, w, zeta, h, a, b, c, mu)
     parts = int(np.ceil(max(w * max(1.0, 2.0 * zeta), abs(mu)) * h / 0.5))

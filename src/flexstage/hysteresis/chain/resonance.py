@@ -25,8 +25,6 @@ from flexstage.hysteresis.chain.stage_inverse import stage_inverse
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, Segments, samples
 
-__all__ = ["StageModes", "value_at", "values_at_samples"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageModes(ChainElement):
@@ -38,16 +36,6 @@ class StageModes(ChainElement):
     What the shares :math:`c_i` leave of one follows at once: modes far above the band.
 
     Validity: linear, small motion; modes that are not listed follow without delay.
-
-    Parameters
-    ----------
-    frequency_hz : sequence of float
-        Natural frequencies [Hz], shape (k,).
-    damping_ratio : sequence of float
-        Damping ratios [1], shape (k,); above 1 the mode does not swing.
-    share : sequence of float, optional
-        Share of each mode in the static displacement [1], shape (k,); may be negative. All of it
-        where there is one mode and nothing is given.
 
     Raises
     ------
@@ -68,8 +56,13 @@ class StageModes(ChainElement):
     validity: ClassVar[str] = "linear modes of small motion; what is not listed follows at once"
 
     frequency_hz: Sequence[float]
+    """Natural frequencies [Hz], shape (k,)."""
     damping_ratio: Sequence[float]
+    """Damping ratios [1], shape (k,); above 1 the mode does not swing."""
     share: Sequence[float] = (1.0,)
+    """Share of each mode in the static displacement [1], shape (k,); may be negative. All of it
+    where there is one mode and nothing is given.
+    """
 
     def __post_init__(self) -> None:
         for name in ("frequency_hz", "damping_ratio", "share"):
@@ -98,41 +91,11 @@ class StageModes(ChainElement):
         return 2.0 * np.pi * np.array(self.frequency_hz)
 
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The input.
-        dt : float
-            Step between samples [s]; the state does not depend on it.
-
-        Returns
-        -------
-        numpy.ndarray
-            The input, the deflections of the modes, and their rates [1/s], shape (1 + 2 k,).
-        """
         del dt
         k = len(self.frequency_hz)
         return np.concatenate((np.full(1 + k, float(x)), np.zeros(k)))
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            Inputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state at the last sample.
-        """
         given = samples(x, "input of the stage")
         step, last, z, v = self._start(given[0], dt, state)
         y = self.static_share * given[None, :]
@@ -228,18 +191,6 @@ class StageModes(ChainElement):
         return Response(values=x, state=self.simulate(x, h).state)
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of output to input for a steady sine.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
         w, zeta = self.omega, np.array(self.damping_ratio)
         mode = w**2 / (s**2 + 2.0 * zeta * w * s + w**2)
@@ -261,20 +212,7 @@ class StageModes(ChainElement):
 
 
 def value_at(force: Segments, sample: int) -> float:
-    """Return the value of a sequence that is known between the samples, at one sample.
-
-    Parameters
-    ----------
-    force : Segments
-        The sequence.
-    sample : int
-        The sample, counted from 0.
-
-    Returns
-    -------
-    float
-        The value.
-    """
+    """Return the value of a sequence that is known between the samples, at one sample."""
     i = int(np.searchsorted(force.start, sample, side="right")) - 1
     since = sample - force.start[i]
     decay = math.exp(-force.rate[i] * since)
@@ -282,18 +220,7 @@ def value_at(force: Segments, sample: int) -> float:
 
 
 def values_at_samples(force: Segments) -> Array:
-    """Return the values of a sequence that is known between the samples.
-
-    Parameters
-    ----------
-    force : Segments
-        The sequence.
-
-    Returns
-    -------
-    numpy.ndarray
-        Its values at the samples, shape (n,).
-    """
+    """Return the values of a sequence that is known between the samples."""
     value = np.empty(force.samples)
     _values(force.start, force.constant, force.slope, force.amplitude, force.rate, value)
     return value

@@ -17,8 +17,6 @@ from flexstage.hysteresis.chain.element import (
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.model import Array, Response, samples
 
-__all__ = ["Sensor"]
-
 # Noise is drawn in blocks of samples, each from a stream of its own: a record does not depend on
 # how it is cut.
 _BLOCK = 4096
@@ -33,27 +31,6 @@ class Sensor(ChainElement):
               T \dot l + l = x
 
     Validity: the noise is white and normal, of unit :math:`\nu`, and is added after the lag.
-
-    Parameters
-    ----------
-    gain : float
-        Reading over input g [unit of y / unit of x].
-    offset : float
-        Reading at no input o [unit of y].
-    bandwidth_hz : float, optional
-        Frequency at which a small sine has fallen by 3 dB [Hz]; no lag where not given.
-    noise_rms : float
-        Standard deviation of the noise of a sample [unit of y].
-    quantisation : float
-        Smallest step of the reading q [unit of y]; 0 for none.
-    mains_amplitude : float
-        Amplitude of the pick-up of the mains m [unit of y].
-    mains_frequency_hz : float
-        Frequency of the mains [Hz].
-    mains_phase : float
-        Phase of the pick-up at the first sample [rad].
-    seed : int
-        Seed of the noise; two sensors need two.
 
     Raises
     ------
@@ -72,14 +49,23 @@ class Sensor(ChainElement):
     validity: ClassVar[str] = "white, normal noise after one pole"
 
     gain: float = 1.0
+    """Reading over input g [unit of y / unit of x]."""
     offset: float = 0.0
+    """Reading at no input o [unit of y]."""
     bandwidth_hz: float | None = None
+    """Frequency at which a small sine has fallen by 3 dB [Hz]; no lag where not given."""
     noise_rms: float = 0.0
+    """Standard deviation of the noise of a sample [unit of y]."""
     quantisation: float = 0.0
+    """Smallest step of the reading q [unit of y]; 0 for none."""
     mains_amplitude: float = 0.0
+    """Amplitude of the pick-up of the mains m [unit of y]."""
     mains_frequency_hz: float = 50.0
+    """Frequency of the mains [Hz]."""
     mains_phase: float = 0.0
+    """Phase of the pick-up at the first sample [rad]."""
     seed: int = 0
+    """Seed of the noise; two sensors need two."""
 
     def __post_init__(self) -> None:
         if self.gain == 0.0 or not math.isfinite(self.gain):
@@ -99,40 +85,10 @@ class Sensor(ChainElement):
             raise ModelError(f"the seed of a sensor must not be negative, got {self.seed!r}")
 
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time.
-
-        Parameters
-        ----------
-        x : float
-            The input.
-        dt : float
-            Step between samples [s]; the state does not depend on it.
-
-        Returns
-        -------
-        numpy.ndarray
-            The input, the lag, and the number of the next sample, shape (3,).
-        """
         del dt
         return np.array([x, x, 0.0])
 
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
-        """Return the readings for a sequence of inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            Inputs, shape (n,).
-        dt : float
-            Step between samples [s].
-        state : array_like, optional
-            State one step before the first of them; settled at the first where not given.
-
-        Returns
-        -------
-        Response
-            The readings, and the state at the last sample.
-        """
         given = samples(x, "input of a sensor")
         h = positive_step(dt)
         now = self._start(given[0], h, state)
@@ -172,18 +128,6 @@ class Sensor(ChainElement):
         return Response(values=found.values, state=np.append(found.state, now[2] + lagged.size))
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return the ratio of reading to input for a steady sine, without offset and noise.
-
-        Parameters
-        ----------
-        frequency_hz : array_like
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex ratio, shape (k,).
-        """
         return self.gain * self._lag().frequency_response(frequency_hz)
 
     def _lag(self) -> Lag:

@@ -13,8 +13,6 @@ from flexstage.hysteresis.model import Array
 if TYPE_CHECKING:
     from flexstage.hysteresis.chain.resonance import StageModes
 
-__all__ = ["stage_inverse", "stage_zeros"]
-
 # A coefficient below this part of the largest is rounding of the sum that made it.
 _NOTHING = 1e-12
 
@@ -43,18 +41,7 @@ def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
 
 
 def stage_zeros(stage: StageModes) -> np.ndarray:
-    """Return the zeros of a stage of modes.
-
-    Parameters
-    ----------
-    stage : StageModes
-        The stage.
-
-    Returns
-    -------
-    numpy.ndarray
-        Complex zeros [rad/s]; the stage has a stable inverse where their real parts are negative.
-    """
+    """Return the zeros of a stage of modes."""
     above, _, unit = _polynomials(stage)
     return unit * np.roots(above)
 
@@ -66,31 +53,7 @@ def stage_inverse(
     rate: Array | None = None,
     curvature: Array | None = None,
 ) -> Array:
-    """Return the input that gives a smooth output.
-
-    Parameters
-    ----------
-    stage : StageModes
-        The stage.
-    y : numpy.ndarray
-        Output at the samples, shape (n,), n at least 6; the stage rests at the first of them.
-    dt : float
-        Step between samples [s].
-    rate : numpy.ndarray, optional
-        First derivative of the output [1/s], shape (n,).
-    curvature : numpy.ndarray, optional
-        Second derivative of the output [1/s^2], shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Input at the samples, shape (n,).
-
-    Raises
-    ------
-    ModelError
-        The stage is not minimum phase, needs more than two derivatives, or an argument is amiss.
-    """
+    """Return the input that gives a smooth output."""
     above, below, unit = _polynomials(stage)
     if below.size - above.size > 2:
         raise ModelError(

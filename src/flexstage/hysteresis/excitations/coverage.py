@@ -6,8 +6,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
 
-__all__ = ["memory_coverage"]
-
 
 def memory_coverage(u: ArrayLike, cells: int = 16) -> NDArray[np.bool_]:
     r"""Return which cells of threshold and mean a drive signal sets in motion one by one.

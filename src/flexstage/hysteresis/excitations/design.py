@@ -20,8 +20,6 @@ from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
 from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.model import Array
 
-__all__ = ["Excitation", "ExcitationPart", "excitation"]
-
 #: No loop repeats more often than this part of the lowest natural frequency.
 _QUASI_STATIC = 0.1
 #: The speed rises and falls over this many periods of it: the stage does not ring.

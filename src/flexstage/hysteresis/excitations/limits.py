@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.shapes import Movement
 
-__all__ = ["checked_range", "checked_rest", "require_positive", "safe_slope", "usable_rates"]
-
 #: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.
 _USUAL_RATE = 5.0
 _USUAL_RATIO = 10.0
@@ -16,23 +14,7 @@ _RESOLVED = 10.0
 
 
 def checked_range(given: tuple[float, float]) -> tuple[float, float]:
-    """Return a range of voltages after checking it.
-
-    Parameters
-    ----------
-    given : tuple of float
-        Lowest and highest voltage [V].
-
-    Returns
-    -------
-    tuple of float
-        The same.
-
-    Raises
-    ------
-    ModelError
-        It does not rise, or is not finite.
-    """
+    """Return a range of voltages after checking it."""
     low, high = (float(v) for v in given)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ModelError(f"the voltage range must rise and be finite, got {low:g} V to {high:g} V")
@@ -40,27 +22,7 @@ def checked_range(given: tuple[float, float]) -> tuple[float, float]:
 
 
 def checked_rest(rest: float | None, low: float, high: float) -> float:
-    """Return the voltage at rest.
-
-    Parameters
-    ----------
-    rest : float or None
-        The voltage that was asked [V]; None for 0 V, or the end of the range next to it.
-    low : float
-        Lowest voltage [V].
-    high : float
-        Highest voltage [V].
-
-    Returns
-    -------
-    float
-        The voltage [V].
-
-    Raises
-    ------
-    ModelError
-        It is outside the range.
-    """
+    """Return the voltage at rest."""
     if rest is None:
         return min(max(0.0, low), high)
     if not low <= rest <= high:
@@ -69,18 +31,7 @@ def checked_rest(rest: float | None, low: float, high: float) -> float:
 
 
 def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
-    """Refuse numbers that are not positive and finite; None passes.
-
-    Parameters
-    ----------
-    given : dict
-        Number and unit by name.
-
-    Raises
-    ------
-    ModelError
-        One is not.
-    """
+    """Refuse numbers that are not positive and finite; None passes."""
     for name, (value, unit) in given.items():
         if value is not None and not 0.0 < value < math.inf:
             raise ModelError(f"the {name} must be positive and finite, got {value!r} {unit}")
@@ -89,29 +40,7 @@ def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
 def safe_slope(
     slope: float | None, current: float | None, capacitance: float | None, rounding: float
 ) -> float:
-    """Return the slope that voltages before rounding may have.
-
-    Parameters
-    ----------
-    slope : float or None
-        Limit of the slope [V/s].
-    current : float or None
-        Limit of the current [A].
-    capacitance : float or None
-        Capacitance of the stack [F].
-    rounding : float
-        What rounding of the voltages may add to the slope [V/s].
-
-    Returns
-    -------
-    float
-        The limit [V/s], infinite where there is none.
-
-    Raises
-    ------
-    ModelError
-        There is a limit of the current and no capacitance, or rounding uses up the limit.
-    """
+    """Return the slope that voltages before rounding may have."""
     if current is not None and capacitance is None:
         raise ModelError("a limit of the current needs the capacitance of the stack: give both")
     limit = math.inf if slope is None else slope
@@ -126,25 +55,7 @@ def safe_slope(
 
 
 def usable_rates(given: Sequence[float] | None, movement: Movement) -> tuple[float, ...]:
-    """Return the rates of the major loops.
-
-    Parameters
-    ----------
-    given : sequence of float or None
-        The rates that were asked [Hz]; None for two that are usual, or as fast as may be.
-    movement : Movement
-        How the voltage moves, with its limits.
-
-    Returns
-    -------
-    tuple of float
-        Rates [Hz], rising.
-
-    Raises
-    ------
-    ModelError
-        A rate is not positive, or faster than the limits allow.
-    """
+    """Return the rates of the major loops."""
     highest = movement.highest_rate()
     if given is None:
         fastest = min(_USUAL_RATE, highest)

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 from flexstage.hysteresis.excitations.shapes import Movement
 
-__all__ = ["HOLD", "NEAREST_RATES", "RESONANCE", "Plan", "Section", "fitted", "shortest"]
-
 #: Numbers of reversal curves, of which the largest that fits is taken.
 _LEVELS = (16, 13, 10, 8, 6, 5, 4)
 _USUAL_LEVELS = 10
@@ -59,43 +57,21 @@ _LEFT_OUT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """One part of a plan.
-
-    Parameters
-    ----------
-    name : str
-        What it is.
-    rate_hz : float
-        Rate at which it moves [Hz].
-    targets : tuple of float
-        Voltages to go to, one after the other [V].
-    waits : tuple of float
-        Time to wait at each of them [s]; empty for none.
-    multisine : float
-        Duration of a multisine at the last of them [s].
-    """
+    """One part of a plan."""
 
     name: str
+    """What it is."""
     rate_hz: float
+    """Rate at which it moves [Hz]."""
     targets: tuple[float, ...]
+    """Voltages to go to, one after the other [V]."""
     waits: tuple[float, ...] = ()
+    """Time to wait at each of them [s]; empty for none."""
     multisine: float = 0.0
+    """Duration of a multisine at the last of them [s]."""
 
     def steps(self, start: float, movement: Movement) -> Iterator[tuple[float, int, int]]:
-        """Give each target with the samples of the movement there and of the wait.
-
-        Parameters
-        ----------
-        start : float
-            Voltage before the first movement [V].
-        movement : Movement
-            How it moves.
-
-        Yields
-        ------
-        tuple of float, int and int
-            Target [V], samples of the movement, samples of the wait.
-        """
+        """Give each target with the samples of the movement there and of the wait."""
         waits = self.waits or (0.0,) * len(self.targets)
         for target, wait in zip(self.targets, waits, strict=True):
             moved = movement.count(abs(target - start), self.rate_hz)
@@ -105,33 +81,22 @@ class Section:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is asked of a record.
-
-    Parameters
-    ----------
-    voltage_range : tuple of float
-        Lowest and highest voltage [V].
-    rest_voltage : float
-        Voltage at which it starts and ends [V].
-    rates_hz : tuple of float
-        Rates of the major loops, rising [Hz].
-    hold : float
-        Time of the step and hold for creep [s]; 0 for none.
-    multisine : float
-        Time of the multisine at the resonance [s]; 0 for none.
-    levels : int
-        Number of reversal curves of each family.
-    dropped : int
-        How much is left out.
-    """
+    """What is asked of a record."""
 
     voltage_range: tuple[float, float]
+    """Lowest and highest voltage [V]."""
     rest_voltage: float
+    """Voltage at which it starts and ends [V]."""
     rates_hz: tuple[float, ...]
+    """Rates of the major loops, rising [Hz]."""
     hold: float
+    """Time of the step and hold for creep [s]; 0 for none."""
     multisine: float
+    """Time of the multisine at the resonance [s]; 0 for none."""
     levels: int = _USUAL_LEVELS
+    """Number of reversal curves of each family."""
     dropped: int = 0
+    """How much is left out."""
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -153,13 +118,7 @@ class Plan:
         )
 
     def sections(self) -> tuple[Section, ...]:
-        """Return its parts in the order in which they are run.
-
-        Returns
-        -------
-        tuple of Section
-            From the rest voltage to the rest voltage.
-        """
+        """Return its parts in the order in which they are run."""
         low, high = self.voltage_range
         slowest, fastest = self.rates_hz[0], self.rates_hz[-1]
         rest = self.rest_voltage
@@ -193,18 +152,7 @@ class Plan:
         return tuple(made)
 
     def samples(self, movement: Movement) -> int:
-        """Return how many samples it takes, with the first.
-
-        Parameters
-        ----------
-        movement : Movement
-            How it moves.
-
-        Returns
-        -------
-        int
-            Number of samples.
-        """
+        """Return how many samples it takes, with the first."""
         count, at = 1, self.rest_voltage
         for section in self.sections():
             for target, moved, waited in section.steps(at, movement):
@@ -256,22 +204,6 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
 
     First rates are raised: all of them up to `free_up_to`, or the slower ones up to an eighth of
     the fastest. Then content is left out, in the order of its worth.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    movement : Movement
-        How it moves.
-    most : int, optional
-        Largest number of samples; none where not given.
-    free_up_to : float
-        Rate up to which all rates may be raised [Hz]; 0 where they were asked for.
-
-    Returns
-    -------
-    Plan or None
-        The plan; None where not even the least fits.
     """
     if most is None:
         return plan
@@ -287,22 +219,7 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
 
 
 def shortest(plan: Plan, movement: Movement, free_up_to: float) -> int:
-    """Return how many samples the least record takes.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is asked.
-    movement : Movement
-        How it moves.
-    free_up_to : float
-        As in `fitted`.
-
-    Returns
-    -------
-    int
-        Number of samples.
-    """
+    """Return how many samples the least record takes."""
     rates = _raised(plan.rates_hz, free_up_to)[-1]
     least = replace(plan, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
     return least.samples(movement)

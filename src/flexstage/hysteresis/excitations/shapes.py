@@ -8,8 +8,6 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array
 
-__all__ = ["SHAPES", "Movement", "multisine"]
-
 #: The shapes of a movement.
 SHAPES = ("smooth", "sine", "triangle")
 
@@ -33,43 +31,25 @@ class Movement:
     A whole loop over `span` takes 1/rate. Smaller loops are run at the same speed, which keeps
     slope and current, until they would repeat more often than `highest_frequency_hz` or five times
     the rate.
-
-    Parameters
-    ----------
-    shape : str
-        ``smooth``, ``sine`` or ``triangle``.
-    span : float
-        Voltage that a major loop goes over [V].
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    slope_limit : float
-        Largest slope [V/s]; infinite where there is none.
-    turn_time : float
-        Time over which the speed of a smooth movement rises or falls, where the movement is long
-        enough for it [s].
-    highest_frequency_hz : float
-        How often a loop may repeat [Hz].
     """
 
     shape: str
+    """``smooth``, ``sine`` or ``triangle``."""
     span: float
+    """Voltage that a major loop goes over [V]."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     slope_limit: float = math.inf
+    """Largest slope [V/s]; infinite where there is none."""
     turn_time: float = 0.0
+    """Time over which the speed of a smooth movement rises or falls, where the movement is long
+    enough for it [s].
+    """
     highest_frequency_hz: float = math.inf
+    """How often a loop may repeat [Hz]."""
 
     def shortest(self, distance: float) -> float:
         """Return the shortest time that a movement may take by the limit of the slope.
-
-        Parameters
-        ----------
-        distance : float
-            How far it goes [V].
-
-        Returns
-        -------
-        float
-            Time [s].
 
         Examples
         --------
@@ -88,31 +68,12 @@ class Movement:
         return max(least / (1.0 - _SHORTEST_RAMP), min(2.0 * least, least + self.turn_time))
 
     def highest_rate(self) -> float:
-        """Return the highest rate of a major loop [Hz].
-
-        Returns
-        -------
-        float
-            The rate that limit of slope, samples and `highest_frequency_hz` allow.
-        """
+        """Return the highest rate of a major loop [Hz]."""
         time = max(self.shortest(self.span), _FEWEST_SAMPLES / self.sample_rate_hz)
         return min(0.5 / time, self.highest_frequency_hz)
 
     def count(self, distance: float, rate_hz: float) -> int:
-        """Return how many samples a movement takes.
-
-        Parameters
-        ----------
-        distance : float
-            How far it goes [V].
-        rate_hz : float
-            Rate of the major loops that it belongs to [Hz].
-
-        Returns
-        -------
-        int
-            Steps from one sample to the next.
-        """
+        """Return how many samples a movement takes."""
         if distance == 0.0:
             return 0
         often = min(_MOST_OFTEN * rate_hz, max(rate_hz, self.highest_frequency_hz))
@@ -121,22 +82,7 @@ class Movement:
         return max(math.ceil(time * self.sample_rate_hz * (1.0 - 1e-12)), _FEWEST_SAMPLES)
 
     def samples(self, start: float, end: float, count: int) -> Array:
-        """Return the samples of a movement after its start.
-
-        Parameters
-        ----------
-        start : float
-            Voltage before [V].
-        end : float
-            Voltage of the last sample [V].
-        count : int
-            Number of steps.
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltages [V], shape (count,).
-        """
+        """Return the samples of a movement after its start."""
         s = np.arange(1, count + 1) / count
         if self.shape == "sine":
             s = 0.5 * (1.0 - np.cos(np.pi * s))
@@ -162,27 +108,6 @@ def multisine(band_hz: tuple[float, float], time: float, sample_rate_hz: float, 
 
     The phases are random, the best of 32 draws for a low crest factor, so that the energy in the
     band is large for the peak. The signal fades in and out over a tenth of its time.
-
-    Parameters
-    ----------
-    band_hz : tuple of float
-        Lowest and highest frequency [Hz].
-    time : float
-        Its duration [s]; sines are ``1 / time`` apart.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    seed : int
-        Seed of the phases.
-
-    Returns
-    -------
-    numpy.ndarray
-        Samples after the start, with a peak of 1, shape (n,); the last one is zero.
-
-    Raises
-    ------
-    ModelError
-        The band does not rise, holds no line, or is above a fifth of the sample rate.
 
     Examples
     --------

@@ -4,16 +4,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.hysteresis.chain import Amplifier
+from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.model import samples
-
-__all__ = ["FoundAmplifier", "identify_amplifier"]
-
-Array = NDArray[np.float64]
 
 #: A limit of the rate is believed where it takes this share of the misfit away.
 _WORTH = 0.05
@@ -23,27 +20,18 @@ _FASTEST = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundAmplifier:
-    """An amplifier as it was identified.
-
-    Parameters
-    ----------
-    amplifier : Amplifier
-        The amplifier; its slew limit is None where the record never reached one.
-    offset : float
-        Voltage at no command [V].
-    bandwidth_error_hz : float
-        Standard error of the bandwidth [Hz].
-    rms : float
-        Root mean square of what is left [V].
-    warnings : tuple of str
-        What the record cannot tell.
-    """
+    """An amplifier as it was identified."""
 
     amplifier: Amplifier
+    """The amplifier; its slew limit is None where the record never reached one."""
     offset: float
+    """Voltage at no command [V]."""
     bandwidth_error_hz: float
+    """Standard error of the bandwidth [Hz]."""
     rms: float
+    """Root mean square of what is left [V]."""
     warnings: tuple[str, ...]
+    """What the record cannot tell."""
 
 
 def identify_amplifier(command: ArrayLike, output: ArrayLike, dt: float) -> FoundAmplifier:

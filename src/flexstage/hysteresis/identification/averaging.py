@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.measurement import (
     Section,
     with_history,
     without_history,
 )
 from flexstage.records import difference_noise
-
-__all__ = ["averaged"]
-
-Array = NDArray[np.float64]
 
 #: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
 _STRAIGHT = 3e-4
@@ -33,20 +30,6 @@ def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
     output run otherwise than in a straight line from mean to mean, as in sharp turns, jumps and
     tones, a hysteresis of the mean is not the mean of a hysteresis: those samples are left out of
     fits. Blocks are kept so short that they are few, and that no turning point is blunted.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    most : int
-        Samples that are wanted at most.
-    loose : float
-        How much more than usual means may miss of the motion.
-
-    Returns
-    -------
-    Section
-        The section of means; itself where it is short enough, or moves too quickly.
     """
     if section.measured is not None:
         return section

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Creep, CreepSpectrum, Lag, LogCreep, StageModes
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.lag import Lag
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import Measurement, Section
-
-__all__ = ["ChainValues", "Rows", "filtered", "rows_of"]
-
-Array = NDArray[np.float64]
 
 #: Samples that a fit looks at, at most; the models themselves see every sample.
 _MOST_ROWS = 30_000
@@ -25,42 +24,26 @@ _BLOCK = 4_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainValues:
-    """Values of the linear chain behind a hysteresis model.
-
-    Parameters
-    ----------
-    delay : float
-        Delay of the output against the input [s].
-    creep_per_decade : float
-        Log-type creep, over the step, in each decade of time [1].
-    resonance_hz : float
-        Frequency of the lowest mode in the output [Hz]; 0 for none.
-    damping_ratio : float
-        Its damping ratio [1].
-    resonance_share : float
-        Part of the motion that goes through the mode; the rest follows at once [1].
-    creep_shortest : float
-        Time at which creep begins [s].
-    creep_longest : float
-        Time at which creep ends [s].
-    spectrum : CreepSpectrum, optional
-        Time constants of the creep and their weights, which `creep_per_decade` scales; those that
-        go with the logarithm of time where not given.
-
-    Raises
-    ------
-    ModelError
-        Delay, creep or resonance are negative or not finite.
-    """
+    """Values of the linear chain behind a hysteresis model."""
 
     delay: float = 0.0
+    """Delay of the output against the input [s]."""
     creep_per_decade: float = 0.0
+    """Log-type creep, over the step, in each decade of time [1]."""
     resonance_hz: float = 0.0
+    """Frequency of the lowest mode in the output [Hz]; 0 for none."""
     damping_ratio: float = 0.02
+    """Its damping ratio [1]."""
     resonance_share: float = 1.0
+    """Part of the motion that goes through the mode; the rest follows at once [1]."""
     creep_shortest: float = 0.01
+    """Time at which creep begins [s]."""
     creep_longest: float = 1000.0
+    """Time at which creep ends [s]."""
     spectrum: CreepSpectrum | None = None
+    """Time constants of the creep and their weights, which `creep_per_decade` scales; those that go
+    with the logarithm of time where not given.
+    """
 
     def __post_init__(self) -> None:
         for name in ("delay", "creep_per_decade", "resonance_hz"):
@@ -101,35 +84,16 @@ class ChainValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rows:
-    """The samples of a section that a fit looks at.
-
-    Parameters
-    ----------
-    at : numpy.ndarray
-        Samples, shape (r,).
-    cycle : numpy.ndarray
-        Number of the cycle that each lies in, shape (r,).
-    """
+    """The samples of a section that a fit looks at."""
 
     at: NDArray[np.intp]
+    """Samples, shape (r,)."""
     cycle: NDArray[np.intp]
+    """Number of the cycle that each lies in, shape (r,)."""
 
 
 def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
-    """Choose the samples that a fit looks at: after the warm-up, evenly thinned where too many.
-
-    Parameters
-    ----------
-    data : Measurement
-        The measurement.
-    most : int
-        Number of samples of all sections, at most.
-
-    Returns
-    -------
-    tuple of Rows
-        The samples of each section.
-    """
+    """Choose the samples that a fit looks at: after the warm-up, evenly thinned where too many."""
     total = sum(s.u.size - s.warm_up for s in data.sections)
     every = max(1, -(-total // most))
     chosen = []
@@ -145,24 +109,7 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
 
 
 def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -> Array:
-    """Return columns behind the chain, at some samples.
-
-    Parameters
-    ----------
-    columns : numpy.ndarray
-        Quasi-static columns at every sample, shape (n, m).
-    section : Section
-        The section that they belong to.
-    rows : Rows
-        The samples that are wanted.
-    chain : ChainValues
-        The chain.
-
-    Returns
-    -------
-    numpy.ndarray
-        The columns behind creep, resonance and delay, shape (r, m).
-    """
+    """Return columns behind the chain, at some samples."""
     # what stands for the time before the record is memory, and no motion
     columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape

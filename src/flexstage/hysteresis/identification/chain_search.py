@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import stdtrit
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
@@ -40,10 +41,6 @@ from flexstage.hysteresis.identification.projection import (
     square_left,
 )
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
-
-__all__ = ["FoundChain", "find_chain", "find_starts", "used_rows"]
-
-Array = NDArray[np.float64]
 
 #: What a drive did before a record is told by a misfit that is smaller by this factor: without, it
 #: is taken to have rested.
@@ -82,30 +79,20 @@ _GLIMPSE = 0.002
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundChain:
-    """The chain that explains a measurement best, whatever its hysteresis.
-
-    Parameters
-    ----------
-    values : ChainValues
-        The chain.
-    searched : tuple of str
-        The values that were found, and not given.
-    rms : float
-        Misfit that is left with a coarse dictionary, over the stroke [1].
-    resonance : Resonance or None
-        The resonance, where a part of a record was made to show it, or jumps do.
-    errors : Mapping
-        Standard errors of the values that were found; infinite where the records do not tell.
-    notes : tuple of str
-        What a reader should know.
-    """
+    """The chain that explains a measurement best, whatever its hysteresis."""
 
     values: ChainValues
+    """The chain."""
     searched: tuple[str, ...]
+    """The values that were found, and not given."""
     rms: float
+    """Misfit that is left with a coarse dictionary, over the stroke [1]."""
     resonance: Resonance | None = None
+    """The resonance, where a part of a record was made to show it, or jumps do."""
     errors: Mapping[str, float] = field(default_factory=dict)
+    """Standard errors of the values that were found; infinite where the records do not tell."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
 
     @property
     def widths(self) -> Mapping[str, float]:
@@ -149,7 +136,7 @@ def find_chain(
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.hysteresis.identification import measurement
+    >>> from flexstage.hysteresis.identification.measurement import measurement
     >>> from flexstage.records import Channel, Record
     >>> t = np.arange(4000) / 200.0
     >>> def drive(t):
@@ -209,21 +196,6 @@ def find_starts(
     to rest at the first command, or to have moved for a time since it left the low end of its range
     (none, as long as the longest record, or long). It is taken to have rested unless another start
     leaves less.
-
-    Parameters
-    ----------
-    data : Measurement
-        The measurement.
-    found : FoundChain
-        The chain that was found for drives that rested.
-    train : tuple of int, optional
-        First sample to look at, and the one after the last, of every record; all where not given.
-
-    Returns
-    -------
-    tuple of tuple and float
-        What the drive did before each record; standard error that this adds to its creep, as
-        another start that cannot be ruled out would have given another creep.
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
@@ -642,24 +614,7 @@ def _lowest(around: Array, cost: Array) -> Array:
 def used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Return which rows of an averaged section are looked at; what is held out must not be.
-
-    Parameters
-    ----------
-    rows : Rows
-        Rows of the section.
-    section : Section
-        The section.
-    every : int
-        How many samples of the record each of its samples is the mean of.
-    train : tuple of int or None
-        First sample of the record to look at, and the one after the last; all where None.
-
-    Returns
-    -------
-    numpy.ndarray
-        Whether each row is looked at, shape (r,).
-    """
+    """Return which rows of an averaged section are looked at; what is held out must not be."""
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
     first = (rows.at - section.history) * every + section.first

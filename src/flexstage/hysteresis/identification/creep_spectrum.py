@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import CreepSpectrum
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.chain_search import used_rows
@@ -22,10 +23,6 @@ from flexstage.hysteresis.identification.projection import (
     solve,
     square_left,
 )
-
-__all__ = ["with_spectrum"]
-
-Array = NDArray[np.float64]
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
@@ -56,21 +53,6 @@ def with_spectrum(
 
     .. math:: y = \Big(1 + \sum_i \frac{a_i}{1 + \tau_i s}\Big) \sum_j w_j \phi_j(u),
               \qquad a_i, w_j \ge 0
-
-    Parameters
-    ----------
-    data : Measurement
-        The measurement.
-    chain : ChainValues
-        The chain with creep that goes with the logarithm of time; its delay and modes are kept.
-    train : tuple of int, optional
-        First sample to look at, and the one after the last, of every record; all where not given.
-
-    Returns
-    -------
-    ChainValues
-        The chain with a spectrum, or as it was given: at one rate, where hysteresis and spectrum
-        are not told apart, and where held-out cycles are predicted no better by a tenth in rms.
 
     Notes
     -----

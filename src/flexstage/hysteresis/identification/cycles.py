@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.records import difference_noise
-
-__all__ = ["Cycles", "cycles", "held_samples", "input_noise", "turning_points"]
-
-Array = NDArray[np.float64]
 
 #: A movement is counted when it is larger than this share of the whole range, ...
 _SMALLEST_SWING = 0.02
@@ -40,28 +37,20 @@ _HELD_STEP = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cycles:
-    """How a drive signal moves.
-
-    Parameters
-    ----------
-    bounds : numpy.ndarray
-        First sample of each whole cycle, and the sample after the last, shape (c + 1,). A cycle
-        leads from one lower turning point to the next.
-    swing : numpy.ndarray
-        Range that is moved over in each cycle, as a share of the whole range, shape (c,).
-    frequency_hz : numpy.ndarray
-        Reciprocal of the time that the signal moves in each cycle [Hz], shape (c,).
-    turning : numpy.ndarray
-        Turning points [samples].
-    range : tuple of float
-        Lowest and highest value.
-    """
+    """How a drive signal moves."""
 
     bounds: NDArray[np.intp]
+    """First sample of each whole cycle, and the sample after the last, shape (c + 1,). A cycle
+    leads from one lower turning point to the next.
+    """
     swing: Array
+    """Range that is moved over in each cycle, as a share of the whole range, shape (c,)."""
     frequency_hz: Array
+    """Reciprocal of the time that the signal moves in each cycle [Hz], shape (c,)."""
     turning: NDArray[np.intp]
+    """Turning points [samples]."""
     range: tuple[float, float]
+    """Lowest and highest value."""
 
     @property
     def rates_hz(self) -> tuple[float, ...]:
@@ -84,21 +73,7 @@ def _differ(first: float, second: float) -> bool:
 
 
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
-    """Return the rates of cycles, each with the cycles that belong to it.
-
-    Parameters
-    ----------
-    frequency_hz : numpy.ndarray
-        Frequency of each cycle [Hz], shape (c,).
-    swing : numpy.ndarray
-        Range that it moves over, as a share of the whole range, shape (c,).
-
-    Returns
-    -------
-    list of tuple
-        Rates of large cycles, and the numbers of the cycles that repeat, or move, as fast. The
-        turns of a transition from one motion to another belong to none.
-    """
+    """Return the rates of cycles, each with the cycles that belong to it."""
     speed = frequency_hz * swing
     # large cycles make the rates, the largest first
     order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
@@ -151,18 +126,6 @@ def _zigzag(u: Array, threshold: float, out: NDArray[np.intp]) -> int:
 
 def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
     """Return where a signal turns, leaving out movements smaller than a threshold.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        The signal, shape (n,).
-    threshold : float
-        Smallest movement that counts, in its unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        Samples of highest and lowest points in turn; the two ends are none of them.
 
     Examples
     --------
@@ -221,18 +184,7 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
 
 
 def input_noise(u: Array) -> float:
-    """Return the estimated standard deviation of the noise of a drive signal.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        The signal, shape (n,).
-
-    Returns
-    -------
-    float
-        The noise, in the unit of the signal; at most a hundredth of its range.
-    """
+    """Return the estimated standard deviation of the noise of a drive signal."""
     if u.size < 5:
         return 0.0
     # differences of second order see noise, and hardly the movement itself
@@ -243,16 +195,6 @@ def input_noise(u: Array) -> float:
 
 def held_samples(u: Array) -> int:
     """Return for how many samples a signal is held, as a staircase; 1 where it is not.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        The signal, shape (n,).
-
-    Returns
-    -------
-    int
-        Samples from one step to the next.
 
     Examples
     --------

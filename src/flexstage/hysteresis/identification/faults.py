@@ -7,21 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.cycles import Cycles
 from flexstage.records import difference_noise, quantisation_step, saturation
 from flexstage.units import readable
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.identification.measurement import Section
-
-__all__ = [
-    "RecordFault",
-    "butterfly",
-    "clipped",
-    "findings_of_record",
-]
-
-Array = NDArray[np.float64]
 
 #: Shares of the range of the input at its end that are looked at, the widest first: slow
 #: saturation of an amplifier, and an end of range that is reached in 1 % of the samples.
@@ -40,30 +32,20 @@ _NAMED = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordFault:
-    """One thing in a record that is not the motion of a drive.
-
-    Parameters
-    ----------
-    kind : str
-        ``spikes``, ``clipping``, ``butterfly``, ``jump`` or ``drift``.
-    record : int
-        Number of the record, from 0.
-    at : tuple of float
-        Where it is, from the first sample of the record [s]; empty where it is everywhere.
-    size : float
-        How large it is, in the unit of the output; of a drift, over the record.
-    percent : float
-        The same over the stroke [%].
-    text : str
-        What a reader should know and do.
-    """
+    """One thing in a record that is not the motion of a drive."""
 
     kind: str
+    """``spikes``, ``clipping``, ``butterfly``, ``jump`` or ``drift``."""
     record: int
+    """Number of the record, from 0."""
     at: tuple[float, ...]
+    """Where it is, from the first sample of the record [s]; empty where it is everywhere."""
     size: float
+    """How large it is, in the unit of the output; of a drift, over the record."""
     percent: float
+    """The same over the stroke [%]."""
     text: str
+    """What a reader should know and do."""
 
 
 def clipped(
@@ -76,25 +58,6 @@ def clipped(
     creep makes it smaller, and noise does not hide a slope of many samples; over some times the
     noise of the input it is not looked at. Values that are exactly alike at the end tell by
     themselves where noise would have made them differ.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-    y : numpy.ndarray
-        Output, that rises with the input, shape (n,).
-    moves : Cycles
-        How the input moves.
-    noise : float
-        Noise of the output, in its unit.
-    input_noise : float
-        Noise that was taken out of the input, in its unit.
-
-    Returns
-    -------
-    tuple of float, float and int, or None
-        The value at which the output stays, how far the input alone would have moved it on, and the
-        samples there; None where it follows to both ends.
     """
     for sign in (1.0, -1.0):
         found = _clipped_above(sign * u, sign * y, moves.turning, noise, input_noise)
@@ -175,21 +138,6 @@ def butterfly(u: Array, y: Array, moves: Cycles) -> tuple[float, float, float] |
     A lag too makes the output go on behind a turning point, but upwards on the way down and
     downwards on the way up. Where the polarity of a drive changes, both branches have a lowest
     point inside, or both a highest one.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-    y : numpy.ndarray
-        Output, of any sign, shape (n,).
-    moves : Cycles
-        How the input moves.
-
-    Returns
-    -------
-    tuple of float, or None
-        The input where the rising branch turns and where the falling one does, and by how much
-        the output turns back; None where it does not.
     """
     low, high = moves.range
     middle = low + (high - low) * (np.arange(_INTERVALS) + 0.5) / _INTERVALS
@@ -250,26 +198,7 @@ def findings_of_record(
     sign: float,
     units: tuple[str, str],
 ) -> tuple[RecordFault, ...]:
-    """What a record shows by itself, its spikes taken out already.
-
-    Parameters
-    ----------
-    number : int
-        Number of the record, from 0.
-    section : Section
-        The record.
-    spikes : numpy.ndarray
-        Samples that were spikes.
-    sign : float
-        1 if the recorded output rises with the input, -1 if it falls.
-    units : tuple of str
-        Units of input and output.
-
-    Returns
-    -------
-    tuple of RecordFault
-        Spikes, a butterfly loop, clipping.
-    """
+    """What a record shows by itself, its spikes taken out already."""
     u, y = section.u, section.y
     stroke = float(np.ptp(y[section.warm_up :]))
     made: list[RecordFault] = []

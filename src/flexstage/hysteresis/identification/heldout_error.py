@@ -3,15 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.folds import folds_of
-
-__all__ = ["another_stretch", "rms_standard_error"]
-
-Array = NDArray[np.float64]
 
 #: Blocks of neighbouring cycles that are left out in turn, at most.
 _BLOCKS = 10
@@ -22,18 +18,6 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
 
     Errors of a model are alike in neighbouring cycles: the jackknife leaves out blocks of them in
     turn (H. R. Kuensch, Ann. Statist. 17 (1989) 1217).
-
-    Parameters
-    ----------
-    errors : sequence of numpy.ndarray
-        Errors at the rows of each section, shape (r,).
-    data : Data
-        The data; rows that are not in use are not counted.
-
-    Returns
-    -------
-    float or None
-        The standard error, in the unit of the errors; None of fewer than two cycles.
     """
     blocks = folds_of(data, _BLOCKS, runs=1)
     if len(blocks) < 2:
@@ -47,23 +31,7 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
 
 
 def another_stretch(rms: float, error: float, stretches: Array) -> float:
-    """Return the standard error of what another stretch of cycles of the drive will show.
-
-    Parameters
-    ----------
-    rms : float
-        Root mean square of the errors on cycles that were held out.
-    error : float
-        Its standard error, by the scatter between those cycles.
-    stretches : numpy.ndarray
-        Root mean squares of stretches, each held out as a whole, shape (k,).
-
-    Returns
-    -------
-    float
-        The standard error, in the unit of the errors: stretches differ by more than their cycles
-        do by chance, and extrapolating to one leaves more.
-    """
+    """Return the standard error of what another stretch of cycles of the drive will show."""
     apart = _few(stretches.size) * float(np.std(stretches, ddof=1))
     further = float(np.sqrt(np.mean(stretches**2))) - rms
     return float(np.sqrt(error**2 + apart**2 + further**2))

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.identification.averaging import averaged
@@ -42,14 +42,11 @@ from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
 
-__all__ = ["Candidate", "Identification", "identify"]
-
 #: Stages ring at some 100 Hz: faster cycles than these may show it.
 _SHOWS_MODES_HZ = 10.0
 #: Samples of all records that models are fitted with; those of longer ones are averaged.
 _MOST_SAMPLES = 40_000
 
-Array = NDArray[np.float64]
 
 #: A model that leaves more than this many times what the best one leaves is not as good, ...
 _SAME = 1.1
@@ -70,115 +67,85 @@ _DIVERGES = "it diverges: on what was held out it is further off than the whole 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """One of the models that were tried.
-
-    Parameters
-    ----------
-    kind : str
-        Name of the model.
-    size : int
-        Number of its parameters.
-    rms_percent : float or None
-        Root mean square error where it was fitted, as the model predicts, over the stroke [%]; None
-        where it could not be fitted.
-    heldout_rms_percent : float or None
-        The same on cycles that it was not fitted to [%].
-    heldout_free_rms_percent : float or None
-        The same, where the constant is fitted again to what was held out [%].
-    heldout_error_percent : float
-        How much the held-out figure differs from the best one by chance [%].
-    failed : str
-        Why it cannot serve; empty where it can.
-    """
+    """One of the models that were tried."""
 
     kind: str
+    """Name of the model."""
     size: int
+    """Number of its parameters."""
     rms_percent: float | None
+    """Root mean square error where it was fitted, as the model predicts, over the stroke [%]; None
+    where it could not be fitted.
+    """
     heldout_rms_percent: float | None
+    """The same on cycles that it was not fitted to [%]."""
     heldout_free_rms_percent: float | None = None
+    """The same, where the constant is fitted again to what was held out [%]."""
     heldout_error_percent: float = 0.0
+    """How much the held-out figure differs from the best one by chance [%]."""
     failed: str = ""
+    """Why it cannot serve; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """A model of a drive, and how far it can be trusted.
-
-    Parameters
-    ----------
-    model : DriveModel
-        The model.
-    kind : str
-        Name of the hysteresis model.
-    rms_percent : float
-        Root mean square of output less prediction where it was fitted, over the stroke [%]. The
-        prediction is that of the model as it is kept, with its one offset.
-    max_percent : float
-        Largest absolute value of that [%].
-    heldout_rms_percent : float or None
-        Root mean square on cycles that the model was not fitted to [%]; None where there are none.
-    heldout_free_rms_percent : float or None
-        Root mean square there where the constant is fitted again [%].
-    heldout_standard_error : float or None
-        Standard error of what another stretch of such cycles will show, by how stretches differ
-        that were held out as a whole [%]; None where there are fewer than two.
-    heldout_max_percent : float or None
-        Largest absolute value of the prediction's error there [%].
-    heldout_band_percent : float or None
-        Half the width of the band that holds 95 % of the prediction's errors there [%].
-    stroke : float
-        Range of the output, in its unit.
-    noise_percent : float
-        Estimated noise of the output, over the stroke [%].
-    parameters : tuple of Estimate
-        Parameters that mean something by themselves, with standard errors.
-    chain : tuple of Estimate
-        Values of the linear chain that were found, with standard errors.
-    offset : Estimate
-        The reading at no command without history, with its standard error.
-    settling : float
-        Largest change of the readings by whether the drive rested or moved before the records, in
-        the unit of the output: creep of what was before.
-    starts : tuple of "rested" or float
-        What the drive may have done before the first record, as far as that tells; the model begins
-        with one of them.
-    warnings : tuple of str
-        What the records cannot tell, and which experiment is missing.
-    candidates : tuple of Candidate
-        All models that were tried, the chosen one first.
-    measurement : Measurement
-        What it was identified from. Of records of more than 40 000 samples it holds the means of
-        neighbours, as far as these follow the motion.
-    predicted : tuple of numpy.ndarray
-        Output of the model beside each section, as it is kept, shape (n,).
-    verdict : Verdict
-        Whether the model explains the records, and what in them is not the motion of a drive.
-    settings : Mapping
-        Choices that change the result.
-    """
+    """A model of a drive, and how far it can be trusted."""
 
     model: DriveModel
+    """The model."""
     kind: str
+    """Name of the hysteresis model."""
     rms_percent: float
+    """Root mean square of output less prediction where it was fitted, over the stroke [%]. The
+    prediction is that of the model as it is kept, with its one offset.
+    """
     max_percent: float
+    """Largest absolute value of that [%]."""
     heldout_rms_percent: float | None
+    """Root mean square on cycles that the model was not fitted to [%]; None where there are none.
+    """
     heldout_free_rms_percent: float | None
+    """Root mean square there where the constant is fitted again [%]."""
     heldout_standard_error: float | None
+    """Standard error of what another stretch of such cycles will show, by how stretches differ that
+    were held out as a whole [%]; None where there are fewer than two.
+    """
     heldout_max_percent: float | None
+    """Largest absolute value of the prediction's error there [%]."""
     heldout_band_percent: float | None
+    """Half the width of the band that holds 95 % of the prediction's errors there [%]."""
     stroke: float
+    """Range of the output, in its unit."""
     noise_percent: float
+    """Estimated noise of the output, over the stroke [%]."""
     parameters: tuple[Estimate, ...]
+    """Parameters that mean something by themselves, with standard errors."""
     chain: tuple[Estimate, ...]
+    """Values of the linear chain that were found, with standard errors."""
     offset: Estimate
+    """The reading at no command without history, with its standard error."""
     settling: float
+    """Largest change of the readings by whether the drive rested or moved before the records, in
+    the unit of the output: creep of what was before.
+    """
     starts: tuple[Start, ...]
+    """What the drive may have done before the first record, as far as that tells; the model begins
+    with one of them.
+    """
     warnings: tuple[str, ...]
+    """What the records cannot tell, and which experiment is missing."""
     candidates: tuple[Candidate, ...]
+    """All models that were tried, the chosen one first."""
     measurement: Measurement
+    """What it was identified from. Of records of more than 40 000 samples it holds the means of
+    neighbours, as far as these follow the motion.
+    """
     predicted: tuple[Array, ...]
+    """Output of the model beside each section, as it is kept, shape (n,)."""
     verdict: Verdict
+    """Whether the model explains the records, and what in them is not the motion of a drive."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Choices that change the result."""
 
     __repr__ = short_repr
 

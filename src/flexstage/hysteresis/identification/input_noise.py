@@ -3,13 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.records import difference_noise
-
-__all__ = ["denoised", "smoothed_text"]
-
-Array = NDArray[np.float64]
 
 #: Noise that is smaller than this share of the range changes no figure: a command stays as it is.
 _NEGLIGIBLE = 1e-4
@@ -42,19 +38,6 @@ def denoised(u: Array, y: Array) -> tuple[Array, float]:
 
     Validity: noise that differs from sample to sample. A hum, or noise behind a slow filter, stays.
     A random walk that the output is too slow to follow is smoothed.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-    y : numpy.ndarray
-        Output, shape (n,): what it follows is motion, and stays.
-
-    Returns
-    -------
-    numpy.ndarray and float
-        The input without its noise, and the standard deviation of that; the input itself and 0
-        where it has none.
     """
     noise = _noise(u)
     if noise <= _NEGLIGIBLE * float(np.ptp(u)):
@@ -115,18 +98,7 @@ def _followed(taken: Array, noise: float, u: Array, y: Array) -> bool:
 
 
 def smoothed_text(share: float) -> str:
-    """Return what is said of noise that was taken out of an input.
-
-    Parameters
-    ----------
-    share : float
-        Its standard deviation, over the range of the input [1].
-
-    Returns
-    -------
-    str
-        A sentence.
-    """
+    """Return what is said of noise that was taken out of an input."""
     return (
         f"the input has noise of {100 * share:.2g} % of its range, which the output does not "
         "follow: it was smoothed; use the command instead where it was recorded"

@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares, minimize_scalar
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.measurement import Section, without_history
-
-__all__ = ["JumpResponse", "jump_response", "jumps"]
-
-Array = NDArray[np.float64]
 
 #: A jump moves over this share of the range within so many samples, ...
 _LEAST_JUMP = 0.02
@@ -46,33 +43,22 @@ _BENT = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JumpResponse:
-    """What jumps of the input show of the chain.
-
-    Parameters
-    ----------
-    delay : float
-        Delay of the output against the input [s].
-    delay_error : float
-        Its standard error [s].
-    frequency_hz : float
-        Natural frequency of the mode that rings after them [Hz]; 0 where none was found.
-    frequency_error_hz : float
-        Its standard error [Hz].
-    damping_ratio : float
-        Its damping ratio [1].
-    share : float
-        Part of the motion that goes through the mode; the rest follows at once [1].
-    unexplained_hz : float
-        Frequency of a ringing that could not be fitted [Hz]; 0 for none.
-    """
+    """What jumps of the input show of the chain."""
 
     delay: float
+    """Delay of the output against the input [s]."""
     delay_error: float
+    """Its standard error [s]."""
     frequency_hz: float = 0.0
+    """Natural frequency of the mode that rings after them [Hz]; 0 where none was found."""
     frequency_error_hz: float = math.inf
+    """Its standard error [Hz]."""
     damping_ratio: float = 0.0
+    """Its damping ratio [1]."""
     share: float = 1.0
+    """Part of the motion that goes through the mode; the rest follows at once [1]."""
     unexplained_hz: float = 0.0
+    """Frequency of a ringing that could not be fitted [Hz]; 0 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,19 +100,7 @@ class _Window:
 
 
 def jumps(u: Array) -> NDArray[np.intp]:
-    """Return where an input jumps.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Last sample before each jump and first sample after it, shape (j, 2): it moves over more
-        than 2 % of its range within two samples, or eight, and hardly in the twelve beside it.
-    """
+    """Return where an input jumps."""
     found: list[tuple[int, int]] = []
     for width in _WIDTHS:
         if u.size < 4 * (_QUIET + width):
@@ -175,16 +149,6 @@ def jump_response(section: Section) -> JumpResponse | None:
     Validity: a jump is over before the mode has moved far, and what the hysteresis does in it is
     over with it. The standard error of a delay without a mode is no less than that of a jump that
     lies somewhere between two samples.
-
-    Parameters
-    ----------
-    section : Section
-        A record.
-
-    Returns
-    -------
-    JumpResponse or None
-        What they show; None where the input does not jump, or the output does not answer.
     """
     windows = _windows(without_history(section))
     if not windows:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.cycles import (
@@ -24,10 +25,6 @@ from flexstage.hysteresis.identification.input_noise import denoised, smoothed_t
 from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record, difference_noise
 from flexstage.short_repr import short_repr
-
-__all__ = ["Measurement", "Section", "measurement"]
-
-Array = NDArray[np.float64]
 
 #: The memory of what was before a record is wiped out when both ends of the range were reached,
 #: within this share of the range.
@@ -48,90 +45,62 @@ _SMALLEST, _LARGEST = 1e-60, 1e60
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
-    """One record's input and output.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-    y : numpy.ndarray
-        Output, counted so that it rises with the input, shape (n,).
-    dt : float
-        Time from one sample to the next [s].
-    cycles : Cycles
-        How the input moves.
-    warm_up : int
-        Number of first samples that still know what was before the record.
-    nuisance : numpy.ndarray
-        Columns that are fitted beside every model and belong to none: the offset, shape (n, 1).
-    noise : float
-        Estimated standard deviation of the noise of the output, in its unit.
-    input_noise : float
-        That of the noise that was taken out of the input, in its unit; 0 for a command.
-    first : int
-        Sample of the record that the first measured one is: a rest before it is left out.
-    begin : float
-        When that is in the record [s].
-    history : int
-        Number of first samples that stand for what was before the record, and were not measured:
-        both ends of the range, after which the memory is that of cycles over all of it.
-    start : "rested" or float
-        What the drive did before, for its creep.
-    measured : numpy.ndarray or None
-        Whether the output was measured, shape (n,); where not, it lies on a line between the
-        neighbours. None where all of it was.
-    straight : numpy.ndarray or None
-        Of means of neighbouring samples those that stand for them, shape (n,); all where None.
-    """
+    """One record's input and output."""
 
     u: Array
+    """Input, shape (n,)."""
     y: Array
+    """Output, counted so that it rises with the input, shape (n,)."""
     dt: float
+    """Time from one sample to the next [s]."""
     cycles: Cycles
+    """How the input moves."""
     warm_up: int
+    """Number of first samples that still know what was before the record."""
     nuisance: Array
+    """Columns that are fitted beside every model and belong to none: the offset, shape (n, 1)."""
     noise: float
+    """Estimated standard deviation of the noise of the output, in its unit."""
     input_noise: float = 0.0
+    """That of the noise that was taken out of the input, in its unit; 0 for a command."""
     first: int = 0
+    """Sample of the record that the first measured one is: a rest before it is left out."""
     begin: float = 0.0
+    """When that is in the record [s]."""
     history: int = 0
+    """Number of first samples that stand for what was before the record, and were not measured:
+    both ends of the range, after which the memory is that of cycles over all of it.
+    """
     start: Start = "rested"
+    """What the drive did before, for its creep."""
     measured: NDArray[np.bool_] | None = None
+    """Whether the output was measured, shape (n,); where not, it lies on a line between the
+    neighbours. None where all of it was.
+    """
     straight: NDArray[np.bool_] | None = None
+    """Of means of neighbouring samples those that stand for them, shape (n,); all where None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measurement:
-    """What a model is identified from.
-
-    Parameters
-    ----------
-    sections : tuple of Section
-        One of each record.
-    sign : float
-        1 if the output rises with the input, -1 if it falls.
-    input_unit : str
-        Unit of the input; empty where nobody has said.
-    output_unit : str
-        Unit of the output; empty where nobody has said.
-    stroke : float
-        Range of the output after the warm-up, in its unit.
-    warnings : tuple of str
-        What the records cannot tell, and which experiment is missing.
-    findings : tuple of RecordFault
-        Spikes that were taken out, clipping, butterfly loops.
-    drift : bool
-        Whether the last column beside the model is a drift.
-    """
+    """What a model is identified from."""
 
     sections: tuple[Section, ...]
+    """One of each record."""
     sign: float
+    """1 if the output rises with the input, -1 if it falls."""
     input_unit: str
+    """Unit of the input; empty where nobody has said."""
     output_unit: str
+    """Unit of the output; empty where nobody has said."""
     stroke: float
+    """Range of the output after the warm-up, in its unit."""
     warnings: tuple[str, ...]
+    """What the records cannot tell, and which experiment is missing."""
     findings: tuple[RecordFault, ...] = ()
+    """Spikes that were taken out, clipping, butterfly loops."""
     drift: bool = False
+    """Whether the last column beside the model is a drift."""
 
     __repr__ = short_repr
 
@@ -249,24 +218,7 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
-    """Refuse a column that cannot be computed with.
-
-    Parameters
-    ----------
-    record : Record
-        The record, for the message.
-    name : str
-        Name of the column.
-    values : numpy.ndarray
-        Its values, shape (n,).
-    gaps : bool
-        Whether samples may be missing that the record has not, as one of branches or curves.
-
-    Raises
-    ------
-    RecordError
-        It is too short, not finite, constant, or out of the range of numbers.
-    """
+    """Refuse a column that cannot be computed with."""
     where = f"column '{name}' of {record.source or 'the record'}"
     least = 50
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
@@ -403,19 +355,7 @@ def warm_up(u: Array, moves: Cycles) -> int:
 
 
 def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Say that samples are counted that may know what was before the record.
-
-    Parameters
-    ----------
-    parts : sequence of tuple
-        Of each record the input, its cycles, the time from one sample to the next [s], the first
-        sample that is counted, and when the first one is in the record [s].
-
-    Returns
-    -------
-    str
-        A sentence; empty where both ends of the range were reached before in all of them.
-    """
+    """Say that samples are counted that may know what was before the record."""
     ends, counts = [], []
     for u, moves, dt, counted, begin in parts:
         both = _both_ends(u, moves)

@@ -6,22 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data, Family, behind_chain
 from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.heldout_error import rms_standard_error
 from flexstage.hysteresis.model import HysteresisModel
-
-__all__ = [
-    "BAND",
-    "Folds",
-    "Misfit",
-    "cross_validate",
-    "free_constant",
-    "misfit",
-    "root_mean_square",
-]
-
-Array = NDArray[np.float64]
 
 #: Share of the held-out errors that a band of confidence holds.
 BAND = 0.95
@@ -29,71 +18,28 @@ BAND = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misfit:
-    """What a model leaves at the rows of each section.
-
-    Parameters
-    ----------
-    left : tuple of numpy.ndarray
-        Output less model and the nuisance columns of the section, shape (r,).
-    predicted : tuple of numpy.ndarray
-        Output less what the model predicts with the one offset that is kept, shape (r,).
-    nuisance : tuple of numpy.ndarray
-        Coefficients of the nuisance columns of each section: the offset first.
-    offset : float
-        The offset that is kept: the mean of what the nuisance columns make of the rows in use.
-    """
+    """What a model leaves at the rows of each section."""
 
     left: tuple[Array, ...]
+    """Output less model and the nuisance columns of the section, shape (r,)."""
     predicted: tuple[Array, ...]
+    """Output less what the model predicts with the one offset that is kept, shape (r,)."""
     nuisance: tuple[Array, ...]
+    """Coefficients of the nuisance columns of each section: the offset first."""
     offset: float
+    """The offset that is kept: the mean of what the nuisance columns make of the rows in use."""
 
     def at(self, use: tuple[NDArray[np.bool_], ...]) -> Array:
-        """Return what is left at some of the rows.
-
-        Parameters
-        ----------
-        use : tuple of numpy.ndarray
-            Which rows of each section, shape (r,).
-
-        Returns
-        -------
-        numpy.ndarray
-            What is left there, of all sections.
-        """
+        """Return what is left at some of the rows."""
         return np.concatenate([e[u] for e, u in zip(self.left, use, strict=True)])
 
     def predicted_at(self, use: tuple[NDArray[np.bool_], ...]) -> list[Array]:
-        """Return the error of the prediction at some of the rows, section by section.
-
-        Parameters
-        ----------
-        use : tuple of numpy.ndarray
-            Which rows of each section, shape (r,).
-
-        Returns
-        -------
-        list of numpy.ndarray
-            The error there, of each section that has such rows.
-        """
+        """Return the error of the prediction at some of the rows, section by section."""
         return [e[u] for e, u in zip(self.predicted, use, strict=True) if u.any()]
 
 
 def misfit(model: HysteresisModel, data: Data) -> Misfit:
-    """Compare a model behind the chain with the output.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    data : Data
-        The data. The nuisance columns are fitted to the rows in use alone.
-
-    Returns
-    -------
-    Misfit
-        What is left at all rows, in use or held out.
-    """
+    """Compare a model behind the chain with the output."""
     sections = data.measurement.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
@@ -119,91 +65,41 @@ def misfit(model: HysteresisModel, data: Data) -> Misfit:
 
 
 def free_constant(errors: Sequence[Array]) -> Array:
-    """Return errors less the mean of each part: what is left where the constant is fitted again.
-
-    Parameters
-    ----------
-    errors : sequence of numpy.ndarray
-        Errors of some parts.
-
-    Returns
-    -------
-    numpy.ndarray
-        Errors of all parts, each less its mean.
-    """
+    """Return errors less the mean of each part: what is left where the constant is fitted again."""
     return np.concatenate([e - np.mean(e) for e in errors])
 
 
 def root_mean_square(values: Array) -> float:
-    """Return the root of the mean of the squares.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The values.
-
-    Returns
-    -------
-    float
-        Their root mean square.
-    """
+    """Return the root of the mean of the squares."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Folds:
-    """Errors of a model on cycles that it was not fitted to.
-
-    Parameters
-    ----------
-    rms : float
-        Root mean square over all held-out rows, as predicted, in the unit of the output.
-    free_rms : float
-        The same, where each part may have a constant of its own.
-    largest : float
-        Largest absolute error there.
-    band : float
-        Absolute error that 95 % of them stay below in the worst part, as another record is another
-        part.
-    mean_square : numpy.ndarray
-        Mean square of each part, shape (parts,).
-    standard_error : float or None
-        Standard error of the root mean square over all, by its scatter between cycles.
-    values : tuple of Mapping
-        Parameters by name where each part was left out; one that is absent is 0.
-    """
+    """Errors of a model on cycles that it was not fitted to."""
 
     rms: float
+    """Root mean square over all held-out rows, as predicted, in the unit of the output."""
     free_rms: float
+    """The same, where each part may have a constant of its own."""
     largest: float
+    """Largest absolute error there."""
     band: float
+    """Absolute error that 95 % of them stay below in the worst part, as another record is another
+    part.
+    """
     mean_square: Array
+    """Mean square of each part, shape (parts,)."""
     standard_error: float | None = None
+    """Standard error of the root mean square over all, by its scatter between cycles."""
     values: tuple[Mapping[str, float], ...] = ()
+    """Parameters by name where each part was left out; one that is absent is 0."""
 
 
 def cross_validate(
     family: Family, data: Data, start: Array, *, stretches: bool = False
 ) -> Folds | None:
-    """Fit to all cycles but some, and compare with those, in turn.
-
-    Parameters
-    ----------
-    family : Family
-        The model.
-    data : Data
-        The data; rows that are not in use are left out of all.
-    start : numpy.ndarray
-        Where the search over nonlinear parameters has ended for all cycles.
-    stretches : bool
-        Whether each part is one stretch, so that time and amplitude are extrapolated where they
-        grow, as they are on another record; otherwise it is made of two that are far apart.
-
-    Returns
-    -------
-    Folds or None
-        The held-out errors; None where there are fewer than two cycles.
-    """
+    """Fit to all cycles but some, and compare with those, in turn."""
     folds = folds_of(data, runs=1) if stretches else folds_of(data)
     if len(folds) < 2:
         return None

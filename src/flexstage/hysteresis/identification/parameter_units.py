@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping
 
-__all__ = ["parameter_unit"]
-
 _SLOPE = "{y}/{u}"
 #: Units that parameters have in most models, ...
 _COMMON: Mapping[str, str] = {
@@ -45,22 +43,6 @@ _BACKWARD: Mapping[str, str] = {
 
 def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> str:
     """Return the unit of a parameter.
-
-    Parameters
-    ----------
-    kind : str
-        Name of the hysteresis model, of exponent 1 where it has one.
-    name : str
-        Name of the parameter, or of an element of one, such as ``weights[3]``.
-    input_unit : str
-        Unit of the input.
-    output_unit : str
-        Unit of the output.
-
-    Returns
-    -------
-    str
-        The unit; units that nobody has said are called input and output.
 
     Examples
     --------

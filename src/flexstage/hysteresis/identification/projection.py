@@ -8,17 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-__all__ = [
-    "Normal",
-    "Solution",
-    "columns_chosen",
-    "groups_summed",
-    "normal_equations",
-    "solve",
-    "square_left",
-]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 #: Share of the largest diagonal element that is added to each, so that columns which no sample has
 #: exercised do not make the equations singular; they then get nothing.
@@ -30,26 +20,19 @@ class Normal:
     """Normal equations of a projection, with the nuisance columns eliminated.
 
     Sums over blocks of samples are sums of these, so that leaving a block out is a subtraction.
-
-    Parameters
-    ----------
-    gram : numpy.ndarray
-        Products of all columns with one another: coefficients, then nuisance; shape (m + k, m + k).
-    right : numpy.ndarray
-        Products of the columns with the output, shape (m + k,).
-    square : float
-        Sum of squares of the output.
-    count : int
-        Number of samples.
-    columns : int
-        Number m of columns that belong to the model.
     """
 
     gram: Array
+    """Products of all columns with one another: coefficients, then nuisance; shape (m + k, m + k).
+    """
     right: Array
+    """Products of the columns with the output, shape (m + k,)."""
     square: float
+    """Sum of squares of the output."""
     count: int
+    """Number of samples."""
     columns: int
+    """Number m of columns that belong to the model."""
 
     def __add__(self, other: "Normal") -> "Normal":
         # nuisance columns of two sections stand side by side
@@ -83,41 +66,18 @@ class Normal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """Coefficients of a projection.
-
-    Parameters
-    ----------
-    coefficients : numpy.ndarray
-        Of the columns of the model, shape (m,).
-    nuisance : numpy.ndarray
-        Of the nuisance columns, shape (k,).
-    """
+    """Coefficients of a projection."""
 
     coefficients: Array
+    """Of the columns of the model, shape (m,)."""
     nuisance: Array
+    """Of the nuisance columns, shape (k,)."""
 
 
 def normal_equations(
     columns: Array, nuisance: Array, y: Array, runs: Sequence[slice] = (slice(None),)
 ) -> Normal:
-    """Return the normal equations of some samples.
-
-    Parameters
-    ----------
-    columns : numpy.ndarray
-        Columns of the model, shape (n, m).
-    nuisance : numpy.ndarray
-        Further columns, of any sign, shape (n, k).
-    y : numpy.ndarray
-        Output, shape (n,).
-    runs : sequence of slice
-        The samples; all where not given.
-
-    Returns
-    -------
-    Normal
-        The equations.
-    """
+    """Return the normal equations of some samples."""
     m, size = columns.shape[1], columns.shape[1] + nuisance.shape[1]
     gram, right, square, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
     for run in runs:
@@ -134,40 +94,14 @@ def normal_equations(
 
 
 def columns_chosen(normal: Normal, chosen: NDArray[np.intp]) -> Normal:
-    """Return the equations of some of the columns.
-
-    Parameters
-    ----------
-    normal : Normal
-        The equations.
-    chosen : numpy.ndarray
-        Numbers of the columns, shape (k,).
-
-    Returns
-    -------
-    Normal
-        Their equations.
-    """
+    """Return the equations of some of the columns."""
     kept = np.concatenate((chosen, np.arange(normal.columns, normal.right.size)))
     gram, right = normal.gram[np.ix_(kept, kept)], normal.right[kept]
     return replace(normal, gram=gram, right=right, columns=chosen.size)
 
 
 def groups_summed(normal: Normal, factors: Array) -> Normal:
-    """Return the equations of sums of columns that lie in groups, side by side.
-
-    Parameters
-    ----------
-    normal : Normal
-        The equations, of groups of as many columns each.
-    factors : numpy.ndarray
-        Factor of each group: column j of the sum is that of all columns j, shape (g,).
-
-    Returns
-    -------
-    Normal
-        The equations of the sum.
-    """
+    """Return the equations of sums of columns that lie in groups, side by side."""
     n, m = normal.columns, normal.columns // factors.size
     summed = np.tensordot(factors, normal.gram[:n].reshape(factors.size, m, -1), axes=1)
     gram = np.empty((m + normal.gram.shape[0] - n,) * 2)
@@ -180,20 +114,7 @@ def groups_summed(normal: Normal, factors: Array) -> Normal:
 
 
 def square_left(normal: Normal, solution: Solution) -> float:
-    """Return the sum of squares that a solution leaves.
-
-    Parameters
-    ----------
-    normal : Normal
-        The equations.
-    solution : Solution
-        The coefficients.
-
-    Returns
-    -------
-    float
-        The sum, exact to rounding of the sum of squares of the output.
-    """
+    """Return the sum of squares that a solution leaves."""
     x = np.concatenate((solution.coefficients, solution.nuisance))
     return normal.square - 2.0 * float(normal.right @ x) + float(x @ normal.gram @ x)
 
@@ -206,21 +127,6 @@ def solve(
     Free coefficients are eliminated first, then the rest is a problem of non-negative least squares
     (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23), whose optimum is
     the global one.
-
-    Parameters
-    ----------
-    normal : Normal
-        The equations.
-    free : numpy.ndarray, optional
-        Which coefficients may be negative, shape (m,); none where not given. The nuisance
-        coefficients always may.
-    smoothing : numpy.ndarray, optional
-        Matrix added to the Gram matrix of the coefficients, shape (m, m).
-
-    Returns
-    -------
-    Solution
-        The coefficients.
     """
     m = normal.columns
     gram = normal.gram.copy()

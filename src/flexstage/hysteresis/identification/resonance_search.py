@@ -6,12 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from flexstage.hysteresis.chain import StageModes
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.identification.measurement import Section, without_history
-
-__all__ = ["Resonance", "find_resonance"]
-
-Array = NDArray[np.float64]
 
 #: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
 _ABOVE = 5.0
@@ -27,27 +24,18 @@ _VAGUE = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resonance:
-    """A mode in the output.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Its natural frequency [Hz].
-    damping_ratio : float
-        Its damping ratio [1].
-    frequency_error_hz : float
-        Standard error of the frequency [Hz].
-    delay : float
-        Delay of the output against the input [s].
-    delay_error : float
-        Its standard error [s].
-    """
+    """A mode in the output."""
 
     frequency_hz: float
+    """Its natural frequency [Hz]."""
     damping_ratio: float
+    """Its damping ratio [1]."""
     frequency_error_hz: float
+    """Standard error of the frequency [Hz]."""
     delay: float = 0.0
+    """Delay of the output against the input [s]."""
     delay_error: float = 0.0
+    """Its standard error [s]."""
 
 
 def find_resonance(section: Section) -> Resonance | None:
@@ -61,16 +49,6 @@ def find_resonance(section: Section) -> Resonance | None:
 
     and the result is where the same mode is fitted to the samples themselves, which windows of the
     spectrum do not blunt.
-
-    Parameters
-    ----------
-    section : Section
-        A record.
-
-    Returns
-    -------
-    Resonance or None
-        The mode; None where the record has no such content, or shows no mode.
     """
     section = without_history(section)
     rate = 1.0 / section.dt

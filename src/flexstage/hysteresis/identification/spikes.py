@@ -4,11 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
+from flexstage.arrays import Array
 from flexstage.records import quantisation_step
-
-__all__ = ["without_spikes"]
-
-Array = NDArray[np.float64]
 
 #: A spike is this many samples long at most, ...
 _LONGEST_SPIKE = 3
@@ -25,18 +22,6 @@ def without_spikes(u: Array, y: Array) -> tuple[Array, NDArray[np.intp]]:
     and two after, by more than neighbourhood, converter, speed and the change of the input explain,
     and where the output goes on after them as if they were not there. So a jump is none, nor is
     ringing, whose neighbours are off as well.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Input, shape (n,).
-    y : numpy.ndarray
-        Output, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray and numpy.ndarray
-        The output without them, and their samples.
     """
     mended = np.array(y, dtype=np.float64)
     found: list[int] = []

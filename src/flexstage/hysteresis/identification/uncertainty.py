@@ -4,15 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data, Fit, behind_chain
 from flexstage.hysteresis.identification.misfit import Folds, Misfit
-
-__all__ = ["Estimate", "estimates"]
-
-Array = NDArray[np.float64]
 
 #: A parameter whose standard error exceeds this share of it is not determined.
 _UNDETERMINED = 0.5
@@ -22,21 +18,14 @@ _INSEPARABLE = 0.98
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A parameter with its uncertainty.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    value : float
-        Its value.
-    standard_error : float
-        Its standard error, in the same unit; infinite where the record does not determine it.
-    """
+    """A parameter with its uncertainty."""
 
     name: str
+    """Its name."""
     value: float
+    """Its value."""
     standard_error: float
+    """Its standard error, in the same unit; infinite where the record does not determine it."""
 
 
 def estimates(
@@ -50,25 +39,6 @@ def estimates(
     Offsets and chain are fitted along, so that their uncertainty is in it. Where the model was
     fitted without each part of the cycles in turn, the jackknife over those parts counts where it
     is larger (R. G. Miller, Biometrika 61 (1974) 1).
-
-    Parameters
-    ----------
-    fit : Fit
-        The fitted model.
-    data : Data
-        The data.
-    left : Misfit
-        What the model leaves.
-    folds : sequence of Folds
-        The fits without parts of the cycles, for each way of dividing them.
-    chain : Mapping
-        How far each value of the chain that was found may be off; what the parameters move with
-        it, all others fitted anew, is in their errors.
-
-    Returns
-    -------
-    tuple of Estimate, Estimate and tuple of str
-        Parameters of the model; the offset; warnings.
     """
     # the columns behind these belong to nothing by themselves
     named = slice(0, len(fit.names))

@@ -3,15 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.zero_changes import zero_changes
-
-__all__ = ["Verdict", "verdict"]
-
-Array = NDArray[np.float64]
 
 #: Of the stroke, a fitted model of a piezo drive leaves 0.1 to 2 %, from session to session.
 #: One that leaves more, and ...
@@ -24,24 +19,16 @@ _USELESS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """How far the best model explains the records.
-
-    Parameters
-    ----------
-    fits : bool
-        Whether it explains them.
-    reason : str
-        Why it does not; empty where it does.
-    line_percent : float
-        What a straight line would leave, over the stroke, rms [%].
-    findings : tuple of RecordFault
-        What is in the records that is not the motion of a drive.
-    """
+    """How far the best model explains the records."""
 
     fits: bool
+    """Whether it explains them."""
     reason: str
+    """Why it does not; empty where it does."""
     line_percent: float
+    """What a straight line would leave, over the stroke, rms [%]."""
     findings: tuple[RecordFault, ...]
+    """What is in the records that is not the motion of a drive."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -51,23 +38,7 @@ class Verdict:
 
 
 def verdict(data: Data, error_percent: float, noise_percent: float) -> Verdict:
-    """Compare what the best model leaves with the noise and with what a straight line leaves.
-
-    Parameters
-    ----------
-    data : Data
-        The data.
-    error_percent : float
-        Root mean square of what the best model leaves, over the stroke, held out where there is
-        such an error [%].
-    noise_percent : float
-        Noise of the output, over the stroke [%].
-
-    Returns
-    -------
-    Verdict
-        The verdict, with jumps and drift beside what the records showed by themselves.
-    """
+    """Compare what the best model leaves with the noise and with what a straight line leaves."""
     m = data.measurement
     percent = 100.0 / m.stroke
     found = list(m.findings)

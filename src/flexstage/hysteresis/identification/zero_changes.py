@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import CreepSpectrum
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
@@ -18,10 +19,6 @@ from flexstage.hysteresis.identification.faults import RecordFault
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.units import readable, readable_unit
-
-__all__ = ["zero_changes"]
-
-Array = NDArray[np.float64]
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
@@ -63,16 +60,6 @@ def zero_changes(data: Data) -> list[RecordFault]:
 
     Validity: a step of the zero. One that takes seconds is named as a jump in its middle; creep
     that does not go with the logarithm of time may be named as a drift.
-
-    Parameters
-    ----------
-    data : Data
-        The data, with the chain that was found.
-
-    Returns
-    -------
-    list of RecordFault
-        The jumps and the drifts, in order of the records.
     """
     fit = _Fit(data)
     if min(r.at.size for r in fit.rows) < _FEWEST_ROWS:

@@ -19,8 +19,6 @@ from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
 from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, simulate_samples
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = ["AsymmetricBoucWen"]
-
 _NAME = "asymmetric Bouc-Wen"
 
 
@@ -31,28 +29,6 @@ class AsymmetricBoucWen(HysteresisModel):
     The hysteretic displacement h is that of Bouc-Wen, ``h' = A u' - beta |u'| |h|^(n-1) h - gamma
     u' |h|^n`` (Wen 1976); a polynomial of the input carries the asymmetry of a piezo drive (as in
     Wang, Chen, Bai 2015, Sens. Actuators A 235:105).
-
-    Parameters
-    ----------
-    gain : float
-        Gain d of the straight part [unit of y per unit of u].
-    quadratic : float
-        Factor d2 of u^2 [unit of y per unit of u squared].
-    cubic : float
-        Factor d3 of u^3 [unit of y per unit of u cubed].
-    hysteresis_gain : float
-        Gain A of the hysteretic part, the slope dh/du at h = 0 [unit of y per unit of u];
-        above zero.
-    beta : float
-        Parameter beta of the dissipation [per unit of u, times unit of y to the power 1 - n].
-    gamma : float
-        Parameter gamma of the shape of the loop, unit as beta.
-    lowest_input : float
-        Lowest input at which the polynomial is meant [unit of u]; the inverse stays above.
-    highest_input : float
-        Highest input at which the polynomial is meant [unit of u]; the inverse stays below.
-    exponent : float
-        Exponent n, at least 1: how sharply h turns into saturation.
 
     Notes
     -----
@@ -72,14 +48,25 @@ class AsymmetricBoucWen(HysteresisModel):
     kind: ClassVar[str] = "asymmetric-bouc-wen"
 
     gain: float
+    """Gain d of the straight part [unit of y per unit of u]."""
     quadratic: float
+    """Factor d2 of u^2 [unit of y per unit of u squared]."""
     cubic: float
+    """Factor d3 of u^3 [unit of y per unit of u cubed]."""
     hysteresis_gain: float
+    """Gain A of the hysteretic part, the slope dh/du at h = 0 [unit of y per unit of u]; above
+    zero.
+    """
     beta: float
+    """Parameter beta of the dissipation [per unit of u, times unit of y to the power 1 - n]."""
     gamma: float
+    """Parameter gamma of the shape of the loop, unit as beta."""
     lowest_input: float
+    """Lowest input at which the polynomial is meant [unit of u]; the inverse stays above."""
     highest_input: float
+    """Highest input at which the polynomial is meant [unit of u]; the inverse stays below."""
     exponent: float = 1.0
+    """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
         numbers = {name: getattr(self, name) for name in self.parameters()}
@@ -93,40 +80,12 @@ class AsymmetricBoucWen(HysteresisModel):
 
     @property
     def input_limits(self) -> tuple[float, float]:
-        """Lowest and highest input at which the polynomial is meant [unit of u]."""
         return self.lowest_input, self.highest_input
 
     def rest(self) -> Array:
-        """Return the state at rest.
-
-        Returns
-        -------
-        numpy.ndarray
-            Input [unit of u] and hysteretic displacement h [unit of y], both zero.
-        """
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs; run by run where the exponent is 1.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Outputs [unit of y], and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, the state does not belong to this model, or the
-            hysteretic displacement grows without limit.
-        """
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
@@ -139,26 +98,6 @@ class AsymmetricBoucWen(HysteresisModel):
         return Response(values=values, state=state_after(_NAME, inputs[-1], h))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [unit of y], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Inputs [unit of u], and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence; it is not reached between the lowest and the highest
-            input; or, at one of the samples, it need not rise with the input.
-        """
         found, missed = self._inverted(y, state)
         if missed >= 0:
             raise ModelError(
@@ -169,27 +108,6 @@ class AsymmetricBoucWen(HysteresisModel):
         return found
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input whose output comes nearest to a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [unit of y], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            What `inverse` returns; where an output is out of reach, the input stops at the lowest
-            or the highest.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence; or, at one of the samples, it need not rise with the
-            input.
-        """
         return self._inverted(y, state)[0]
 
     def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
@@ -215,13 +133,6 @@ class AsymmetricBoucWen(HysteresisModel):
         return Response(values=values, state=state_after(_NAME, values[-1], h)), missed
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return what is required of the parameters, and whether it holds.
-
-        Returns
-        -------
-        tuple of Condition
-            Bounded, dissipative, and invertible between the lowest and the highest input.
-        """
         bounded, dissipative, steepest = classical_conditions(
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )

@@ -33,8 +33,6 @@ from flexstage.hysteresis.models.bouc_wen_steps import (
 )
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = ["BoucWen", "segments_of", "simulate_bouc_wen_batch"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoucWen(HysteresisModel):
@@ -43,20 +41,6 @@ class BoucWen(HysteresisModel):
     The hysteretic displacement h obeys ``h' = A u' - beta |u'| |h|^(n-1) h - gamma u' |h|^n``
     (Wen 1976, J. Eng. Mech. Div. ASCE 102:249); y = d u - h is the form used for piezo drives
     (Low, Guo 1995, J. Microelectromech. Syst. 4:230).
-
-    Parameters
-    ----------
-    gain : float
-        Gain d of the straight part [unit of y per unit of u].
-    hysteresis_gain : float
-        Gain A of the hysteretic part, the slope dh/du at h = 0 [unit of y per unit of u];
-        above zero.
-    beta : float
-        Parameter beta of the dissipation [per unit of u, times unit of y to the power 1 - n].
-    gamma : float
-        Parameter gamma of the shape of the loop, unit as beta.
-    exponent : float
-        Exponent n, at least 1: how sharply h turns into saturation.
 
     Notes
     -----
@@ -75,10 +59,17 @@ class BoucWen(HysteresisModel):
     kind: ClassVar[str] = "bouc-wen"
 
     gain: float
+    """Gain d of the straight part [unit of y per unit of u]."""
     hysteresis_gain: float
+    """Gain A of the hysteretic part, the slope dh/du at h = 0 [unit of y per unit of u]; above
+    zero.
+    """
     beta: float
+    """Parameter beta of the dissipation [per unit of u, times unit of y to the power 1 - n]."""
     gamma: float
+    """Parameter gamma of the shape of the loop, unit as beta."""
     exponent: float = 1.0
+    """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
         numbers = {name: getattr(self, name) for name in self.parameters()}
@@ -86,36 +77,9 @@ class BoucWen(HysteresisModel):
         check_exponent("Bouc-Wen", self.exponent)
 
     def rest(self) -> Array:
-        """Return the state at rest.
-
-        Returns
-        -------
-        numpy.ndarray
-            Input [unit of u] and hysteretic displacement h [unit of y], both zero.
-        """
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs; run by run where the exponent is 1.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Outputs [unit of y], and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, the state does not belong to this model, or the
-            hysteretic displacement grows without limit.
-        """
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
@@ -127,26 +91,6 @@ class BoucWen(HysteresisModel):
         return Response(values=values, state=state_after("Bouc-Wen", inputs[-1], h))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [unit of y], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Inputs [unit of u], and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence; or, at one of the samples, it need not rise with the
-            input, so that more than one input may give the next output.
-        """
         outputs = samples(y, "output")
         start = self._state(state)
         if self.beta + self.gamma < 0.0:
@@ -166,40 +110,12 @@ class BoucWen(HysteresisModel):
         return Response(values=values, state=state_after("Bouc-Wen", values[-1], h))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        """Return the output between the samples in closed form.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,), n at least 2.
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Segments or None
-            Pieces with an exponential each, at most two between two samples; None where the
-            exponent is not 1.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, the state does not belong to this
-            model, or the hysteretic displacement grows without limit.
-        """
         if self.exponent != 1.0:
             return None
         cubic, law, powers = self._compiled()
         return segments_of("Bouc-Wen", u, self._state(state), cubic[0], law, powers)
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return what is required of the parameters, and whether it holds.
-
-        Returns
-        -------
-        tuple of Condition
-            Bounded, dissipative, invertible.
-        """
         bounded, dissipative, steepest = classical_conditions(
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )
@@ -223,33 +139,7 @@ class BoucWen(HysteresisModel):
 def segments_of(
     model: str, u: ArrayLike, state: Array, gain: float, law: Array, powers: Array
 ) -> Segments:
-    """Return the pieces of y = d u - h between samples for a law with exponent 1.
-
-    Parameters
-    ----------
-    model : str
-        Name of the model for the message.
-    u : array_like
-        Inputs, shape (n,), n at least 2.
-    state : numpy.ndarray
-        Last input and hysteretic displacement.
-    gain : float
-        Gain d.
-    law : numpy.ndarray
-        The law of the compiled loops.
-    powers : numpy.ndarray
-        Table of the power law.
-
-    Returns
-    -------
-    Segments
-        The pieces.
-
-    Raises
-    ------
-    ModelError
-        The input is no finite sequence of two or more, or h grows without limit.
-    """
+    """Return the pieces of y = d u - h between samples for a law with exponent 1."""
     inputs = samples(u, "input")
     if inputs.size < 2:
         raise ModelError("segments lie between samples: got one sample, give two or more")

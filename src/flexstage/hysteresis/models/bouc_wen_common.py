@@ -8,32 +8,9 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, Condition
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
 
-__all__ = [
-    "check_exponent",
-    "check_numbers",
-    "classical_conditions",
-    "classical_law",
-    "state_after",
-]
-
 
 def check_numbers(model: str, numbers: dict[str, float], above_zero: tuple[str, ...]) -> None:
-    """Refuse parameters that are not finite, or not above zero where they must be.
-
-    Parameters
-    ----------
-    model : str
-        Name of the model for the message.
-    numbers : dict
-        Parameters by name.
-    above_zero : tuple of str
-        Names of those that must be above zero.
-
-    Raises
-    ------
-    ModelError
-        One of them is refused.
-    """
+    """Refuse parameters that are not finite, or not above zero where they must be."""
     for name, value in numbers.items():
         if not math.isfinite(value):
             raise ModelError(f"the {name} of {model} must be a finite number, got {value}")
@@ -43,20 +20,7 @@ def check_numbers(model: str, numbers: dict[str, float], above_zero: tuple[str, 
 
 
 def check_exponent(model: str, exponent: float) -> None:
-    """Refuse an exponent below one.
-
-    Parameters
-    ----------
-    model : str
-        Name of the model for the message.
-    exponent : float
-        The exponent.
-
-    Raises
-    ------
-    ModelError
-        It is below one.
-    """
+    """Refuse an exponent below one."""
     if exponent < 1.0:
         raise ModelError(
             f"the exponent of {model} must be at least 1, got {exponent}: "
@@ -65,27 +29,7 @@ def check_exponent(model: str, exponent: float) -> None:
 
 
 def state_after(model: str, u: float, h: float) -> Array:
-    """Return the state after the last sample.
-
-    Parameters
-    ----------
-    model : str
-        Name of the model for the message.
-    u : float
-        Last input.
-    h : float
-        Last hysteretic displacement.
-
-    Returns
-    -------
-    numpy.ndarray
-        Both.
-
-    Raises
-    ------
-    ModelError
-        The displacement has run away.
-    """
+    """Return the state after the last sample."""
     if not math.isfinite(h):
         raise ModelError(
             f"the hysteretic displacement of {model} grew without limit for this input: "
@@ -95,24 +39,7 @@ def state_after(model: str, u: float, h: float) -> Array:
 
 
 def classical_law(A: float, beta: float, gamma: float, n: float) -> Array:
-    """Return the law of the classical shape function, psi = gamma + beta sign(u' h).
-
-    Parameters
-    ----------
-    A : float
-        Slope dh/du at h = 0.
-    beta : float
-        Parameter beta.
-    gamma : float
-        Parameter gamma.
-    n : float
-        The exponent.
-
-    Returns
-    -------
-    numpy.ndarray
-        The law of the compiled loops.
-    """
+    """Return the law of the classical shape function, psi = gamma + beta sign(u' h)."""
     unloaded, loaded = gamma - beta, gamma + beta
     return law_of(A, n, -math.inf, np.array([[[unloaded] * 2, [loaded] * 2]] * 2))
 
@@ -120,27 +47,7 @@ def classical_law(A: float, beta: float, gamma: float, n: float) -> Array:
 def classical_conditions(
     A: float, beta: float, gamma: float, n: float
 ) -> tuple[Condition, Condition, float]:
-    """Return the conditions on the hysteretic part, and its steepest slope dh/du.
-
-    Parameters
-    ----------
-    A : float
-        Slope dh/du at h = 0.
-    beta : float
-        Parameter beta.
-    gamma : float
-        Parameter gamma.
-    n : float
-        The exponent.
-
-    Returns
-    -------
-    tuple of Condition, Condition and float
-        Bounded (Ikhouane, Mañosa, Rodellar 2007, Syst. Control Lett. 56:197, classes I and II),
-        dissipative (Erlicher, Point 2004, C. R. Mécanique 332:51); the steepest slope that a motion
-        from rest can reach, infinity where it is not bounded. It is that just after a reversal
-        from saturation, ``A 2 beta/(beta + gamma)``, or A.
-    """
+    """Return the conditions on the hysteretic part, and its steepest slope dh/du."""
     total = beta + gamma
     holds = total > 0.0 and beta >= 0.0
     limit = (A / total) ** (1.0 / n) if holds else math.inf

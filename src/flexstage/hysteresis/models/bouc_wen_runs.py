@@ -15,8 +15,6 @@ from flexstage.hysteresis.compiled import compiled, compiled_parallel
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.decay import decayed, distance_to_zero, saturating
 
-__all__ = ["simulate_batch", "simulate_runs"]
-
 
 @compiled
 def _fill(
@@ -68,32 +66,7 @@ def simulate_runs(
     gamma: float,
     out: Array,
 ) -> float:
-    """Write the output run by run, and return the last hysteretic displacement.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    u_last : float
-        Input before the first of them.
-    h : float
-        Hysteretic displacement before the first of them.
-    gain : float
-        Gain d.
-    A : float
-        Slope dh/du at h = 0.
-    beta : float
-        Parameter beta.
-    gamma : float
-        Parameter gamma.
-    out : numpy.ndarray
-        Outputs, shape (n,), written.
-
-    Returns
-    -------
-    float
-        Hysteretic displacement at the last input.
-    """
+    """Write the output run by run, and return the last hysteretic displacement."""
     count = u.size
     i = 0
     while i < count:
@@ -126,17 +99,7 @@ def simulate_runs(
 
 @compiled_parallel
 def simulate_batch(u: Array, parameters: Array, out: Array) -> None:
-    """Write the outputs of many models at rest for one input, one model for each core.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    parameters : numpy.ndarray
-        Gain, hysteresis gain, beta, gamma of each model, shape (k, 4).
-    out : numpy.ndarray
-        Outputs, shape (k, n), written.
-    """
+    """Write the outputs of many models at rest for one input, one model for each core."""
     for k in prange(parameters.shape[0]):
         p = parameters[k]
         simulate_runs(u, 0.0, 0.0, p[0], p[1], p[2], p[3], out[k])

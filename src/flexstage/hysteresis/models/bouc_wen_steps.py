@@ -21,40 +21,13 @@ from flexstage.hysteresis.compiled import compiled, compiled_parallel
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.power_law import flow, time_to_zero
 
-__all__ = [
-    "advance",
-    "inverse_samples",
-    "law_of",
-    "law_segments",
-    "simulate_many",
-    "simulate_samples",
-]
-
 _ITERATIONS = 100
 _ROUNDING = 2.3e-16
 _LEAST_RATE = 1e-5
 
 
 def law_of(A: float, n: float, centre: float, psi: Array) -> Array:
-    """Return the law of a shape function.
-
-    Parameters
-    ----------
-    A : float
-        Slope dh/du at h = 0.
-    n : float
-        The exponent.
-    centre : float
-        Input at which the shape function changes; minus infinity where it does not.
-    psi : numpy.ndarray
-        Shape function for (u' < 0, u' > 0) by (unloaded, loaded) by (u below, above the centre),
-        shape (2, 2, 2).
-
-    Returns
-    -------
-    numpy.ndarray
-        The law, shape (12,).
-    """
+    """Return the law of a shape function."""
     return np.concatenate([[A, n, centre, 0.0], np.ravel(psi)])
 
 
@@ -87,26 +60,7 @@ def _one_side(h: float, s: float, v: float, upper: bool, law: Array, table: Arra
 
 @compiled
 def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
-    """Return the hysteretic displacement after one straight line of the input.
-
-    Parameters
-    ----------
-    h : float
-        Hysteretic displacement before.
-    u : float
-        Input before.
-    du : float
-        Change of the input.
-    law : numpy.ndarray
-        What `law_of` returns.
-    table : numpy.ndarray
-        Coefficients of the power law for the exponent.
-
-    Returns
-    -------
-    float
-        Hysteretic displacement after; not finite where it has run away.
-    """
+    """Return the hysteretic displacement after one straight line of the input."""
     if du == 0.0:
         return h
     s = 1.0 if du > 0.0 else -1.0
@@ -128,30 +82,7 @@ def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
 def simulate_samples(
     u: Array, u_last: float, h: float, cubic: Array, law: Array, table: Array, out: Array
 ) -> float:
-    """Write the output sample by sample, and return the last hysteretic displacement.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    u_last : float
-        Input before the first of them.
-    h : float
-        Hysteretic displacement before the first of them.
-    cubic : numpy.ndarray
-        Coefficients of u, u^2 and u^3 in the output, shape (3,).
-    law : numpy.ndarray
-        What `law_of` returns.
-    table : numpy.ndarray
-        Coefficients of the power law for the exponent.
-    out : numpy.ndarray
-        Outputs, shape (n,), written.
-
-    Returns
-    -------
-    float
-        Hysteretic displacement at the last input.
-    """
+    """Write the output sample by sample, and return the last hysteretic displacement."""
     for i in range(u.size):
         h = advance(h, u_last, u[i] - u_last, law, table)
         u_last = u[i]
@@ -161,21 +92,7 @@ def simulate_samples(
 
 @compiled_parallel
 def simulate_many(u: Array, cubics: Array, laws: Array, tables: Array, out: Array) -> None:
-    """Write the outputs of many models at rest for one input, one model for each core.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    cubics : numpy.ndarray
-        Coefficients of u, u^2 and u^3 in each output, shape (k, 3).
-    laws : numpy.ndarray
-        What `law_of` returns for each, shape (k, 12).
-    tables : numpy.ndarray
-        Coefficients of the power law for each, shape (k, rows, terms).
-    out : numpy.ndarray
-        Outputs, shape (k, n), written.
-    """
+    """Write the outputs of many models at rest for one input, one model for each core."""
     for k in prange(laws.shape[0]):
         simulate_samples(u, 0.0, 0.0, cubics[k], laws[k], tables[k], out[k])
 
@@ -191,34 +108,7 @@ def inverse_samples(
     table: Array,
     out: Array,
 ) -> tuple[int, float, int]:
-    """Write the input that gives each output.
-
-    Parameters
-    ----------
-    y : numpy.ndarray
-        Outputs, shape (n,).
-    u : float
-        Input before the first of them.
-    h : float
-        Hysteretic displacement before the first of them.
-    limits : numpy.ndarray
-        Lowest and highest input, and the least slope of the cubic between them, shape (3,).
-    cubic : numpy.ndarray
-        Coefficients of u, u^2 and u^3 in the output, shape (3,).
-    law : numpy.ndarray
-        What `law_of` returns; psi must not be below zero where h is loaded.
-    table : numpy.ndarray
-        Coefficients of the power law for the exponent.
-    out : numpy.ndarray
-        Inputs, shape (n,), written.
-
-    Returns
-    -------
-    tuple of int, float and int
-        Number of samples done, the last hysteretic displacement, and the first sample that is not
-        reached within the limits, at which the input stops, or -1. It stops short where the
-        output does not rise with the input.
-    """
+    """Write the input that gives each output."""
     unloading, missed = min(law[4], law[5], law[8], law[9]), -1
     for i in range(y.size):
         level = u * (cubic[0] + u * (cubic[1] + u * cubic[2])) - h
@@ -298,28 +188,7 @@ def _slope(v: float, h: float, u: float, s: float, cubic: Array, law: Array) -> 
 
 @compiled
 def law_segments(u: Array, h: float, gain: float, law: Array, table: Array, out: Array) -> tuple:
-    """Write the pieces of the output d u - h between samples, for exponent 1.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Inputs, shape (n,).
-    h : float
-        Hysteretic displacement at the first of them.
-    gain : float
-        Gain d.
-    law : numpy.ndarray
-        What `law_of` returns.
-    table : numpy.ndarray
-        Coefficients of the power law for the exponent.
-    out : numpy.ndarray
-        Start, constant, slope, amplitude and rate of each piece, shape (5, 4 n), written.
-
-    Returns
-    -------
-    tuple of int and float
-        Number of pieces, and the last hysteretic displacement.
-    """
+    """Write the pieces of the output d u - h between samples, for exponent 1."""
     m = 0
     for i in range(u.size - 1):
         du = u[i + 1] - u[i]

@@ -23,8 +23,6 @@ from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
 from flexstage.hysteresis.models.decay import decayed
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = ["Dahl"]
-
 _ITERATIONS = 100
 _ROUNDING = 2.3e-16
 
@@ -35,18 +33,6 @@ class Dahl(HysteresisModel):
 
     ``dF/du = sigma |1 - r|^i sgn(1 - r)`` with ``r = (F/F_c) sgn(u')`` (Dahl 1976, AIAA J. 14:1675,
     Eq. 4). With i = 1 it is Bouc-Wen with n = 1, beta = sigma/F_c and gamma = 0.
-
-    Parameters
-    ----------
-    gain : float
-        Gain d of the straight part [unit of y per unit of u].
-    stiffness : float
-        Slope sigma of F at F = 0 [unit of y per unit of u]; above zero.
-    limit : float
-        Value F_c that F approaches [unit of y]; above zero.
-    exponent : float
-        Exponent i, at least zero: 0 is an elastic, perfectly plastic element, 1 an exponential;
-        below 1, F_c is reached within a finite distance.
 
     Notes
     -----
@@ -65,9 +51,15 @@ class Dahl(HysteresisModel):
     kind: ClassVar[str] = "dahl"
 
     gain: float
+    """Gain d of the straight part [unit of y per unit of u]."""
     stiffness: float
+    """Slope sigma of F at F = 0 [unit of y per unit of u]; above zero."""
     limit: float
+    """Value F_c that F approaches [unit of y]; above zero."""
     exponent: float = 1.0
+    """Exponent i, at least zero: 0 is an elastic, perfectly plastic element, 1 an exponential;
+    below 1, F_c is reached within a finite distance.
+    """
 
     def __post_init__(self) -> None:
         numbers = {name: getattr(self, name) for name in self.parameters()}
@@ -76,35 +68,9 @@ class Dahl(HysteresisModel):
             raise ModelError(f"the exponent of Dahl must be at least 0, got {self.exponent}")
 
     def rest(self) -> Array:
-        """Return the state at rest.
-
-        Returns
-        -------
-        numpy.ndarray
-            Input [unit of u] and friction F [unit of y], both zero.
-        """
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs; run by run where the exponent is 1.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,).
-        state : array_like, optional
-            Last input and friction; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Outputs [unit of y], and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or the state does not belong to this model.
-        """
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
@@ -116,26 +82,6 @@ class Dahl(HysteresisModel):
         return Response(values=values, state=state_after("Dahl", inputs[-1], F))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [unit of y], shape (n,).
-        state : array_like, optional
-            Last input and friction; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Inputs [unit of u], and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence; or, at one of the samples, it need not rise with the
-            input, so that more than one input may give the next output.
-        """
         outputs = samples(y, "output")
         start = self._state(state)
         values = np.empty_like(outputs)
@@ -149,39 +95,12 @@ class Dahl(HysteresisModel):
         return Response(values=values, state=state_after("Dahl", values[-1], F))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        """Return the output between the samples in closed form.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,), n at least 2.
-        state : array_like, optional
-            Last input and friction; at rest where not given.
-
-        Returns
-        -------
-        Segments or None
-            Pieces with an exponential each; None where the exponent is not 1.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, or the state does not belong to this
-            model.
-        """
         if self.exponent != 1.0:
             return None
         law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
         return segments_of("Dahl", u, self._state(state), self.gain, law, power_table(1.0))
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return what is required of the parameters, and whether it holds.
-
-        Returns
-        -------
-        tuple of Condition
-            Bounded and dissipative, which Dahl's friction always is, and invertible.
-        """
         steepest = self.stiffness * 2.0**self.exponent
         return (
             Condition(

@@ -10,64 +10,28 @@ from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.play_sum import offsets_of
 
-__all__ = ["Line", "dead_zone_line", "dead_zones"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A continuous, piecewise-linear function that is zero at zero.
-
-    Parameters
-    ----------
-    knots : numpy.ndarray
-        Where the slope changes, rising, shape (c,).
-    slopes : numpy.ndarray
-        Slopes below, between and above the knots, shape (c + 1,).
-    """
+    """A continuous, piecewise-linear function that is zero at zero."""
 
     knots: Array
+    """Where the slope changes, rising, shape (c,)."""
     slopes: Array
+    """Slopes below, between and above the knots, shape (c + 1,)."""
 
     def at(self, x: ArrayLike) -> Array:
-        """Return the function.
-
-        Parameters
-        ----------
-        x : array_like
-            Arguments, any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values, the shape of the arguments.
-        """
+        """Return the function."""
         given = np.asarray(x, dtype=np.float64)
         j = np.searchsorted(self.knots, given)
         return self.offsets()[j] + self.slopes[j] * given
 
     def offsets(self) -> Array:
-        """Return the constants of the line on each interval.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values at zero of the straight lines that it is made of, shape (c + 1,).
-        """
+        """Return the constants of the line on each interval."""
         return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
 
     def inverse(self) -> "Line":
-        """Return the inverse, again such a line: its knots are the values at the knots.
-
-        Returns
-        -------
-        Line
-            The inverse function.
-
-        Raises
-        ------
-        ModelError
-            A slope is not positive.
-        """
+        """Return the inverse, again such a line: its knots are the values at the knots."""
         if np.min(self.slopes) <= 0.0:
             raise ModelError(
                 f"a line has an inverse if all its slopes are positive, got {np.min(self.slopes):g}"
@@ -80,25 +44,6 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Li
 
     ``S(x) = gain x + sum_i w_i max(x - r_i, 0)`` for positive, ``min(x - r_i, 0)`` for negative
     thresholds r_i (Kuhnen 2003, Eur. J. Control 9:407).
-
-    Parameters
-    ----------
-    gain : float
-        Slope about zero.
-    thresholds : array_like
-        Thresholds, rising, none zero, shape (l,).
-    weights : array_like
-        Weights, shape (l,).
-
-    Returns
-    -------
-    Line
-        The function.
-
-    Raises
-    ------
-    ModelError
-        The thresholds do not rise, one is zero, or the weights are not as many.
 
     Notes
     -----
@@ -120,21 +65,6 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Li
 
 def dead_zones(line: Line) -> tuple[float, Array, Array]:
     """Return the dead zones whose superposition is a line.
-
-    Parameters
-    ----------
-    line : Line
-        A function without a kink at zero.
-
-    Returns
-    -------
-    tuple of float, numpy.ndarray and numpy.ndarray
-        Gain, thresholds (l,) and weights (l,) for `dead_zone_line`.
-
-    Raises
-    ------
-    ModelError
-        The line has a knot at zero.
 
     Notes
     -----

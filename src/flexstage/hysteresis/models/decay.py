@@ -6,8 +6,6 @@ import numpy as np
 
 from flexstage.hysteresis.compiled import compiled
 
-__all__ = ["decayed", "distance_to_zero", "grown", "saturating"]
-
 # ln 2 in two parts: the first has so few digits that its multiples are exact (Cody, Waite 1980).
 _LN2_HIGH = 6.93147180369123816490e-01
 _LN2_LOW = 1.90821492927058770002e-10
@@ -26,16 +24,6 @@ def decayed(x: float) -> float:
 
     ``-x = -k ln 2 + r`` with ``|r| <= ln(2)/2``, and a Taylor polynomial for ``exp(r) - 1``
     (remainder below 1e-17 of r). Loops over it are vectorised, unlike loops over ``math.expm1``.
-
-    Parameters
-    ----------
-    x : float
-        The exponent; at least zero, infinity allowed.
-
-    Returns
-    -------
-    float
-        ``1 - exp(-x)``, to 2.3e-16 of its value.
     """
     x = min(x, 1e3)
     k = min(np.floor(x * _PER_LN2 + 0.5), _LARGEST_POWER)
@@ -58,41 +46,13 @@ def decayed(x: float) -> float:
 
 @compiled
 def grown(x: float) -> float:
-    """Return 1 - exp(-x) for any x.
-
-    Parameters
-    ----------
-    x : float
-        The exponent.
-
-    Returns
-    -------
-    float
-        ``1 - exp(-x)``.
-    """
+    """Return 1 - exp(-x) for any x."""
     return decayed(x) if x >= 0.0 else -math.expm1(-x)
 
 
 @compiled
 def saturating(start: float, slope: float, rate: float, distance: float) -> float:
-    """Return g after a distance v, where dg/dv = slope - rate g.
-
-    Parameters
-    ----------
-    start : float
-        g at the start.
-    slope : float
-        Slope at g = 0.
-    rate : float
-        Rate of approach; below zero, g runs away.
-    distance : float
-        The distance v.
-
-    Returns
-    -------
-    float
-        g at the end.
-    """
+    """Return g after a distance v, where dg/dv = slope - rate g."""
     x = rate * distance
     if x == 0.0:
         return start + slope * distance
@@ -101,22 +61,7 @@ def saturating(start: float, slope: float, rate: float, distance: float) -> floa
 
 @compiled
 def distance_to_zero(start: float, slope: float, rate: float) -> float:
-    """Return the distance in which w falls to zero, where dw/dv = -(slope - rate w).
-
-    Parameters
-    ----------
-    start : float
-        w at the start, at least zero.
-    slope : float
-        Slope at w = 0, above zero.
-    rate : float
-        Factor of w.
-
-    Returns
-    -------
-    float
-        The distance; infinity where w does not fall to zero.
-    """
+    """Return the distance in which w falls to zero, where dw/dv = -(slope - rate w)."""
     x = -rate * start / slope
     if x <= -1.0:
         return np.inf

@@ -20,8 +20,6 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models.play import ROUNDING, fixed
 from flexstage.hysteresis.models.play_model import sampled
 
-__all__ = ["Duhem", "duhem_columns"]
-
 #: Inputs at which the conditions are looked at.
 GRID = 513
 #: Highest number of coefficients of f and g: constant to cubic.
@@ -37,19 +35,6 @@ class Duhem(HysteresisModel):
     output is ``y exp(-alpha v) + sum_k q_k v^(k+1) phi_(k+1)(-alpha v)``, where
     ``q_k = s^k (alpha f^(k)(u) + s g^(k)(u))`` and ``phi_k`` are the functions
     ``phi_0 = exp, phi_(k+1)(x) = (phi_k(x) - 1/k!)/x``: exact, since f and g are polynomials.
-
-    Parameters
-    ----------
-    rate : float
-        Alpha, how fast the output comes to its curve as the input moves [1/V]; positive.
-    anhysteretic : numpy.ndarray
-        Coefficients of f, the curve to which the output tends, from the constant up
-        [m, m/V, m/V^2, m/V^3], one to four.
-    tangent : numpy.ndarray
-        Coefficients of g, the slope of the output on that curve [m/V, m/V^2, ...], one to four.
-    input_range : tuple of float
-        Lowest and highest input [V] for which the model stands, with zero between or at an end.
-        Conditions are looked at there, and the inverse keeps to it.
 
     Notes
     -----
@@ -79,9 +64,17 @@ class Duhem(HysteresisModel):
     """
 
     rate: float
+    """Alpha, how fast the output comes to its curve as the input moves [1/V]; positive."""
     anhysteretic: Array
+    """Coefficients of f, the curve to which the output tends, from the constant up [m, m/V, m/V^2,
+    m/V^3], one to four.
+    """
     tangent: Array
+    """Coefficients of g, the slope of the output on that curve [m/V, m/V^2, ...], one to four."""
     input_range: tuple[float, float]
+    """Lowest and highest input [V] for which the model stands, with zero between or at an end.
+    Conditions are looked at there, and the inverse keeps to it.
+    """
     kind: ClassVar[str] = "duhem"
 
     def __post_init__(self) -> None:
@@ -106,64 +99,17 @@ class Duhem(HysteresisModel):
 
     @property
     def input_limits(self) -> tuple[float, float]:
-        """Lowest and highest input for which the model stands [V]."""
         return self.input_range
 
     def rest(self) -> Array:
-        """Return the state without history: no input, no output.
-
-        Returns
-        -------
-        numpy.ndarray
-            Two zeros: input and output.
-        """
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or the state is not two finite numbers.
-        """
         given, before = samples(u, "input"), self._state(state)
         y = _simulate(given, self.rate, self._f(), self._g(), before)
         return Response(values=y, state=np.array([given[-1], y[-1]]))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The inputs, and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence, no input in the range reaches it, or the output can
-            fall while the input rises.
-        """
         found, missed = self._inverted(y, state)
         if missed >= 0:
             low, high = self.input_range
@@ -174,26 +120,6 @@ class Duhem(HysteresisModel):
         return found
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input whose output comes nearest to a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            What `inverse` returns; where an output is out of reach, the input stops at the end of
-            its range.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence, or it can fall while the input rises.
-        """
         return self._inverted(y, state)[0]
 
     def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
@@ -213,25 +139,6 @@ class Duhem(HysteresisModel):
         return Response(values=u, state=before), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        """Return the output between the samples in closed form.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,), n at least 2.
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Segments or None
-            One piece for each step; None where f is not straight or g is not constant.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, or the state is not two finite numbers.
-        """
         f, g = self._f(), self._g()
         if np.any(f[2:] != 0.0) or np.any(g[1:] != 0.0):
             return None
@@ -254,20 +161,6 @@ class Duhem(HysteresisModel):
         )
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return whether the model is bounded, dissipative and invertible in its input range.
-
-        With ``w = y - f(u)`` and ``d = f' - g``, ``w' = -alpha |u'| w - u' d``. If d is positive
-        and ``|d'| <= 2 alpha d``, then ``w^2 / (2 d)`` is a stored energy, and a closed cycle takes
-        in ``integral of w^2 (alpha |du| / d + d' du / (2 d^2))``, which is not negative. The
-        slope is least on the outermost branches: those that start at an end of the range, after
-        any number of cycles, and those that start at rest (Coleman and Hodgdon 1986 require the
-        same of the branches from infinity).
-
-        Returns
-        -------
-        tuple of Condition
-            ``bounded``, ``dissipative`` and ``invertible``.
-        """
         low, high = self.input_range
         least, largest = self._extremes()
         u = np.linspace(low, high, GRID)
@@ -343,27 +236,6 @@ class Duhem(HysteresisModel):
 
 def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     """Return the output of a Duhem model per unit of each of its coefficients.
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs [V], shape (n,).
-    rate : float
-        Alpha of the model [1/V].
-    curve : int
-        Number of coefficients of its anhysteretic curve.
-    tangent : int
-        Number of coefficients of its tangent.
-
-    Returns
-    -------
-    numpy.ndarray
-        Columns, shape (n, curve + tangent), those of the curve first.
-
-    Raises
-    ------
-    ModelError
-        The input is no finite sequence.
 
     Notes
     -----

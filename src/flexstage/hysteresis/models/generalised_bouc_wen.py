@@ -21,8 +21,6 @@ from flexstage.hysteresis.models.bouc_wen_common import check_exponent, check_nu
 from flexstage.hysteresis.models.bouc_wen_steps import inverse_samples, law_of, simulate_samples
 from flexstage.hysteresis.models.power_law import power_table
 
-__all__ = ["GeneralisedBoucWen"]
-
 _NAME = "generalised Bouc-Wen"
 
 
@@ -34,20 +32,6 @@ class GeneralisedBoucWen(HysteresisModel):
     ``psi = b1 sgn(u' h) + b2 sgn(x u') + b3 sgn(x h) + b4 sgn(u') + b5 sgn(h) + b6 sgn(x)``, where
     x = u - centre (Song, Der Kiureghian 2006, J. Eng. Mech. 132:610, Eqs. 8 and 9). In each of the
     regions that the three signs make, psi is a number, and the motion is solved exactly.
-
-    Parameters
-    ----------
-    gain : float
-        Gain d of the straight part [unit of y per unit of u].
-    hysteresis_gain : float
-        Gain A, the slope dh/du at h = 0 [unit of y per unit of u]; above zero.
-    shape : tuple of float
-        Parameters b1 to b6 of the shape function [per unit of u, times unit of y to the power
-        1 - n]. The first is beta of Bouc-Wen; the others make the loop asymmetric.
-    centre : float
-        Input about which the shape function tells below from above [unit of u].
-    exponent : float
-        Exponent n, at least 1: how sharply h turns into saturation.
 
     Notes
     -----
@@ -66,10 +50,17 @@ class GeneralisedBoucWen(HysteresisModel):
     kind: ClassVar[str] = "generalised-bouc-wen"
 
     gain: float
+    """Gain d of the straight part [unit of y per unit of u]."""
     hysteresis_gain: float
+    """Gain A, the slope dh/du at h = 0 [unit of y per unit of u]; above zero."""
     shape: tuple[float, ...]
+    """Parameters b1 to b6 of the shape function [per unit of u, times unit of y to the power 1 -
+    n]. The first is beta of Bouc-Wen; the others make the loop asymmetric.
+    """
     centre: float = 0.0
+    """Input about which the shape function tells below from above [unit of u]."""
     exponent: float = 1.0
+    """Exponent n, at least 1: how sharply h turns into saturation."""
 
     def __post_init__(self) -> None:
         if len(self.shape) != 6:
@@ -81,13 +72,6 @@ class GeneralisedBoucWen(HysteresisModel):
         check_exponent(_NAME, self.exponent)
 
     def rest(self) -> Array:
-        """Return the state at rest.
-
-        Returns
-        -------
-        numpy.ndarray
-            Input [unit of u] and hysteretic displacement h [unit of y], both zero.
-        """
         return np.zeros(2)
 
     def shape_function(self) -> Array:
@@ -109,26 +93,6 @@ class GeneralisedBoucWen(HysteresisModel):
         ) + np.zeros((2, 2, 2))
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Outputs [unit of y], and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, the state does not belong to this model, or the
-            hysteretic displacement grows without limit.
-        """
         inputs = samples(u, "input")
         start = self._state(state)
         values = np.empty_like(inputs)
@@ -136,26 +100,6 @@ class GeneralisedBoucWen(HysteresisModel):
         return Response(values=values, state=state_after(_NAME, inputs[-1], h))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs [unit of y], shape (n,).
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Response
-            Inputs [unit of u], and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence; or, at one of the samples, it need not rise with the
-            input, so that more than one input may give the next output.
-        """
         outputs = samples(y, "output")
         start = self._state(state)
         loading = self.shape_function()[:, 1].min()
@@ -177,43 +121,12 @@ class GeneralisedBoucWen(HysteresisModel):
         return Response(values=values, state=state_after(_NAME, values[-1], h))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
-        """Return the output between the samples in closed form.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs [unit of u], shape (n,), n at least 2.
-        state : array_like, optional
-            Last input and hysteretic displacement; at rest where not given.
-
-        Returns
-        -------
-        Segments or None
-            Pieces with an exponential each, split at h = 0 and at the centre; None where the
-            exponent is not 1.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, the state does not belong to this
-            model, or the hysteretic displacement grows without limit.
-        """
         if self.exponent != 1.0:
             return None
         cubic, law, powers = self._compiled()
         return segments_of(_NAME, u, self._state(state), cubic[0], law, powers)
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return what is required of the parameters, and whether it holds.
-
-        Returns
-        -------
-        tuple of Condition
-            Bounded: psi above zero where h is loaded, and h never beyond where unloading would
-            drive it off. Dissipative: no step gives energy out of nothing, measured with the
-            energy h^2/(2 A) that h stores (Erlicher, Point 2004, C. R. Mécanique 332:51, for this
-            psi). Invertible: gain above the steepest dh/du.
-        """
         A, psi = self.hysteresis_gain, self.shape_function()
         loaded, unloaded = psi[:, 1].min(), psi[:, 0]
         # The farthest that h gets, as A/|h|^n, and how fast unloading can be there.

@@ -20,8 +20,6 @@ from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
 from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
 from flexstage.hysteresis.models.play_model import Sum, least_slope, sampled, segments_of, terms
 
-__all__ = ["GeneralisedMaxwellSlip"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GeneralisedMaxwellSlip(HysteresisModel):
@@ -32,20 +30,6 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     ``r_i`` on (Goldfarb and Celanovic 1997, IEEE Control Syst. Mag. 17(3):69). A spring without
     memory, ``s(y) = sum_k v_k max(y - d_k, 0)`` for positive and ``min(y - d_k, 0)`` for negative
     dead zones d_k, makes it bend. The displacement for a voltage is the exact inverse of this.
-
-    Parameters
-    ----------
-    stiffness : float
-        Slope of the spring that never slides [V/m].
-    thresholds : numpy.ndarray
-        Displacement from which each element slides [m], positive and rising, shape (m,).
-    element_stiffness : numpy.ndarray
-        Slope of each element before it slides [V/m], shape (m,); not negative for loops that take
-        in energy.
-    dead_zones : numpy.ndarray
-        Where the slope of the bent spring changes [m], rising, none zero, shape (l,).
-    dead_zone_weights : numpy.ndarray
-        By how much it changes there, away from zero [V/m], shape (l,).
 
     Notes
     -----
@@ -72,10 +56,17 @@ class GeneralisedMaxwellSlip(HysteresisModel):
     """
 
     stiffness: float
+    """Slope of the spring that never slides [V/m]."""
     thresholds: Array
+    """Displacement from which each element slides [m], positive and rising, shape (m,)."""
     element_stiffness: Array
+    """Slope of each element before it slides [V/m], shape (m,); not negative for loops that take in
+    energy.
+    """
     dead_zones: Array = field(default_factory=lambda: np.empty(0))
+    """Where the slope of the bent spring changes [m], rising, none zero, shape (l,)."""
     dead_zone_weights: Array = field(default_factory=lambda: np.empty(0))
+    """By how much it changes there, away from zero [V/m], shape (l,)."""
     kind: ClassVar[str] = "maxwell-slip"
 
     def __post_init__(self) -> None:
@@ -111,87 +102,21 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         return dead_zone_line(self.stiffness, self.dead_zones, self.dead_zone_weights)
 
     def rest(self) -> Array:
-        """Return the state without history: no voltage, and nothing displaced.
-
-        Returns
-        -------
-        numpy.ndarray
-            Zeros, shape (m + 2,).
-        """
         return np.zeros(self.thresholds.size + 2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the displacements for a sequence of voltages.
-
-        Parameters
-        ----------
-        u : array_like
-            Voltages [V], shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The displacements [m], and the state after the last voltage.
-
-        Raises
-        ------
-        ModelError
-            The voltage is no finite sequence, or no voltage leads to the state.
-        """
         given = samples(u, "input")
         plays = _inner(self._state(state))
         y, _ = play_sum.invert(given, *self._sum(), plays)
         return Response(values=y, state=_outer(given[-1], plays))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the voltage that gives a sequence of displacements: the equation of the model.
-
-        Parameters
-        ----------
-        y : array_like
-            Displacements [m], shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The voltages [V], and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The displacement is no finite sequence, or no voltage leads to the state.
-        """
         wanted = samples(y, "output")
         plays = _inner(self._state(state))
         u = play_sum.simulate(wanted, *self._sum(), plays)
         return Response(values=u, state=_outer(u[-1], plays))
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        """Return the displacement between the samples as straight pieces.
-
-        A piece ends where an element starts to slide, or the spring bends.
-
-        Parameters
-        ----------
-        u : array_like
-            Voltages [V], shape (n,), n at least 2.
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Segments
-            The pieces from the first to the last sample; their amplitudes are zero.
-
-        Raises
-        ------
-        ModelError
-            The voltage is no finite sequence of two or more, or no voltage leads to the state.
-        """
         given = sampled(u)
         first = self.simulate(given[:1], state)
         found = segments_of(given, self._sum(), _inner(first.state), backward=True)
@@ -206,16 +131,6 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         )
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return whether the model is bounded, dissipative and invertible.
-
-        A closed cycle takes in the work of the sliders, ``integral of u dy = sum_i k_i r_i
-        integral of |d slider_i|``.
-
-        Returns
-        -------
-        tuple of Condition
-            ``bounded``, ``dissipative`` and ``invertible``.
-        """
         least = self._least_slope()
         weakest = float(np.min(self.element_stiffness))
         return (
@@ -256,7 +171,6 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
-        """Return a private copy of a state after checking that a voltage leads to it."""
         given = HysteresisModel._state(self, state)
         if state is None:
             return given

@@ -18,8 +18,6 @@ from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
-__all__ = ["ModifiedPrandtlIshlinskii"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModifiedPrandtlIshlinskii(HysteresisModel):
@@ -29,20 +27,6 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     ``S(x) = x + sum_k v_k max(x - d_k, 0)`` for positive, ``min(x - d_k, 0)`` for negative dead
     zones d_k (Kuhnen 2003, Eur. J. Control 9:407). The slope of S about zero is one, since any
     other is a factor of H.
-
-    Parameters
-    ----------
-    gain : float
-        Slope of H just after the input turns back [m/V].
-    thresholds : numpy.ndarray
-        Half the gap of each play [V], positive and rising, shape (m,).
-    weights : numpy.ndarray
-        Weight of each play [m/V], shape (m,); not negative for loops that take in energy.
-    dead_zones : numpy.ndarray
-        Where the slope of S changes [m], rising, none zero, shape (l,).
-    dead_zone_weights : numpy.ndarray
-        By how much it changes there, away from zero [1], shape (l,). Every slope of S that
-        results must be positive for an inverse.
 
     Notes
     -----
@@ -67,10 +51,17 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     """
 
     gain: float
+    """Slope of H just after the input turns back [m/V]."""
     thresholds: Array
+    """Half the gap of each play [V], positive and rising, shape (m,)."""
     weights: Array
+    """Weight of each play [m/V], shape (m,); not negative for loops that take in energy."""
     dead_zones: Array
+    """Where the slope of S changes [m], rising, none zero, shape (l,)."""
     dead_zone_weights: Array
+    """By how much it changes there, away from zero [1], shape (l,). Every slope of S that results
+    must be positive for an inverse.
+    """
     kind: ClassVar[str] = "modified-prandtl-ishlinskii"
 
     def __post_init__(self) -> None:
@@ -95,96 +86,20 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
         return dead_zone_line(1.0, self.dead_zones, self.dead_zone_weights)
 
     def rest(self) -> Array:
-        """Return the state without history: no input, and all plays at zero.
-
-        Returns
-        -------
-        numpy.ndarray
-            Zeros, shape (m + 1,).
-        """
         return self._plays().rest()
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or no input leads to the state.
-        """
         inner = self._plays().simulate(u, state)
         return Response(values=self.line().at(inner.values), state=inner.state)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs, to rounding.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The inputs, and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence, or a slope of H or S is not positive.
-        """
         wanted = self.line().inverse().at(samples(y, "output"))
         return self._plays().inverse(wanted, state)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        """Return the output between the samples as straight pieces.
-
-        A piece ends where a play starts to move, or H passes a dead zone's end.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,), n at least 2.
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Segments
-            The pieces from the first to the last sample; their amplitudes are zero.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, or no input leads to the state.
-        """
         return _through(self.line(), self._plays().segments(u, state))
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return whether the model is bounded, dissipative and invertible.
-
-        A rising S keeps the sense in which each loop is run through, and so the sign of
-        ``integral of u dy``.
-
-        Returns
-        -------
-        tuple of Condition
-            ``bounded``, ``dissipative`` and ``invertible``.
-        """
         bounded, dissipative, invertible = self._plays().conditions()
         slopes = self.line().slopes
         least, most = float(np.min(slopes)), float(np.max(np.abs(slopes)))

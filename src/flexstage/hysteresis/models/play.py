@@ -7,8 +7,6 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, samples
 
-__all__ = ["Indices", "fixed", "play_columns", "play_state", "rising", "stop_columns"]
-
 Indices = NDArray[np.int64]
 
 #: A state counts as reachable if it is so within this part of its largest number.
@@ -21,26 +19,6 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
     A play with threshold r follows its input like a slider with a gap of r to each side:
     ``p = max(u - r, min(u + r, p before))`` for a monotone input (Krasnosel'skii and Pokrovskii
     1983; Brokate and Sprekels 1996, section 2.1).
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs [V], shape (n,).
-    thresholds : array_like
-        Half the gap of each play [V], none negative and rising, shape (m,).
-    state : array_like, optional
-        Last input and outputs before the first sample [V], shape (m + 1,); zeros where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outputs [V], shape (n, m). The last input and the last row are the state after.
-
-    Raises
-    ------
-    ModelError
-        The input is no finite sequence, the thresholds do not rise from zero or more, or plays
-        cannot be in the state.
 
     Notes
     -----
@@ -64,26 +42,6 @@ def stop_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
     A stop follows its input with slope one until it is at its threshold, and stays there until
     the input turns back, as a spring with a dry slider does (Brokate and Sprekels 1996, 2.1).
 
-    Parameters
-    ----------
-    u : array_like
-        Inputs [V], shape (n,).
-    thresholds : array_like
-        Bound of each stop [V], none negative and rising, shape (m,).
-    state : array_like, optional
-        Last input and outputs of the *plays* before the first sample [V], shape (m + 1,); zeros
-        where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outputs [V], shape (n, m), each within its threshold.
-
-    Raises
-    ------
-    ModelError
-        As `play_columns`.
-
     Notes
     -----
     Validity: as `play_columns`.
@@ -105,23 +63,6 @@ def play_state(state: Array, thresholds: Array) -> Array:
     Two plays with thresholds r and s on one input are never more than ``|r - s|`` apart, and the
     input itself is the play with threshold zero. So plays start to move in the order of their
     thresholds, on which the stepping relies.
-
-    Parameters
-    ----------
-    state : numpy.ndarray
-        Last input and outputs of the plays [V], shape (m + 1,).
-    thresholds : numpy.ndarray
-        Thresholds [V], rising, shape (m,).
-
-    Returns
-    -------
-    numpy.ndarray
-        The state.
-
-    Raises
-    ------
-    ModelError
-        It has another shape, is not finite, or no input leads to it.
     """
     if state.shape != (thresholds.size + 1,) or not np.all(np.isfinite(state)):
         raise ModelError(
@@ -144,31 +85,7 @@ def play_state(state: Array, thresholds: Array) -> Array:
 def rising(
     values: ArrayLike, what: str, *, lowest: float = -np.inf, above: float = -np.inf, least: int = 1
 ) -> Array:
-    """Return a finite, strictly rising sequence of numbers that can no longer be changed.
-
-    Parameters
-    ----------
-    values : array_like
-        The sequence, shape (m,).
-    what : str
-        What it is called in the message.
-    lowest : float
-        The first number is at least this.
-    above : float
-        The first number is more than this.
-    least : int
-        Least count of numbers.
-
-    Returns
-    -------
-    numpy.ndarray
-        The numbers, read-only, shape (m,).
-
-    Raises
-    ------
-    ModelError
-        It is no such sequence.
-    """
+    """Return a finite, strictly rising sequence of numbers that can no longer be changed."""
     array = fixed(values, what, (-1,))
     if array.size < least:
         raise ModelError(f"the {what} must be at least {least}, got {array.size}")
@@ -185,27 +102,7 @@ def rising(
 
 
 def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers of a given shape that can no longer be changed.
-
-    Parameters
-    ----------
-    values : array_like
-        The numbers.
-    what : str
-        What they are called in the message.
-    shape : tuple of int
-        The shape; -1 where any count is allowed.
-
-    Returns
-    -------
-    numpy.ndarray
-        A read-only copy.
-
-    Raises
-    ------
-    ModelError
-        They have another shape, or are not finite.
-    """
+    """Return finite numbers of a given shape that can no longer be changed."""
     array = np.array(values, dtype=np.float64, order="C")
     fits = array.ndim == len(shape) and all(
         want in (-1, got) for want, got in zip(shape, array.shape, strict=True)

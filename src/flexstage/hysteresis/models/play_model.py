@@ -17,8 +17,6 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models import play_sum
 from flexstage.hysteresis.models.play import play_state
 
-__all__ = ["PlayModel", "Sum", "least_slope", "sampled", "segments_of", "terms"]
-
 #: Gain, thresholds, knots, slopes and offsets of a sum of functions of plays.
 Sum = tuple[float, Array, Array, Array, Array]
 
@@ -36,62 +34,14 @@ class PlayModel(HysteresisModel):
         """Return gain, thresholds (m,), inner knots (c,), slopes and offsets (m, c + 1)."""
 
     def rest(self) -> Array:
-        """Return the state without history: no input, and all plays at zero.
-
-        Returns
-        -------
-        numpy.ndarray
-            Zeros, shape (m + 1,).
-        """
         return np.zeros(self._sum()[1].size + 1)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the output for a sequence of inputs.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The outputs, and the state after the last input.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence, or no input leads to the state.
-        """
         after = self._state(state)
         y = play_sum.simulate(samples(u, "input"), *self._sum(), after)
         return Response(values=y, state=after)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input that gives a sequence of outputs, to rounding.
-
-        Where the output stands still over a range of inputs, the input stops at its near end.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            The inputs, and the state after the last of them.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence, no input reaches it, or the output can fall while
-            the input rises.
-        """
         found, missed = self._inverted(y, state)
         if missed >= 0:
             wanted = samples(y, "output")[missed]
@@ -102,26 +52,6 @@ class PlayModel(HysteresisModel):
         return found
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        """Return the input whose output comes nearest to a sequence of outputs.
-
-        Parameters
-        ----------
-        y : array_like
-            Outputs, shape (n,).
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Response
-            What `inverse` returns; where an output is out of reach, the input stops where the
-            output does.
-
-        Raises
-        ------
-        ModelError
-            The output is no finite sequence, or it can fall while the input rises.
-        """
         return self._inverted(y, state)[0]
 
     def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
@@ -137,43 +67,11 @@ class PlayModel(HysteresisModel):
         return Response(values=u, state=after), missed
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
-        """Return the output between the samples as straight pieces.
-
-        A piece ends where a play starts to move, or moves across a knot.
-
-        Parameters
-        ----------
-        u : array_like
-            Inputs, shape (n,), n at least 2.
-        state : array_like, optional
-            State before the first of them; `rest` where not given.
-
-        Returns
-        -------
-        Segments
-            The pieces from the first to the last sample; their amplitudes are zero.
-
-        Raises
-        ------
-        ModelError
-            The input is no finite sequence of two or more, or no input leads to the state.
-        """
         given = sampled(u)
         first = self.simulate(given[:1], state)
         return segments_of(given, self._sum(), first.state, backward=False)
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Return whether the model is bounded, dissipative and invertible.
-
-        The energy ``integral of u dy`` of a closed cycle is that of the plays, ``sum_i r_i
-        integral of f_i'(p_i) |dp_i|`` (Brokate and Sprekels 1996, section 2.4), so slopes that
-        are not negative make it so. The inverse is unique if the slope is positive everywhere.
-
-        Returns
-        -------
-        tuple of Condition
-            ``bounded``, ``dissipative`` and ``invertible``.
-        """
         gain, thresholds, _, slopes, _ = self._sum()
         steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
         lossy = slopes[thresholds > 0.0]
@@ -205,31 +103,12 @@ class PlayModel(HysteresisModel):
         return least_slope(gain, thresholds, slopes)
 
     def _state(self, state: ArrayLike | None) -> Array:
-        """Return a private copy of a state after checking that an input leads to it."""
         given = super()._state(state)
         return given if state is None else play_state(given, self._sum()[1])
 
 
 def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:
-    """Return a sum of functions of plays as the kernels take it.
-
-    Parameters
-    ----------
-    gain : float
-        Part of the input itself.
-    thresholds : numpy.ndarray
-        Thresholds, rising, shape (m,).
-    knots : numpy.ndarray
-        Where the functions change their slope, rising, shape (c,).
-    slopes : numpy.ndarray
-        Slopes of the functions, shape (m, c + 1).
-
-    Returns
-    -------
-    tuple
-        Gain, thresholds, knots, slopes and offsets. The arrays are copies, since kernels would be
-        compiled again for arrays that cannot be written.
-    """
+    """Return a sum of functions of plays as the kernels take it."""
     r, k, s = np.array(thresholds), np.array(knots), np.array(slopes, order="C")
     return gain, r, k, s, play_sum.offsets_of(k, s)
 
@@ -238,43 +117,13 @@ def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
     """Return a lower bound of the slope of a sum of functions of plays, whatever its memory.
 
     Only the first few plays move, each at its flattest; one with threshold zero always moves.
-
-    Parameters
-    ----------
-    gain : float
-        Part of the input itself.
-    thresholds : numpy.ndarray
-        Thresholds, rising, shape (m,).
-    slopes : numpy.ndarray
-        Slopes of the functions, shape (m, c + 1).
-
-    Returns
-    -------
-    float
-        The bound; the least slope itself if there are no knots.
     """
     sums = gain + np.cumsum(np.min(slopes, axis=1))
     return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
 
 
 def sampled(u: ArrayLike) -> Array:
-    """Return a sequence of at least two finite inputs.
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        The inputs, shape (n,).
-
-    Raises
-    ------
-    ModelError
-        It is no finite sequence, or has one sample only.
-    """
+    """Return a sequence of at least two finite inputs."""
     given = samples(u, "input")
     if given.size < 2:
         raise ModelError("between samples there must be two at least, got 1: give a longer input")
@@ -282,24 +131,7 @@ def sampled(u: ArrayLike) -> Array:
 
 
 def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> Segments:
-    """Return the straight pieces of a sum of functions of plays, or of its inverse.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples of the input, or of the sum where `backward`, shape (n,).
-    terms : tuple
-        Gain, thresholds, knots, slopes and offsets of the sum.
-    state : numpy.ndarray
-        Last input of the plays, and the plays, at the first sample.
-    backward : bool
-        Whether the samples are of the sum, and the pieces of the input of the plays.
-
-    Returns
-    -------
-    Segments
-        The pieces; the state is that of the plays.
-    """
+    """Return the straight pieces of a sum of functions of plays, or of its inverse."""
     room = np.empty((4 * values.size, 3))
     after = state.copy()
     count = play_sum.pieces(values, backward, *terms, after, room)

@@ -15,28 +15,13 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import Indices
 
-__all__ = ["invert", "offsets_of", "pieces", "simulate"]
-
 #: Some units in the last digit, as a part of a number.
 ROUNDING = 1e-15
 
 
 @compiled
 def offsets_of(knots: Array, slopes: Array) -> Array:
-    """Return the constants of piecewise-linear functions that are zero at zero.
-
-    Parameters
-    ----------
-    knots : numpy.ndarray
-        Where the slope changes, rising, shape (c,).
-    slopes : numpy.ndarray
-        Slopes below, between and above the knots, shape (m, c + 1).
-
-    Returns
-    -------
-    numpy.ndarray
-        Constants, so that a function is ``offset + slope p`` on each interval, shape (m, c + 1).
-    """
+    """Return the constants of piecewise-linear functions that are zero at zero."""
     offsets = np.zeros(slopes.shape)
     zero = 0
     while zero < knots.size and knots[zero] <= 0.0:
@@ -101,28 +86,7 @@ def simulate(
     offsets: Array,
     state: Array,
 ) -> Array:
-    """Return the sum for a sequence of inputs, and leave the state after it in its place.
-
-    Parameters
-    ----------
-    x : numpy.ndarray
-        Inputs, shape (n,).
-    gain : float
-        Part of the input itself.
-    thresholds : numpy.ndarray
-        Thresholds, rising, shape (m,).
-    knots : numpy.ndarray
-        Where the functions change their slope, shape (c,).
-    slopes, offsets : numpy.ndarray
-        The functions, shape (m, c + 1).
-    state : numpy.ndarray
-        Last input and the plays, shape (m + 1,); overwritten.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outputs, shape (n,).
-    """
+    """Return the sum for a sequence of inputs, and leave the state after it in its place."""
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
     sums = _sums(p, knots, slopes, offsets, where)
@@ -194,27 +158,6 @@ def invert(
 
     For a frozen memory the sum is a rising, piecewise-linear function of the input; the straight
     pieces are walked through until one of them reaches the wanted sum.
-
-    Parameters
-    ----------
-    z : numpy.ndarray
-        Wanted sums, shape (n,).
-    gain : float
-        Part of the input itself.
-    thresholds : numpy.ndarray
-        Thresholds, rising, shape (m,).
-    knots : numpy.ndarray
-        Where the functions change their slope, shape (c,).
-    slopes, offsets : numpy.ndarray
-        The functions, shape (m, c + 1).
-    state : numpy.ndarray
-        Last input and the plays, shape (m + 1,); overwritten.
-
-    Returns
-    -------
-    tuple of numpy.ndarray and int
-        Inputs, shape (n,), and the first sample that no input reaches, -1 where all are reached.
-        Where none does, the input stops where the sum does.
     """
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
@@ -260,33 +203,7 @@ def pieces(
     state: Array,
     out: Array,
 ) -> int:
-    """Return the number of straight pieces between the samples, and write as many as fit.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples of the input, or of the sum where `backward`, shape (n,).
-    backward : bool
-        Whether the samples are of the sum, and the pieces of the input that gives it. Every slope
-        must be positive then.
-    gain : float
-        Part of the input itself.
-    thresholds : numpy.ndarray
-        Thresholds, rising, shape (m,).
-    knots : numpy.ndarray
-        Where the functions change their slope, shape (c,).
-    slopes, offsets : numpy.ndarray
-        The functions, shape (m, c + 1).
-    state : numpy.ndarray
-        Last input and the plays at the first sample, shape (m + 1,); overwritten.
-    out : numpy.ndarray
-        Start [samples], value there and slope [per sample] of each piece, shape (k, 3).
-
-    Returns
-    -------
-    int
-        Number of pieces, which may be more than k.
-    """
+    """Return the number of straight pieces between the samples, and write as many as fit."""
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
     sums = _sums(p, knots, slopes, offsets, where)

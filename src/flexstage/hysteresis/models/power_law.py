@@ -22,8 +22,6 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.decay import distance_to_zero, grown, saturating
 
-__all__ = ["flow", "power_table", "time_to_zero"]
-
 _EDGE = 1.1  # |p| at which the series meet; all three then need about as many terms
 _TERMS = 38
 _HUGE = 1e150  # a scale beyond which saturation is not felt at all
@@ -40,19 +38,7 @@ _AT_ZERO, _AT_LOW, _AT_HIGH = 1, 3, 5
 
 @functools.lru_cache(maxsize=256)
 def power_table(n: float) -> Array:
-    """Return the coefficients of the series for an exponent.
-
-    Parameters
-    ----------
-    n : float
-        The exponent, at least 1.
-
-    Returns
-    -------
-    numpy.ndarray
-        The table that `flow` and `time_to_zero` take, not to be written into: calls share it. It
-        is not read for n = 1 and n = 2, whose solutions are closed forms.
-    """
+    """Return the coefficients of the series for an exponent."""
     b = 1.0 / n
     k = np.arange(_TERMS)
     table = np.zeros((_CONSTANTS + 1, _TERMS))
@@ -256,28 +242,7 @@ def _scale(A: float, rate: float, n: float) -> float:
 
 @compiled
 def flow(g: float, v: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return g after a distance v, where dg/dv = A - rate g^n.
-
-    Parameters
-    ----------
-    g : float
-        Value at the start, at least zero.
-    v : float
-        The distance; below zero, the motion is followed back, at most to g = 0.
-    A : float
-        Slope at g = 0, above zero.
-    rate : float
-        Factor lambda of the power; below zero, g runs away.
-    n : float
-        The exponent, at least 1.
-    table : numpy.ndarray
-        What `power_table` returns for n.
-
-    Returns
-    -------
-    float
-        Value at the end, at least zero; infinity where it has run away before.
-    """
+    """Return g after a distance v, where dg/dv = A - rate g^n."""
     if n == 1.0:
         return max(saturating(g, A, rate, v), 0.0)
     G = _scale(A, rate, n)
@@ -334,26 +299,7 @@ def _flow_n(x: float, tau: float, sigma: float, table: Array) -> float:
 
 @compiled
 def time_to_zero(w: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return the distance in which w falls to zero, where dw/dv = -(A - rate w^n).
-
-    Parameters
-    ----------
-    w : float
-        Value at the start, at least zero.
-    A : float
-        Slope at w = 0, above zero.
-    rate : float
-        Factor lambda of the power.
-    n : float
-        The exponent, at least 1.
-    table : numpy.ndarray
-        What `power_table` returns for n.
-
-    Returns
-    -------
-    float
-        The distance; infinity where w does not fall to zero.
-    """
+    """Return the distance in which w falls to zero, where dw/dv = -(A - rate w^n)."""
     if n == 1.0:
         return distance_to_zero(w, A, rate)
     G = _scale(A, rate, n)

@@ -10,8 +10,6 @@ from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
 
-__all__ = ["PrandtlIshlinskii"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrandtlIshlinskii(PlayModel):
@@ -19,15 +17,6 @@ class PrandtlIshlinskii(PlayModel):
 
     ``y = gain u + sum_i w_i p_i``, with ``p_i`` the play of u with threshold ``r_i`` (Prandtl 1928;
     Ishlinskii 1944; Krasnosel'skii and Pokrovskii 1983; for piezo drives Kuhnen and Janocha 2001).
-
-    Parameters
-    ----------
-    gain : float
-        Slope just after the input turns back [m/V]; positive for an inverse that is unique.
-    thresholds : numpy.ndarray
-        Half the gap of each play [V], positive and rising, shape (m,).
-    weights : numpy.ndarray
-        Weight of each play [m/V], shape (m,); not negative for loops that take in energy.
 
     Notes
     -----
@@ -53,8 +42,11 @@ class PrandtlIshlinskii(PlayModel):
     """
 
     gain: float
+    """Slope just after the input turns back [m/V]; positive for an inverse that is unique."""
     thresholds: Array
+    """Half the gap of each play [V], positive and rising, shape (m,)."""
     weights: Array
+    """Weight of each play [m/V], shape (m,); not negative for loops that take in energy."""
     kind: ClassVar[str] = "prandtl-ishlinskii"
 
     def __post_init__(self) -> None:

@@ -12,8 +12,6 @@ from flexstage.hysteresis.model import Array, samples
 from flexstage.hysteresis.models.play import Indices, fixed, play_columns, rising
 from flexstage.hysteresis.models.play_model import PlayModel, Sum, terms
 
-__all__ = ["Preisach", "preisach_columns", "preisach_gram"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Preisach(PlayModel):
@@ -28,18 +26,6 @@ class Preisach(PlayModel):
     and Pokrovskii 1983; Brokate and Sprekels 1996, section 2.4): ``slopes[i, j]`` is the density
     of relays with threshold ``r_i`` and means between knots j and j + 1. Relays come in an endless
     number here, and do not quantise the output.
-
-    Parameters
-    ----------
-    thresholds : numpy.ndarray
-        Half the gap of each play [V], none negative and rising, shape (m,). Threshold zero is a
-        nonlinear gain without memory.
-    knots : numpy.ndarray
-        Means where the slopes change [V], rising, shape (k,), at least two.
-    slopes : numpy.ndarray
-        Slope of each play's function between knots [m/V], shape (m, k - 1).
-    gain : float
-        Part of the input itself [m/V].
 
     Notes
     -----
@@ -68,9 +54,15 @@ class Preisach(PlayModel):
     """
 
     thresholds: Array
+    """Half the gap of each play [V], none negative and rising, shape (m,). Threshold zero is a
+    nonlinear gain without memory.
+    """
     knots: Array
+    """Means where the slopes change [V], rising, shape (k,), at least two."""
     slopes: Array
+    """Slope of each play's function between knots [m/V], shape (m, k - 1)."""
     gain: float = 0.0
+    """Part of the input itself [m/V]."""
     kind: ClassVar[str] = "preisach"
 
     def __post_init__(self) -> None:
@@ -94,27 +86,6 @@ def preisach_columns(
     """Return the output of a Preisach model per unit of each of its slopes.
 
     A model without gain gives ``preisach_columns(u, thresholds, knots) @ slopes.ravel()``.
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs [V], shape (n,).
-    thresholds : array_like
-        Thresholds of the plays [V], none negative and rising, shape (m,).
-    knots : array_like
-        Knots [V], rising, shape (k,), at least two.
-    state : array_like, optional
-        Last input and plays before the first sample [V], shape (m + 1,); zeros where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Columns [V], shape (n, m (k - 1)), play by play.
-
-    Raises
-    ------
-    ModelError
-        As `play_columns`, or the knots are no rising sequence of two or more.
 
     Notes
     -----
@@ -143,29 +114,6 @@ def preisach_gram(
     The matrix is ``C.T @ C`` with C the columns of `preisach_columns` and then the others. It is
     formed without C: a function of a play is a sum of its values at the knots times hats, of
     which two only are not zero.
-
-    Parameters
-    ----------
-    u : array_like
-        Inputs [V], shape (n,).
-    thresholds : array_like
-        Thresholds of the plays [V], none negative and rising, shape (m,).
-    knots : array_like
-        Knots [V], rising, shape (k,), at least two.
-    others : array_like
-        More columns, such as the measured output, the input and ones, shape (n, q).
-    state : array_like, optional
-        Last input and plays before the first sample [V], shape (m + 1,); zeros where not given.
-
-    Returns
-    -------
-    numpy.ndarray
-        Products, shape (N, N) with N = m (k - 1) + q.
-
-    Raises
-    ------
-    ModelError
-        As `preisach_columns`, or the others are not as long as the input.
 
     Notes
     -----

@@ -13,8 +13,6 @@ from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPran
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 from flexstage.hysteresis.models.preisach import Preisach
 
-__all__ = ["MODELS"]
-
 #: Every hysteresis model, by its name in files and on the command line.
 MODELS: Mapping[str, type[HysteresisModel]] = {
     model.kind: model

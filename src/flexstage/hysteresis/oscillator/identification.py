@@ -18,8 +18,6 @@ from flexstage.hysteresis.oscillator.oscillator import (
 from flexstage.hysteresis.oscillator.start import EquationError
 from flexstage.hysteresis.oscillator.steps import advance_each
 
-__all__ = ["OscillatorIdentification", "identify_oscillator"]
-
 #: Series within the search: 1e-11 of the motion, 1e5 times less than the differences that the
 #: derivatives are taken from, and far below any sensor.
 ORDER = 13
@@ -32,42 +30,25 @@ INITIAL = ("initial_displacement", "initial_velocity", "initial_force")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OscillatorIdentification:
-    """What a record says about an oscillator.
-
-    Parameters
-    ----------
-    model : BoucWenOscillator
-        The oscillator.
-    initial : numpy.ndarray
-        Displacement [m], velocity [m/s] and hysteretic force [N] at the first sample, shape (3,).
-    names : tuple of str
-        What was identified: fields of the model, then the three of the initial state.
-    covariance : numpy.ndarray
-        Covariance of these, for a white residual, shape (p, p).
-    rms : float
-        Root mean square of the simulation error [m].
-    evaluations : int
-        Number of simulations of the record that the search took.
-    warnings : tuple of str
-        What the record cannot say, and what would.
-    """
+    """What a record says about an oscillator."""
 
     model: BoucWenOscillator
+    """The oscillator."""
     initial: Array
+    """Displacement [m], velocity [m/s] and hysteretic force [N] at the first sample, shape (3,)."""
     names: tuple[str, ...]
+    """What was identified: fields of the model, then the three of the initial state."""
     covariance: Array
+    """Covariance of these, for a white residual, shape (p, p)."""
     rms: float
+    """Root mean square of the simulation error [m]."""
     evaluations: int
+    """Number of simulations of the record that the search took."""
     warnings: tuple[str, ...]
+    """What the record cannot say, and what would."""
 
     def standard_errors(self) -> dict[str, float]:
-        """Return the standard error of everything that was identified.
-
-        Returns
-        -------
-        dict
-            Square roots of the diagonal of the covariance, by name, in the unit of each.
-        """
+        """Return the standard error of everything that was identified."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
@@ -89,36 +70,6 @@ def identify_oscillator(
     noise in the displacement biases it. From there the second minimises the error of a simulation,
     of which the initial state is a part, by Gauss–Newton steps in a trust region (Branch, Coleman
     and Li, SIAM J. Sci. Comput. 21, 1999): the maximum likelihood where the noise is white.
-
-    Parameters
-    ----------
-    u : array_like
-        Force [N], shape (n,).
-    y : array_like
-        Displacement [m], shape (n,), at the same instants.
-    sample_rate_hz : float
-        Sampling rate [Hz].
-    mass : float, optional
-        The mass m [kg] where it is known; identified where not given.
-    exponent : float or None, default 1
-        The exponent nu; None sets it free.
-    start : tuple of float, optional
-        beta gamma and beta delta [1/m] to start from, times ``alpha**(nu - 1)`` for another
-        exponent than 1; a grid where not given, or where the start leads to no oscillator.
-    interpolation : str, default ``band-limited``
-        What the force does between its samples; see `BoucWenOscillator.simulate`.
-
-    Returns
-    -------
-    OscillatorIdentification
-        The model, its uncertainty, and what the record cannot say.
-
-    Raises
-    ------
-    ModelError
-        The two sequences do not match, are too short, or do not move.
-    ConvergenceError
-        No start led to an oscillator.
 
     Notes
     -----

@@ -7,8 +7,6 @@ import numpy as np
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array
 
-__all__ = ["Interpolation", "input_pieces"]
-
 #: How an input moves between its samples.
 Interpolation = Literal["band-limited", "periodic", "linear"]
 
@@ -32,23 +30,6 @@ def input_pieces(u: Array, interpolation: Interpolation) -> Array:
       continues a value and a slope smoothly.
     - ``periodic``: the trigonometric polynomial through the samples, which are whole periods.
     - ``linear``: straight lines.
-
-    Parameters
-    ----------
-    u : numpy.ndarray
-        Samples, shape (n,), n at least 2.
-    interpolation : str
-        One of the three.
-
-    Returns
-    -------
-    numpy.ndarray
-        Coefficients, shape (n - 1, 14), or (n - 1, 2) for straight lines.
-
-    Raises
-    ------
-    ModelError
-        There is no such interpolation.
 
     Notes
     -----

@@ -11,8 +11,6 @@ from flexstage.hysteresis.model import Array, samples
 from flexstage.hysteresis.oscillator.input import Interpolation, input_pieces
 from flexstage.hysteresis.oscillator.steps import advance
 
-__all__ = ["BoucWenOscillator", "OscillatorResponse"]
-
 #: Degree of the Taylor series of a step.
 ORDER = 16
 #: Largest last term of a series, in parts of the sum of its first five.
@@ -21,24 +19,16 @@ TOLERANCE = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OscillatorResponse:
-    """The motion of an oscillator.
-
-    Parameters
-    ----------
-    displacement : numpy.ndarray
-        y [m], shape (n,).
-    velocity : numpy.ndarray
-        y' [m/s], shape (n,).
-    force : numpy.ndarray
-        Hysteretic force z [N], shape (n,).
-    state : numpy.ndarray
-        Displacement, velocity and hysteretic force at the last sample, shape (3,).
-    """
+    """The motion of an oscillator."""
 
     displacement: Array
+    """y [m], shape (n,)."""
     velocity: Array
+    """y' [m/s], shape (n,)."""
     force: Array
+    """Hysteretic force z [N], shape (n,)."""
     state: Array
+    """Displacement, velocity and hysteretic force at the last sample, shape (3,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,24 +40,6 @@ class BoucWenOscillator:
     (Bouc 1967; Wen, J. Eng. Mech. 102, 1976; as a benchmark of identification: Noël and Schoukens,
     Workshop on Nonlinear System Identification Benchmarks, 2016). Of beta, gamma and delta only
     the two products act.
-
-    Parameters
-    ----------
-    mass : float
-        Mass m [kg], above zero.
-    damping : float
-        Viscous damping c [N s/m].
-    stiffness : float
-        Stiffness k of the spring [N/m].
-    alpha : float
-        Stiffness of the hysteretic force about z = 0 [N/m], above zero.
-    beta_gamma : float
-        Product beta gamma [1/m for an exponent of one; in general N**(1 - nu)/m].
-    beta_delta : float
-        Product beta delta, in the same unit.
-    exponent : float
-        Exponent nu, above zero. As alpha is above zero, z passes zero at a slope, and the motion is
-        unique below 1 too.
 
     Notes
     -----
@@ -96,12 +68,21 @@ class BoucWenOscillator:
     """
 
     mass: float
+    """Mass m [kg], above zero."""
     damping: float
+    """Viscous damping c [N s/m]."""
     stiffness: float
+    """Stiffness k of the spring [N/m]."""
     alpha: float
+    """Stiffness of the hysteretic force about z = 0 [N/m], above zero."""
     beta_gamma: float
+    """Product beta gamma [1/m for an exponent of one; in general N**(1 - nu)/m]."""
     beta_delta: float
+    """Product beta delta, in the same unit."""
     exponent: float = 1.0
+    """Exponent nu, above zero. As alpha is above zero, z passes zero at a slope, and the motion is
+    unique below 1 too.
+    """
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -126,32 +107,7 @@ class BoucWenOscillator:
         *,
         interpolation: Interpolation = "band-limited",
     ) -> OscillatorResponse:
-        """Return the motion under a sampled force.
-
-        Parameters
-        ----------
-        u : array_like
-            Force [N], shape (n,), n at least 2.
-        sample_rate_hz : float
-            Sampling rate [Hz].
-        initial : array_like, optional
-            Displacement [m], velocity [m/s] and hysteretic force [N] at the first sample; at rest
-            where not given.
-        interpolation : str, default ``band-limited``
-            What the force does between its samples: ``band-limited``; ``periodic`` for a record of
-            whole periods; ``linear`` for straight lines. See `input_pieces`.
-
-        Returns
-        -------
-        OscillatorResponse
-            Displacement, velocity and hysteretic force at the samples.
-
-        Raises
-        ------
-        ModelError
-            The force is no finite sequence of two numbers or more, the rate or the initial state
-            is impossible, or the motion diverges.
-        """
+        """Return the motion under a sampled force."""
         force = samples(u, "force")
         pieces = prepared_input(force, sample_rate_hz, interpolation)
         start = _initial(initial)
@@ -169,27 +125,7 @@ class BoucWenOscillator:
 
 
 def prepared_input(force: Array, sample_rate_hz: float, interpolation: Interpolation) -> Array:
-    """Return the pieces of a force after checking it.
-
-    Parameters
-    ----------
-    force : numpy.ndarray
-        Force [N], shape (n,).
-    sample_rate_hz : float
-        Sampling rate [Hz].
-    interpolation : str
-        What the force does between its samples.
-
-    Returns
-    -------
-    numpy.ndarray
-        Coefficients, as `input_pieces` gives them.
-
-    Raises
-    ------
-    ModelError
-        There is one sample only, or the rate is not above zero.
-    """
+    """Return the pieces of a force after checking it."""
     if force.size < 2:
         raise ModelError("the force must have two samples or more, got one: give the whole record")
     if not (math.isfinite(sample_rate_hz) and sample_rate_hz > 0.0):
@@ -198,18 +134,7 @@ def prepared_input(force: Array, sample_rate_hz: float, interpolation: Interpola
 
 
 def parameter_row(model: BoucWenOscillator) -> Array:
-    """Return the parameters as the compiled loops take them.
-
-    Parameters
-    ----------
-    model : BoucWenOscillator
-        The oscillator.
-
-    Returns
-    -------
-    numpy.ndarray
-        m, c, k, alpha, beta gamma, beta delta and nu, shape (7,).
-    """
+    """Return the parameters as the compiled loops take them."""
     return np.array([getattr(model, field.name) for field in fields(model)], dtype=np.float64)
 
 

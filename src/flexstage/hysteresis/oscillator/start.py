@@ -9,8 +9,6 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.oscillator.oscillator import BoucWenOscillator
 
-__all__ = ["EquationError", "force_of_motion"]
-
 #: Where the search begins, in parts of 1 / (twice the standard deviation of the displacement).
 GAMMAS = (0.3, 1.0, 3.0, 9.0)
 DELTAS = (-3.0, -1.0, 0.0, 1.0, 3.0)
@@ -22,19 +20,6 @@ class EquationError:
     ``F u = m F y'' + c F y' + k F y + alpha F h(y; beta gamma, beta delta)`` where h is the
     hysteretic force for alpha = 1, which the displacement determines, and F a low pass that keeps
     the frequencies at which the mass moves and drops the rest, which is noise.
-
-    Parameters
-    ----------
-    force : numpy.ndarray
-        Force [N], shape (n,).
-    displacement : numpy.ndarray
-        Displacement [m], shape (n,).
-    sample_rate_hz : float
-        Sampling rate [Hz].
-    mass : float, optional
-        The mass [kg] where it is known.
-    exponent : float
-        The exponent nu.
 
     Notes
     -----
@@ -78,36 +63,12 @@ class EquationError:
         self.scale = self.unit**exponent
 
     def filtered(self, values: Array, derivative: int) -> Array:
-        """Return a derivative of a sequence after the low pass, without its ends.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            The sequence, shape (n,).
-        derivative : int
-            Which derivative: 0, 1 or 2.
-
-        Returns
-        -------
-        numpy.ndarray
-            The derivative [per second to that power].
-        """
+        """Return a derivative of a sequence after the low pass, without its ends."""
         spectrum = np.fft.rfft(values) * self.low_pass * (1j * self.omega) ** derivative
         return np.fft.irfft(spectrum, values.size)[self.inside]
 
     def project(self, x: Array) -> tuple[Array, Array]:
-        """Return the best linear parameters for given nonlinear ones.
-
-        Parameters
-        ----------
-        x : numpy.ndarray
-            beta gamma and beta delta, in parts of the unit of this record, shape (2,).
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            m (unless known), c, k and alpha; and the error in parts of the force.
-        """
+        """Return the best linear parameters for given nonlinear ones."""
         hysteretic = np.empty(self.displacement.size)
         scaled = x * self.scale
         force_of_motion(self.displacement, scaled[0], scaled[1], self.exponent, hysteretic)
@@ -120,24 +81,7 @@ class EquationError:
         return linear, (matrix @ linear - self.target) / size
 
     def search(self, start: tuple[float, float] | None) -> BoucWenOscillator:
-        """Return the oscillator of least error.
-
-        Parameters
-        ----------
-        start : tuple of float, optional
-            beta gamma and beta delta for alpha = 1 to start from; the best of a grid where not
-            given, or where the start leads to no oscillator.
-
-        Returns
-        -------
-        BoucWenOscillator
-            The oscillator.
-
-        Raises
-        ------
-        ConvergenceError
-            The best fit has a mass or a hysteretic stiffness below zero.
-        """
+        """Return the oscillator of least error."""
         found = None if start is None else self._from([np.array(start) / self.scale])
         if found is None:
             grid = [np.array([a, b]) for a in GAMMAS for b in DELTAS]
@@ -194,19 +138,6 @@ def force_of_motion(
 
     ``dh = dy (1 - (beta gamma sign(dy h) + beta delta) |h|**nu)``, from h = 0, by one Runge–Kutta
     step a sample.
-
-    Parameters
-    ----------
-    displacement : numpy.ndarray
-        Displacement [m], shape (n,).
-    beta_gamma : float
-        Product beta gamma, for alpha = 1.
-    beta_delta : float
-        Product beta delta, for alpha = 1.
-    exponent : float
-        Exponent nu.
-    force : numpy.ndarray
-        Takes the force in parts of alpha [m], shape (n,).
     """
     h = 0.0
     force[0] = h

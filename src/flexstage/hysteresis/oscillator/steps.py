@@ -8,8 +8,6 @@ import numpy as np
 from flexstage.hysteresis.compiled import compiled, compiled_parallel
 from flexstage.hysteresis.model import Array
 
-__all__ = ["advance", "advance_each"]
-
 #: Largest number of steps within one sample; a motion that needs more diverges.
 MOST_STEPS = 4000
 
@@ -24,30 +22,7 @@ def advance(
     tolerance: float,
     motion: Array,
 ) -> int:
-    """Step an oscillator through a record.
-
-    Parameters
-    ----------
-    pieces : numpy.ndarray
-        The force between its samples, as `input_pieces` gives it, shape (n - 1, d).
-    interval : float
-        Time between two samples [s].
-    parameters : numpy.ndarray
-        As `parameter_row` gives them, shape (7,).
-    initial : numpy.ndarray
-        Displacement, velocity and hysteretic force at the first sample, shape (3,).
-    order : int
-        Degree of the series.
-    tolerance : float
-        Largest last term of a series, in parts of its first five; steps are cut to keep it.
-    motion : numpy.ndarray
-        Takes displacement, velocity and hysteretic force, shape (n, 3).
-
-    Returns
-    -------
-    int
-        Number of samples reached: n, or less where the motion diverges.
-    """
+    """Step an oscillator through a record."""
     binomials = _binomials(pieces.shape[1])
     powers = np.empty(pieces.shape[1])
     force = np.zeros(max(pieces.shape[1], order + 1))
@@ -84,25 +59,7 @@ def advance_each(
     tolerance: float,
     displacement: Array,
 ) -> None:
-    """Step many oscillators through one record, each on a core.
-
-    Parameters
-    ----------
-    pieces : numpy.ndarray
-        The force between its samples, shape (n - 1, d).
-    interval : float
-        Time between two samples [s].
-    parameters : numpy.ndarray
-        One row for each oscillator, as `parameter_row` gives them, shape (m, 7).
-    initial : numpy.ndarray
-        Initial state of each, shape (m, 3).
-    order : int
-        Degree of the series.
-    tolerance : float
-        Largest last term of a series, in parts of its first five.
-    displacement : numpy.ndarray
-        Takes the displacements, shape (m, n); NaN from where a motion diverges.
-    """
+    """Step many oscillators through one record, each on a core."""
     for i in numba.prange(parameters.shape[0]):
         motion = np.empty((displacement.shape[1], 3))
         done = advance(pieces, interval, parameters[i], initial[i], order, tolerance, motion)

@@ -10,8 +10,6 @@ from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
 
-__all__ = ["WRITES", "catalogue_engine", "default_catalogue", "require_address"]
-
 #: Option of a connection that is going to write.
 WRITES = "flexstage_writes"
 # how long a writer waits for others, and how long a server may take to answer [s]
@@ -19,14 +17,7 @@ _PATIENCE, _ANSWER = 30, 10
 
 
 def default_catalogue() -> str:
-    """Return where the user's catalogue is.
-
-    Returns
-    -------
-    str
-        ``$FLEXSTAGE_CATALOGUE`` if it is set, else a file in the platform's place for data, where
-        ``$XDG_DATA_HOME`` is respected.
-    """
+    """Return where the user's catalogue is."""
     return os.environ.get("FLEXSTAGE_CATALOGUE") or str(_data_folder() / "catalogue.sqlite")
 
 
@@ -41,23 +32,7 @@ def _data_folder() -> Path:
 
 
 def catalogue_engine(address: str) -> Engine:
-    """Return what talks to a catalogue.
-
-    Parameters
-    ----------
-    address : str
-        Path of a file, or ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
-
-    Returns
-    -------
-    sqlalchemy.Engine
-        The engine; nothing is opened yet, but the folder of a file is made.
-
-    Raises
-    ------
-    RecordError
-        The address is no such one, or the driver of PostgreSQL is not installed.
-    """
+    """Return what talks to a catalogue."""
     url = _url(address)
     if url.get_backend_name() == "sqlite":
         return _sqlite(url)
@@ -74,18 +49,7 @@ def catalogue_engine(address: str) -> Engine:
 
 
 def require_address(address: str) -> None:
-    """Refuse what can be no address of a catalogue; nothing is opened or made.
-
-    Parameters
-    ----------
-    address : str
-        Path of a file, or ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
-
-    Raises
-    ------
-    RecordError
-        The address is no such one.
-    """
+    """Refuse what can be no address of a catalogue; nothing is opened or made."""
     _url(address)
 
 

@@ -27,8 +27,6 @@ from flexstage.instruments.catalogue.rows import (
 )
 from flexstage.instruments.catalogue.tables import Calibration, Model, Run, StageRow, clean
 
-__all__ = ["Catalogue"]
-
 
 class Catalogue(Database):
     """Stages, runs, calibrations and models in a database.
@@ -36,11 +34,6 @@ class Catalogue(Database):
     Several programs may read and write it at once. It holds nothing that the folders of the runs do
     not hold: what could not be entered can be entered later, and a lost catalogue can be made again
     from the folders, but for calibrations and models.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        What talks to the database, as `open` makes it.
 
     Examples
     --------

@@ -12,46 +12,20 @@ from flexstage.instruments.catalogue.address import WRITES, catalogue_engine, de
 from flexstage.instruments.catalogue.failures import telling
 from flexstage.instruments.catalogue.migrations import LATEST, migrate, schema_version
 
-__all__ = ["Database"]
-
 _T = TypeVar("_T")
 # others may enter the same stage between the question for it and the answer
 _TRIES = 8
 
 
 class Database:
-    """A database that holds the tables of this version.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        What talks to it, as `open` makes it.
-    """
+    """A database that holds the tables of this version."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
     @classmethod
     def open(cls, address: str | None = None) -> Self:
-        """Open a catalogue; make it, or lead it to this version, where that is needed.
-
-        Parameters
-        ----------
-        address : str, optional
-            A file, or a URL of PostgreSQL; the user's own where not given.
-
-        Returns
-        -------
-        Database
-            It, to be closed, or used as a context manager.
-
-        Raises
-        ------
-        NotConnectedError
-            The server or the file cannot be reached, or the right to use it is missing.
-        RecordError
-            The address is none, the database is of a later version or of another program.
-        """
+        """Open a catalogue; make it, or lead it to this version, where that is needed."""
         made = cls(catalogue_engine(address or default_catalogue()))
         try:
             made._lead_to_this_version()
@@ -84,44 +58,12 @@ class Database:
                 migrate(connection)
 
     def read(self, work: Callable[[Session], _T]) -> _T:
-        """Do work that only reads.
-
-        Parameters
-        ----------
-        work : callable
-            What is done with a session.
-
-        Returns
-        -------
-        Any
-            What it returns.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
-        """
+        """Do work that only reads."""
         with telling(self.address), Session(self._engine) as session:
             return work(session)
 
     def write(self, work: Callable[[Session], _T]) -> _T:
-        """Do work in one transaction, again where another program was first.
-
-        Parameters
-        ----------
-        work : callable
-            What is done with a session.
-
-        Returns
-        -------
-        Any
-            What it returns.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
-        """
+        """Do work in one transaction, again where another program was first."""
         with telling(self.address):
             for _ in range(_TRIES - 1):
                 try:

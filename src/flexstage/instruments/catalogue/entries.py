@@ -8,105 +8,68 @@ from typing import Literal, get_args
 
 from flexstage.errors import RecordError
 
-__all__ = [
-    "CalibrationEntry",
-    "ModelEntry",
-    "RunEntry",
-    "RunStatus",
-    "StageEntry",
-]
-
 #: Whether a run ended as it should, was read from a broken stream, or is still one.
 RunStatus = Literal["complete", "recovered", "failed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageEntry:
-    """A stage: one description of one piece of metal.
-
-    Parameters
-    ----------
-    name : str
-        Name of the stage.
-    serial_number : str
-        Its serial number; empty where nobody gave one.
-    design : str
-        Built-in design, or file, that its description comes from.
-    hash : str
-        SHA-256 of its description. A stage that is described anew is another entry.
-    """
+    """A stage: one description of one piece of metal."""
 
     name: str
+    """Name of the stage."""
     serial_number: str = ""
+    """Its serial number; empty where nobody gave one."""
     design: str = ""
+    """Built-in design, or file, that its description comes from."""
     hash: str = ""
+    """SHA-256 of its description. A stage that is described anew is another entry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunEntry:
-    """A run: one measurement on one stage.
-
-    Parameters
-    ----------
-    identifier : str
-        32 hexadecimal digits that no other run has.
-    stage : StageEntry
-        The stage.
-    started : datetime.datetime
-        Date and time of its start, with its zone.
-    plan, step, kind, axis : str
-        The plan, its step, which kind of test, and the axis that moves.
-    operator, note : str
-        Who made it, and what they say about it.
-    version : str
-        Version of flexstage.
-    instrument : str
-        What the instrument says it is.
-    simulated : bool
-        Whether it was a simulation.
-    folder : str
-        The folder of the run.
-    file : str
-        The file of its samples, from there.
-    sha256 : str
-        Hash of that file.
-    status : {"complete", "recovered", "failed"}
-        Whether it ended as it should, was read from a broken stream, or still is one.
-    samples : int
-        Samples of each channel.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    seed : int, optional
-        Seed of a simulation, or of a designed command.
-    lost : str
-        What was lost, or came twice, in words; empty where nothing was.
-
-    Raises
-    ------
-    RecordError
-        The status is another one, the start has no zone, or a number is impossible.
-    """
+    """A run: one measurement on one stage."""
 
     identifier: str
+    """32 hexadecimal digits that no other run has."""
     stage: StageEntry
+    """The stage."""
     started: datetime
+    """Date and time of its start, with its zone."""
     plan: str = ""
+    """The plan, its step, which kind of test, and the axis that moves."""
     step: str = ""
+    """The plan, its step, which kind of test, and the axis that moves."""
     kind: str = ""
+    """The plan, its step, which kind of test, and the axis that moves."""
     axis: str = ""
+    """The plan, its step, which kind of test, and the axis that moves."""
     operator: str = ""
+    """Who made it, and what they say about it."""
     note: str = ""
+    """Who made it, and what they say about it."""
     version: str = ""
+    """Version of flexstage."""
     instrument: str = ""
+    """What the instrument says it is."""
     simulated: bool = False
+    """Whether it was a simulation."""
     folder: str = ""
+    """The folder of the run."""
     file: str = ""
+    """The file of its samples, from there."""
     sha256: str = ""
+    """Hash of that file."""
     status: RunStatus = "complete"
+    """Whether it ended as it should, was read from a broken stream, or still is one."""
     samples: int = 0
+    """Samples of each channel."""
     sample_rate_hz: float = 0.0
+    """Samples in a second [Hz]."""
     seed: int | None = None
+    """Seed of a simulation, or of a designed command."""
     lost: str = ""
+    """What was lost, or came twice, in words; empty where nothing was."""
 
     def __post_init__(self) -> None:
         _require_zone(self.started, "the start of a run")
@@ -130,25 +93,6 @@ class RunEntry:
 class CalibrationEntry:
     """A value that was found for a stage, with its uncertainty.
 
-    Parameters
-    ----------
-    what : str
-        What it is of: ``gain of sensor x``.
-    value : float
-        Its value, in `unit`.
-    unit : str
-        Its unit; empty for a ratio.
-    standard_uncertainty : float
-        Its standard uncertainty, in `unit`.
-    valid_from : datetime.datetime
-        From when it holds, with its zone.
-    stage : StageEntry
-        The stage.
-    run : str
-        Identifier of the run that it comes from; empty where there is none.
-    note : str
-        What else is to be said.
-
     Raises
     ------
     RecordError
@@ -156,13 +100,21 @@ class CalibrationEntry:
     """
 
     what: str
+    """What it is of: ``gain of sensor x``."""
     value: float
+    """Its value, in `unit`."""
     unit: str
+    """Its unit; empty for a ratio."""
     standard_uncertainty: float
+    """Its standard uncertainty, in `unit`."""
     valid_from: datetime
+    """From when it holds, with its zone."""
     stage: StageEntry
+    """The stage."""
     run: str = ""
+    """Identifier of the run that it comes from; empty where there is none."""
     note: str = ""
+    """What else is to be said."""
 
     def __post_init__(self) -> None:
         _require_zone(self.valid_from, "the start of a calibration")
@@ -177,41 +129,24 @@ class CalibrationEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelEntry:
-    """A model that was identified.
-
-    Parameters
-    ----------
-    kind : str
-        Which model: ``bouc-wen``, ``preisach``...
-    file : str
-        Its file.
-    axis : str
-        The axis that it is of.
-    figures : Mapping
-        How good it is: numbers by name.
-    stage : StageEntry
-        The stage.
-    created : datetime.datetime
-        When it was made, with its zone.
-    run : str
-        Identifier of the run that it was identified from; empty where there is none.
-    sha256 : str
-        Hash of its file.
-
-    Raises
-    ------
-    RecordError
-        A figure is not finite, or the time has no zone.
-    """
+    """A model that was identified."""
 
     kind: str
+    """Which model: ``bouc-wen``, ``preisach``..."""
     file: str
+    """Its file."""
     stage: StageEntry
+    """The stage."""
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
+    """When it was made, with its zone."""
     axis: str = ""
+    """The axis that it is of."""
     figures: Mapping[str, float] = field(default_factory=dict)
+    """How good it is: numbers by name."""
     run: str = ""
+    """Identifier of the run that it was identified from; empty where there is none."""
     sha256: str = ""
+    """Hash of its file."""
 
     def __post_init__(self) -> None:
         _require_zone(self.created, "the date of a model")

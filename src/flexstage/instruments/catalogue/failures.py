@@ -7,29 +7,10 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlch
 
 from flexstage.errors import NotConnectedError, RecordError
 
-__all__ = ["telling"]
-
 
 @contextmanager
 def telling(address: str) -> Iterator[None]:
-    """Turn what a database raises in this block into errors of flexstage.
-
-    Parameters
-    ----------
-    address : str
-        Where it is, without a password.
-
-    Yields
-    ------
-    None
-
-    Raises
-    ------
-    NotConnectedError
-        It cannot be reached, or does not answer in time.
-    RecordError
-        It holds something else than it should.
-    """
+    """Turn what a database raises in this block into errors of flexstage."""
     try:
         yield
     except (OperationalError, InterfaceError) as error:

@@ -12,48 +12,21 @@ from flexstage.instruments.recording.folder import RunFolder
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import examine
 
-__all__ = ["Entered", "enter_folder", "folder_entries"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entered:
-    """What came of entering a folder.
-
-    Parameters
-    ----------
-    runs : tuple of RunEntry
-        The runs of the folder.
-    new : int
-        How many of them were not in the catalogue before.
-    problems : tuple of str
-        What could not be entered, and why.
-    """
+    """What came of entering a folder."""
 
     runs: tuple[RunEntry, ...]
+    """The runs of the folder."""
     new: int
+    """How many of them were not in the catalogue before."""
     problems: tuple[str, ...]
+    """What could not be entered, and why."""
 
 
 def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str, ...]]:
-    """Return the runs whose files a folder holds.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The folder of a run, or any folder with records.
-
-    Returns
-    -------
-    tuple of RunEntry
-        The runs: complete, recovered, or failed where there is only a stream.
-    tuple of str
-        What could not be read, and why.
-
-    Raises
-    ------
-    RecordError
-        There is no such folder.
-    """
+    """Return the runs whose files a folder holds."""
     place = RunFolder.open(folder)
     entries: list[RunEntry] = []
     problems: list[str] = []

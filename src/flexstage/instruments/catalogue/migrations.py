@@ -27,8 +27,6 @@ from sqlalchemy import (
 
 from flexstage.errors import RecordError
 
-__all__ = ["LATEST", "STEPS", "migrate", "schema_version"]
-
 Step = Callable[[Connection], None]
 
 # any number, so long as every flexstage takes the same: who holds it may change the schema
@@ -108,23 +106,7 @@ LATEST = len(STEPS)
 
 
 def schema_version(connection: Connection) -> int:
-    """Return the version of a database.
-
-    Parameters
-    ----------
-    connection : sqlalchemy.Connection
-        The database.
-
-    Returns
-    -------
-    int
-        The number of steps that it has taken; 0 for an empty one.
-
-    Raises
-    ------
-    RecordError
-        It holds tables of another program.
-    """
+    """Return the version of a database."""
     tables = set(inspect(connection).get_table_names())
     if "schema_version" not in tables:
         if {"runs", "stages", "models", "calibrations"} & tables:
@@ -136,25 +118,7 @@ def schema_version(connection: Connection) -> int:
 
 
 def migrate(connection: Connection, steps: Sequence[Step] = STEPS) -> int:
-    """Lead a database to the last version, within the transaction of the connection.
-
-    Parameters
-    ----------
-    connection : sqlalchemy.Connection
-        The database, in a transaction that may write.
-    steps : sequence of callable
-        The steps, from an empty database on.
-
-    Returns
-    -------
-    int
-        The version that it had.
-
-    Raises
-    ------
-    RecordError
-        It was made by a later flexstage, or is of another program.
-    """
+    """Lead a database to the last version, within the transaction of the connection."""
     if connection.dialect.name == "postgresql":
         # two programs that open a new database at once: the second waits, and finds it done
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})

@@ -15,17 +15,6 @@ from flexstage.instruments.catalogue.entries import (
 )
 from flexstage.instruments.catalogue.tables import Calibration, Model, Run, StageRow
 
-__all__ = [
-    "calibration_entry",
-    "fill_run",
-    "model_entry",
-    "of_stage",
-    "run_entry",
-    "run_row",
-    "stage_entry",
-    "stage_row",
-]
-
 _STAGE_FIELDS = ("name", "serial_number", "design", "hash")
 _RUN_FIELDS = (
     "identifier",
@@ -50,17 +39,7 @@ _RUN_FIELDS = (
 
 
 def fill_run(session: Session, row: Run, entry: RunEntry) -> None:
-    """Give the row of a run what its entry says.
-
-    Parameters
-    ----------
-    session : sqlalchemy.orm.Session
-        The session.
-    row : Run
-        The row.
-    entry : RunEntry
-        The entry.
-    """
+    """Give the row of a run what its entry says."""
     row.stage = stage_row(session, entry.stage)
     for name in _RUN_FIELDS:
         setattr(row, name, getattr(entry, name))
@@ -69,20 +48,7 @@ def fill_run(session: Session, row: Run, entry: RunEntry) -> None:
 
 
 def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -> Select[Any]:
-    """Narrow a question to a stage.
-
-    Parameters
-    ----------
-    asked : sqlalchemy.Select
-        The question, which joins the stages.
-    stage, serial_number : str, optional
-        Name and serial number.
-
-    Returns
-    -------
-    sqlalchemy.Select
-        The narrower question.
-    """
+    """Narrow a question to a stage."""
     if stage is not None:
         asked = asked.where(StageRow.name == stage)
     if serial_number is not None:
@@ -91,20 +57,7 @@ def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -
 
 
 def stage_row(session: Session, entry: StageEntry) -> StageRow:
-    """Return the row of a stage, a new one where there is none.
-
-    Parameters
-    ----------
-    session : sqlalchemy.orm.Session
-        The session.
-    entry : StageEntry
-        The stage.
-
-    Returns
-    -------
-    StageRow
-        Its row.
-    """
+    """Return the row of a stage, a new one where there is none."""
     asked = select(StageRow)
     for name in _STAGE_FIELDS:
         asked = asked.where(getattr(StageRow, name) == getattr(entry, name))
@@ -116,25 +69,7 @@ def stage_row(session: Session, entry: StageEntry) -> StageRow:
 
 
 def run_row(session: Session, identifier: str) -> Run | None:
-    """Return the row of a run.
-
-    Parameters
-    ----------
-    session : sqlalchemy.orm.Session
-        The session.
-    identifier : str
-        Its identifier; empty for none.
-
-    Returns
-    -------
-    Run or None
-        Its row.
-
-    Raises
-    ------
-    RecordError
-        It is not in the catalogue.
-    """
+    """Return the row of a run."""
     if not identifier:
         return None
     row = session.scalar(select(Run).where(Run.identifier == identifier))
@@ -147,52 +82,19 @@ def run_row(session: Session, identifier: str) -> Run | None:
 
 
 def stage_entry(row: StageRow) -> StageEntry:
-    """Return the entry of a stage.
-
-    Parameters
-    ----------
-    row : StageRow
-        Its row.
-
-    Returns
-    -------
-    StageEntry
-        The entry.
-    """
+    """Return the entry of a stage."""
     return StageEntry(**{name: getattr(row, name) for name in _STAGE_FIELDS})
 
 
 def run_entry(row: Run) -> RunEntry:
-    """Return the entry of a run.
-
-    Parameters
-    ----------
-    row : Run
-        Its row.
-
-    Returns
-    -------
-    RunEntry
-        The entry.
-    """
+    """Return the entry of a run."""
     fields: Mapping[str, Any] = {name: getattr(row, name) for name in _RUN_FIELDS}
     seed = None if row.seed is None else int(row.seed)
     return RunEntry(**fields, seed=seed, stage=stage_entry(row.stage))
 
 
 def calibration_entry(row: Calibration) -> CalibrationEntry:
-    """Return the entry of a calibration.
-
-    Parameters
-    ----------
-    row : Calibration
-        Its row.
-
-    Returns
-    -------
-    CalibrationEntry
-        The entry.
-    """
+    """Return the entry of a calibration."""
     return CalibrationEntry(
         what=row.what,
         value=row.value,
@@ -206,18 +108,7 @@ def calibration_entry(row: Calibration) -> CalibrationEntry:
 
 
 def model_entry(row: Model) -> ModelEntry:
-    """Return the entry of a model.
-
-    Parameters
-    ----------
-    row : Model
-        Its row.
-
-    Returns
-    -------
-    ModelEntry
-        The entry.
-    """
+    """Return the entry of a model."""
     return ModelEntry(
         kind=row.kind,
         file=row.file,

@@ -8,8 +8,6 @@ from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 from sqlalchemy.types import TypeDecorator
 
-__all__ = ["Base", "Calibration", "Model", "Run", "StageRow", "UtcTime", "clean"]
-
 
 class UtcTime(TypeDecorator[datetime]):
     """A date and time in UTC, also where a database knows no zones."""
@@ -18,40 +16,14 @@ class UtcTime(TypeDecorator[datetime]):
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Return what the database keeps.
-
-        Parameters
-        ----------
-        value : datetime.datetime, optional
-            A time with its zone.
-        dialect : sqlalchemy.engine.Dialect
-            Which database.
-
-        Returns
-        -------
-        datetime.datetime or None
-            The time in UTC, without a zone where the database knows none.
-        """
+        """Return what the database keeps."""
         if value is None:
             return None
         utc = value.astimezone(UTC)
         return utc if dialect.name == "postgresql" else utc.replace(tzinfo=None)
 
     def process_result_value(self, value: Any | None, dialect: Dialect) -> datetime | None:
-        """Return what the database kept.
-
-        Parameters
-        ----------
-        value : datetime.datetime, optional
-            What it kept.
-        dialect : sqlalchemy.engine.Dialect
-            Which database.
-
-        Returns
-        -------
-        datetime.datetime or None
-            The time in UTC.
-        """
+        """Return what the database kept."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
@@ -64,57 +36,21 @@ class CleanText(TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Return what the database keeps.
-
-        Parameters
-        ----------
-        value : str, optional
-            Any text.
-        dialect : sqlalchemy.engine.Dialect
-            Which database.
-
-        Returns
-        -------
-        str or None
-            The text, with a mark where a letter cannot be kept.
-        """
+        """Return what the database keeps."""
         return None if value is None else clean(value)
 
 
 def clean(text: str) -> str:
-    """Return a text that every database takes.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        The text, with ``?`` for halves of letters and without zeros.
-    """
+    """Return a text that every database takes."""
     return text.replace("\0", "").encode("utf-8", "replace").decode("utf-8")
 
 
 class Base(DeclarativeBase):
-    """The tables of this version.
-
-    Parameters
-    ----------
-    **kwargs : Any
-        Its columns, by name.
-    """
+    """The tables of this version."""
 
 
 class StageRow(Base):
-    """A stage.
-
-    Parameters
-    ----------
-    **kwargs : Any
-        Its columns, by name.
-    """
+    """A stage."""
 
     __tablename__ = "stages"
     __table_args__ = (UniqueConstraint("name", "serial_number", "hash", "design"),)
@@ -127,13 +63,7 @@ class StageRow(Base):
 
 
 class Run(Base):
-    """A run.
-
-    Parameters
-    ----------
-    **kwargs : Any
-        Its columns, by name.
-    """
+    """A run."""
 
     __tablename__ = "runs"
     __table_args__ = (Index("runs_by_start", "started"),)
@@ -163,13 +93,7 @@ class Run(Base):
 
 
 class Calibration(Base):
-    """A calibration.
-
-    Parameters
-    ----------
-    **kwargs : Any
-        Its columns, by name.
-    """
+    """A calibration."""
 
     __tablename__ = "calibrations"
 
@@ -187,13 +111,7 @@ class Calibration(Base):
 
 
 class Model(Base):
-    """A model.
-
-    Parameters
-    ----------
-    **kwargs : Any
-        Its columns, by name.
-    """
+    """A model."""
 
     __tablename__ = "models"
 

@@ -10,48 +10,21 @@ from numpy.typing import NDArray
 from flexstage.errors import ControllerError
 from flexstage.instruments.gcs.replies import excerpt, number
 
-__all__ = ["GcsArray", "parse_array"]
-
 _KEY = re.compile(r"#\s*([A-Z_]+[0-9]*)\s*=\s*(.*)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GcsArray:
-    """Columns of numbers.
-
-    Parameters
-    ----------
-    columns : numpy.ndarray
-        The numbers, shape (columns, rows).
-    sample_time : float, optional
-        Time from row to row [s]; None where the heading does not say.
-    """
+    """Columns of numbers."""
 
     columns: NDArray[np.float64]
+    """The numbers, shape (columns, rows)."""
     sample_time: float | None = None
+    """Time from row to row [s]; None where the heading does not say."""
 
 
 def parse_array(lines: Sequence[str], width: int, rows: int, what: str) -> GcsArray:
     """Read an array.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of the answer.
-    width, rows : int
-        Columns and rows that were asked for.
-    what : str
-        The question, for sentences.
-
-    Returns
-    -------
-    GcsArray
-        The numbers; ``nan`` where a sensor gave that.
-
-    Raises
-    ------
-    ControllerError
-        There is more or less than was asked for, or something that is no number.
 
     Examples
     --------

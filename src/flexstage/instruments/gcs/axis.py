@@ -13,8 +13,6 @@ from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.servo import ServoSettings
 
-__all__ = ["AxisFacts", "PiAxis"]
-
 #: Time in which an amplifier makes the largest step that is commanded at once [s].
 _STEP_TIME = 1e-4
 #: First step of an axis that has not been seen to count in volts, and its tolerance [V].
@@ -25,44 +23,26 @@ _VOLT_SHARE, _VOLT_TIME = 0.02, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisFacts:
-    """What is known of an axis from the beginning.
-
-    Parameters
-    ----------
-    name : str
-        Its name at the stage.
-    identifier : str
-        Its name at the controller.
-    index : int
-        Its place among all axes of the controller, from 0.
-    output : str, optional
-        Number of its piezo channel; None where it has none.
-    unit : WireUnit
-        Unit of its positions.
-    limits : AxisLimits
-        What may be commanded.
-    capabilities : frozenset of Capability
-        What it can do.
-    """
+    """What is known of an axis from the beginning."""
 
     name: str
+    """Its name at the stage."""
     identifier: str
+    """Its name at the controller."""
     index: int
+    """Its place among all axes of the controller, from 0."""
     output: str | None
+    """Number of its piezo channel; None where it has none."""
     unit: WireUnit
+    """Unit of its positions."""
     limits: AxisLimits
+    """What may be commanded."""
     capabilities: frozenset[Capability]
+    """What it can do."""
 
 
 class PiAxis:
     """An axis of a controller; positions and voltages are checked before any command leaves.
-
-    Parameters
-    ----------
-    core : Core
-        What all parts of the controller share.
-    facts : AxisFacts
-        What is known of it.
 
     Notes
     -----
@@ -102,18 +82,7 @@ class PiAxis:
         return bool(self._client.ask_values("SVO?", [self.facts.identifier])[0])
 
     def set_closed_loop(self, on: bool) -> None:
-        """Switch its position control on or off.
-
-        Parameters
-        ----------
-        on : bool
-            Whether it shall be on.
-
-        Raises
-        ------
-        ControllerError
-            The controller refuses, or says afterwards that it has not done so.
-        """
+        """Switch its position control on or off."""
         self._require(Capability.CLOSED_LOOP)
         axis = self.facts.identifier
         if self._core.servo.get(axis) == on and self.closed_loop == on:
@@ -130,18 +99,7 @@ class PiAxis:
         self._target = None
 
     def position(self) -> float:
-        """Return what its sensor reads.
-
-        Returns
-        -------
-        float
-            Position [m].
-
-        Raises
-        ------
-        ControllerError
-            The sensor gives no number.
-        """
+        """Return what its sensor reads."""
         value = self._client.ask_values("POS?", [self.facts.identifier])[0]
         if not math.isfinite(value):
             raise ControllerError(
@@ -151,13 +109,7 @@ class PiAxis:
         return value * self.facts.unit.factor
 
     def voltage(self) -> float:
-        """Return the voltage at its drive.
-
-        Returns
-        -------
-        float
-            Voltage [V].
-        """
+        """Return the voltage at its drive."""
         value = self._client.ask_values("VOL?", [self._output()])[0]
         if not math.isfinite(value):
             raise ControllerError(
@@ -166,22 +118,7 @@ class PiAxis:
         return value
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Move to a position.
-
-        Parameters
-        ----------
-        position : float
-            The position [m].
-        wait : bool
-            Whether to wait until it has come there.
-
-        Raises
-        ------
-        LimitError
-            It is outside the limits; nothing was sent.
-        ControllerError
-            The controller refuses, or the axis does not come there.
-        """
+        """Move to a position."""
         check_position(self.limits, position, self.name)
         self._require(Capability.CLOSED_LOOP)
         self._core.drives_back()
@@ -193,21 +130,7 @@ class PiAxis:
             self.wait()
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage in open loop, in steps that the amplifier makes within 0.1 ms each.
-
-        Parameters
-        ----------
-        voltage : float
-            The voltage [V].
-
-        Raises
-        ------
-        LimitError
-            It is outside the limits; nothing was sent.
-        ControllerError
-            Position control is on, the controller refuses, or the voltage at the drive is not the
-            one that was commanded.
-        """
+        """Set the voltage in open loop, in steps that the amplifier makes within 0.1 ms each."""
         check_voltage(self.limits, voltage, self.name)
         self._require(Capability.OPEN_LOOP)
         if self._core.servo.get(self.facts.identifier):
@@ -227,32 +150,13 @@ class PiAxis:
                 self._see_volts(begin, here, ended=here == voltage)
 
     def moving(self) -> bool:
-        """Say whether it moves.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether it moves."""
         if self._core.profile.knows("#5"):
             return bool(self._client.ask_whole("\x05", base=16) >> self.facts.index & 1)
         return not self._client.ask_values("ONT?", [self.facts.identifier])[0]
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time [s]; then everything is stopped.
-
-        Raises
-        ------
-        ControllerError
-            It has not come there, or was stopped or sent elsewhere on the way.
-        NotConnectedError
-            The link is lost; a stop was sent by another way if there is one.
-        """
+        """Wait until it stands, and in closed loop until it is on target."""
         patience = self._core.patience(timeout)
         try:
             closed = self.closed_loop
@@ -286,24 +190,12 @@ class PiAxis:
         return False
 
     def servo(self) -> ServoSettings:
-        """Return the settings of its position control.
-
-        Returns
-        -------
-        ServoSettings
-            The settings.
-        """
+        """Return the settings of its position control."""
         self._require(Capability.SERVO_TUNING)
         return self._tuning.read()
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Change the settings of its position control.
-
-        Parameters
-        ----------
-        settings : ServoSettings
-            The settings.
-        """
+        """Change the settings of its position control."""
         self._require(Capability.SERVO_TUNING)
         self._tuning.write(settings)
 

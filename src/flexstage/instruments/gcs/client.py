@@ -10,8 +10,6 @@ from flexstage.instruments.gcs.exchange import Exchange, shown
 from flexstage.instruments.gcs.replies import assignments, number, whole_number
 from flexstage.instruments.gcs.transport import Transport
 
-__all__ = ["GcsClient"]
-
 
 class GcsClient:
     """A conversation with a controller that speaks the General Command Set, version 2.
@@ -19,22 +17,6 @@ class GcsClient:
     An answer that comes too late is never taken for that to a later question: after a time-out the
     link is brought into step again by a question whose answer is known, and if that fails it is
     given up. Any thread may ask; one exchange goes on at a time.
-
-    Parameters
-    ----------
-    transport : Transport
-        The link.
-    timeout : float
-        Longest silence before an answer is given up [s].
-    clock : callable, optional
-        Tells the time [s].
-
-    Raises
-    ------
-    ControllerError
-        What is there does not answer as such a controller does.
-    NotConnectedError
-        The link is gone.
 
     Notes
     -----
@@ -78,29 +60,7 @@ class GcsClient:
         return self._stops
 
     def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
-        """Ask a question.
-
-        Parameters
-        ----------
-        command : str
-            The question, without its line feed; of one character for those that need none.
-        timeout : float, optional
-            Longest silence [s]; that of the client where not given.
-
-        Returns
-        -------
-        list of str
-            Lines of the answer, one at least, without the space that ends all but the last.
-
-        Raises
-        ------
-        NoAnswerError
-            There was no answer in time; the link is in step again.
-        ControllerError
-            The controller refused the question, or answered too much.
-        NotConnectedError
-            The link is gone, or could not be brought into step again.
-        """
+        """Ask a question."""
         with self._lock:
             self._exchange.settle()
             return self._exchange.ask(
@@ -108,47 +68,11 @@ class GcsClient:
             )
 
     def ask_values(self, command: str, names: Sequence[str]) -> list[float]:
-        """Ask for one number for each of some names.
-
-        Parameters
-        ----------
-        command : str
-            The question, without names.
-        names : sequence of str
-            Axes, channels, tables, or pairs of item and parameter.
-
-        Returns
-        -------
-        list of float
-            Numbers in the order of the names; ``nan`` where a sensor gives that.
-
-        Raises
-        ------
-        ControllerError
-            The answer is not one to this question.
-        """
+        """Ask for one number for each of some names."""
         return [number(text, command) for text in self.ask_texts(command, names)]
 
     def ask_texts(self, command: str, names: Sequence[str]) -> list[str]:
-        """Ask for one text for each of some names.
-
-        Parameters
-        ----------
-        command : str
-            The question, without names.
-        names : sequence of str
-            Axes, channels, tables, or pairs of item and parameter.
-
-        Returns
-        -------
-        list of str
-            Texts in the order of the names.
-
-        Raises
-        ------
-        ControllerError
-            The answer is not one to this question.
-        """
+        """Ask for one text for each of some names."""
         question = " ".join([command, *names])
         with self._lock:
             lines = self.ask(question)
@@ -159,25 +83,7 @@ class GcsClient:
                 raise
 
     def ask_whole(self, command: str, *, base: int = 10) -> int:
-        """Ask for one whole number.
-
-        Parameters
-        ----------
-        command : str
-            The question.
-        base : int
-            16 where the answer has hexadecimal digits without saying so.
-
-        Returns
-        -------
-        int
-            The number.
-
-        Raises
-        ------
-        ControllerError
-            The answer is not one to this question.
-        """
+        """Ask for one whole number."""
         with self._lock:
             lines = self.ask(command)
             try:
@@ -190,23 +96,7 @@ class GcsClient:
                 raise
 
     def tell(self, command: str) -> None:
-        """Give a command, and ask whether it was carried out.
-
-        Parameters
-        ----------
-        command : str
-            The command, without its line feed.
-
-        Raises
-        ------
-        ControllerError
-            The controller refused it, with the number of the error in `code`.
-        NoAnswerError
-            The controller does not say whether it carried the command out.
-        NotConnectedError
-            The link is gone; the command may have been carried out or not. Where it was lost with
-            this command, a stop was sent by another link if there can be one.
-        """
+        """Give a command, and ask whether it was carried out."""
         with self._lock:
             self._exchange.settle()
             try:
@@ -238,15 +128,7 @@ class GcsClient:
         self._exchange.send_stop()
 
     def reconnect(self) -> None:
-        """Open the link anew, where the transport can, and see that the same controller is there.
-
-        Raises
-        ------
-        NotConnectedError
-            It cannot be opened.
-        ControllerError
-            Another controller answers.
-        """
+        """Open the link anew, where it can be, and see that the same controller is there."""
         with self._lock:
             self._exchange.reopen()
 

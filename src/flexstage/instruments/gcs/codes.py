@@ -2,8 +2,6 @@
 
 from types import MappingProxyType
 
-__all__ = ["SENTENCES", "STOPPED", "error_sentence"]
-
 #: Motion was stopped by a command.
 STOPPED = 10
 
@@ -115,16 +113,6 @@ SENTENCES = MappingProxyType(
 
 def error_sentence(code: int) -> str:
     """Return what an error number means.
-
-    Parameters
-    ----------
-    code : int
-        The number that ``ERR?`` gave.
-
-    Returns
-    -------
-    str
-        A clause, with the number at its end.
 
     Examples
     --------

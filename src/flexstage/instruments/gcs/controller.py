@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Self
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.instruments.description import ChannelMap
 from flexstage.instruments.gcs.axis import PiAxis
 from flexstage.instruments.gcs.client import GcsClient
 from flexstage.instruments.gcs.core import Core
@@ -13,10 +14,8 @@ from flexstage.instruments.gcs.recorder import PiRecorder
 from flexstage.instruments.gcs.survey import survey
 from flexstage.instruments.gcs.transport import Transport
 from flexstage.instruments.gcs.waves import PiWaves
-from flexstage.instruments.protocol import Capability, ChannelMap, Identity
+from flexstage.instruments.protocol import Capability, Identity
 from flexstage.stage import Stage
-
-__all__ = ["PiController"]
 
 
 class PiController:
@@ -24,21 +23,6 @@ class PiController:
 
     What it can do follows from the commands and parameters that the controller lists, never from
     its name. Made by `PiController.open`.
-
-    Parameters
-    ----------
-    core : Core
-        Link and memory.
-    axes : Mapping
-        Axes by the names of the stage's axes.
-    recorder : PiRecorder, optional
-        Its recorder.
-    waves : PiWaves, optional
-        Its wave generator.
-    channels : ChannelMap
-        Its sensors by what they read.
-    factors : Mapping
-        SI value of one unit of each sensor, by number.
 
     Notes
     -----
@@ -72,36 +56,7 @@ class PiController:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> Self:
-        """Ask a controller what it is and what it can do; nothing moves, nothing is switched.
-
-        Parameters
-        ----------
-        transport : Transport
-            The link; it is closed when this fails.
-        stage : Stage
-            The stage that is connected.
-        axes : Mapping, optional
-            Identifier of the controller's axis by name of the stage's axis; in their order where
-            not given.
-        wire : Wire, optional
-            How much is sent at once.
-        timeout : float
-            Longest silence before an answer is given up [s].
-        clock, sleep : callable, optional
-            Tell the time [s] and wait some [s].
-
-        Returns
-        -------
-        PiController
-            The instrument.
-
-        Raises
-        ------
-        NotConnectedError
-            The link is gone.
-        ControllerError
-            What is there does not answer as it should, or does not fit the stage.
-        """
+        """Ask a controller what it is and what it can do; nothing moves, nothing is switched."""
         client = GcsClient(transport, timeout=timeout, clock=clock)
         try:
             core = Core(
@@ -204,25 +159,7 @@ class PiController:
         return self._waves
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now.
-
-        Parameters
-        ----------
-        number : int
-            Number of the channel.
-
-        Returns
-        -------
-        float
-            The value [m, or rad].
-
-        Raises
-        ------
-        ModelError
-            There is no such channel.
-        ControllerError
-            The sensor gives no number.
-        """
+        """Return what a sensor reads now."""
         if number not in self._factors or not self.profile.knows("TSP?"):
             raise ModelError(
                 f"there is no sensor {number}: they are "
@@ -239,17 +176,6 @@ class PiController:
         """Strike a simulated stage along an axis with a hammer.
 
         Its drives are taken out for it, and put back before the next motion.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Raises
-        ------
-        ModelError
-            This is a real controller, whose own impulse is none of a hammer, or there is no such
-            axis.
         """
         if not self._can_strike():
             raise ModelError(
@@ -265,13 +191,7 @@ class PiController:
             self._recorder.triggered()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            Time [s]; simulated time where the controller says that this runs fast.
-        """
+        """Let time pass."""
         self._core.pause(seconds)
 
     def stop(self) -> None:
@@ -279,36 +199,16 @@ class PiController:
         self._core.client.stop()
 
     def check_state(self) -> None:
-        """See that the controller still has what was set here.
-
-        Raises
-        ------
-        ControllerError
-            It was restarted, or somebody else commands it.
-        """
+        """See that the controller still has what was set here."""
         self._core.check_state()
 
     def reconnect(self) -> None:
-        """Open a lost link again, where there is still the same controller in the same state.
-
-        Raises
-        ------
-        NotConnectedError
-            It cannot be opened.
-        ControllerError
-            Another controller answers, or it was restarted meanwhile.
-        """
+        """Open a lost link again, where there is still the same controller in the same state."""
         self._core.client.reconnect()
         self._core.check_state()
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, as text for the record; nothing is asked for it.
-
-        Returns
-        -------
-        Mapping
-            Texts by name.
-        """
+        """Return what was set, as text for the record; nothing is asked for it."""
         names = {a.facts.identifier: name for name, a in self._axes.items()}
         return {
             "controller": self._core.client.identity.strip(),

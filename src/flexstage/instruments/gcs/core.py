@@ -9,8 +9,6 @@ from flexstage.instruments.gcs.client import GcsClient
 from flexstage.instruments.gcs.profile import Profile, Wire
 from flexstage.instruments.gcs.replies import excerpt, number
 
-__all__ = ["FAST_TIME_STEP", "Core", "Patience"]
-
 #: Simulated time that passes with a question that is repeated, at most [s].
 FAST_TIME_STEP = 0.25
 
@@ -31,19 +29,7 @@ _NAMES = {
 
 
 class Core:
-    """Link, clock and memory of a controller.
-
-    Parameters
-    ----------
-    client : GcsClient
-        The conversation.
-    profile : Profile
-        What the controller says of itself.
-    wire : Wire
-        How much is sent at once.
-    clock, sleep : callable
-        Tell the time [s] and wait some [s].
-    """
+    """Link, clock and memory of a controller."""
 
     def __init__(
         self,
@@ -66,13 +52,7 @@ class Core:
         self.fast = fast is not None and number(self.read_parameter("1", fast), "SPA?") == 1.0
 
     def tell(self, command: str) -> None:
-        """Give a command; where its refusal shows that the controller was restarted, say so.
-
-        Parameters
-        ----------
-        command : str
-            The command.
-        """
+        """Give a command; where its refusal shows that the controller was restarted, say so."""
         try:
             self.client.tell(command)
         except ControllerError as error:
@@ -85,25 +65,7 @@ class Core:
             raise
 
     def read_parameter(self, item: str, key: int) -> str:
-        """Return the value of a parameter.
-
-        Parameters
-        ----------
-        item : str
-            Axis, channel, or ``1`` for the controller.
-        key : int
-            Its number.
-
-        Returns
-        -------
-        str
-            Its value as text.
-
-        Raises
-        ------
-        ControllerError
-            The answer is about something else.
-        """
+        """Return the value of a parameter."""
         question = f"SPA? {item} 0x{key:08X}"
         lines = self.client.ask(question)
         name, equals, value = lines[0].partition("=")
@@ -120,20 +82,7 @@ class Core:
         return value.strip()
 
     def number_parameter(self, item: str, pattern: str) -> float | None:
-        """Return a number among the parameters.
-
-        Parameters
-        ----------
-        item : str
-            Axis, channel, or ``1`` for the controller.
-        pattern : str
-            Regular expression for its name.
-
-        Returns
-        -------
-        float or None
-            Its value; None where the controller has no such parameter.
-        """
+        """Return a number among the parameters."""
         key = self.profile.parameter(pattern)
         if key is None:
             return None
@@ -142,18 +91,7 @@ class Core:
     # state ----------------------------------------------------------------------------------
 
     def check_state(self, cause: ControllerError | None = None) -> None:
-        """Compare what the controller has with what was set here.
-
-        Parameters
-        ----------
-        cause : ControllerError, optional
-            What gave reason to ask.
-
-        Raises
-        ------
-        ControllerError
-            Something that was set is not there any more.
-        """
+        """Compare what the controller has with what was set here."""
         lost: list[str] = []
         wanted = [axis for axis, on in self.servo.items() if on]
         if wanted and self.profile.knows("SVO?"):
@@ -198,23 +136,11 @@ class Core:
     # time -----------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """Return the time of the computer's clock.
-
-        Returns
-        -------
-        float
-            Time [s].
-        """
+        """Return the time of the computer's clock."""
         return self._clock()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: that of the controller where it is simulated and fast.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        """
+        """Let time pass: that of the controller where it is simulated and fast."""
         key = self._numbers["time"]
         if seconds <= 0.0:
             return
@@ -228,18 +154,7 @@ class Core:
             self._sleep(seconds)
 
     def patience(self, timeout: float) -> "Patience":
-        """Return a limit for waiting.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time [s].
-
-        Returns
-        -------
-        Patience
-            Counts it.
-        """
+        """Return a limit for waiting."""
         return Patience(self, timeout)
 
     def between_questions(self) -> None:
@@ -248,13 +163,7 @@ class Core:
             self._sleep(self.wire.poll)
 
     def settings(self) -> Mapping[str, str]:
-        """Return what was set, without asking.
-
-        Returns
-        -------
-        Mapping
-            Texts by name.
-        """
+        """Return what was set, without asking."""
         found = {f"position control of axis {a}": "on" if on else "off" for a, on in
                  self.servo.items()}  # fmt: skip
         if self.divider is not None:
@@ -264,13 +173,6 @@ class Core:
 
 class Patience:
     """Counts the time of waiting, also where simulated time runs fast.
-
-    Parameters
-    ----------
-    core : Core
-        Tells the time.
-    timeout : float
-        Longest time [s].
 
     Notes
     -----
@@ -283,13 +185,7 @@ class Patience:
         self._questions = 1 + int(10.0 * timeout / FAST_TIME_STEP)
 
     def over(self) -> bool:
-        """Say whether it has ended, and count one more question.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether it has ended, and count one more question."""
         self._questions -= 1
         if self._core.fast:
             return self._questions <= 0

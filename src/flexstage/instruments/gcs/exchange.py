@@ -9,8 +9,6 @@ from flexstage.instruments.gcs.codes import error_sentence
 from flexstage.instruments.gcs.replies import excerpt, number, take_lines, whole_number
 from flexstage.instruments.gcs.transport import NoAnswerError, OpensAnother, Transport
 
-__all__ = ["STOP_ALL", "Exchange", "shown"]
-
 #: The single character that stops everything; it needs no line feed.
 STOP_ALL = b"\x18"
 #: How long a stop waits for a command that is being sent before it takes another way [s].
@@ -20,17 +18,7 @@ _LARGEST = 64 * 2**20
 
 
 class Exchange:
-    """Questions and answers of one thread at a time; only `send_stop` may be called by others.
-
-    Parameters
-    ----------
-    transport : Transport
-        The link.
-    timeout : float
-        Longest silence before an answer is given up [s].
-    clock : callable
-        Tells the time [s].
-    """
+    """Questions and answers of one thread at a time; only `send_stop` may be called by others."""
 
     def __init__(self, transport: Transport, timeout: float, clock: Callable[[], float]) -> None:
         self._transport = transport
@@ -91,15 +79,7 @@ class Exchange:
                     second.close()
 
     def reopen(self) -> None:
-        """Open the link anew, and see that the same controller is there.
-
-        Raises
-        ------
-        NotConnectedError
-            It cannot be opened.
-        ControllerError
-            Another controller answers.
-        """
+        """Open the link anew, and see that the same controller is there."""
         if not isinstance(self._transport, OpensAnother):
             raise NotConnectedError(
                 f"{self.name} cannot be opened a second time from here: connect again"
@@ -151,20 +131,7 @@ class Exchange:
             self.query_error("ERR?")
 
     def ask(self, command: str, timeout: float) -> list[str]:
-        """Ask a question.
-
-        Parameters
-        ----------
-        command : str
-            The question.
-        timeout : float
-            Longest silence [s].
-
-        Returns
-        -------
-        list of str
-            Lines of the answer.
-        """
+        """Ask a question."""
         data = command.encode("ascii")
         self._send(data if len(command) == 1 else data + b"\n", command)
         try:
@@ -183,34 +150,12 @@ class Exchange:
         )
 
     def tell(self, command: str) -> int:
-        """Give a command.
-
-        Parameters
-        ----------
-        command : str
-            The command.
-
-        Returns
-        -------
-        int
-            Number of the error that it led to; 0 for none.
-        """
+        """Give a command."""
         self._send(command.encode("ascii") + b"\nERR?\n", "ERR?")
         return self._error_code(command)
 
     def query_error(self, command: str) -> int:
-        """Ask for the latest error.
-
-        Parameters
-        ----------
-        command : str
-            What it may be about, for sentences.
-
-        Returns
-        -------
-        int
-            Its number; 0 for none.
-        """
+        """Ask for the latest error."""
         self._send(b"ERR?\n", "ERR?")
         return self._error_code(command)
 
@@ -269,13 +214,7 @@ class Exchange:
             raise
 
     def put_in_step(self, command: str) -> None:
-        """Drop all up to the answer to a question that has only one, or give the link up.
-
-        Parameters
-        ----------
-        command : str
-            The question whose answer may still come.
-        """
+        """Drop all up to the answer to a question that has only one, or give the link up."""
         known = {q: a for q, a in self._known.items() if q != command}
         if not known:
             raise self._break(f"{self.name} does not answer '{shown(command)}'")
@@ -318,16 +257,6 @@ class Exchange:
 
 def shown(command: str) -> str:
     r"""Return a command as a sentence can show it.
-
-    Parameters
-    ----------
-    command : str
-        The command.
-
-    Returns
-    -------
-    str
-        The command, cut where it is long; the number of a character that cannot be printed.
 
     Examples
     --------

@@ -7,8 +7,6 @@ from typing import Any, Protocol
 from flexstage.errors import ModelError, NotConnectedError
 from flexstage.instruments.gcs.transport import NoAnswerError
 
-__all__ = ["Gateway", "GatewayLink", "is_gateway"]
-
 #: Pause between two looks at an object that returns at once when nothing has come [s].
 _PAUSE = 2e-3
 
@@ -17,39 +15,16 @@ class Gateway(Protocol):
     """What an object must have at least; texts or bytes, ending with a line feed."""
 
     def send(self, msg: Any, /) -> object:
-        """Send a text.
-
-        Parameters
-        ----------
-        msg : str
-            The text, with its line feed.
-        """
+        """Send a text."""
         ...
 
     def read(self) -> Any:
-        """Return what has come, in pieces or whole; empty where nothing has.
-
-        Returns
-        -------
-        str or bytes
-            What has come.
-        """
+        """Return what has come, in pieces or whole; empty where nothing has."""
         ...
 
 
 def is_gateway(value: object) -> bool:
-    """Say whether an object can be used as a link.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-
-    Returns
-    -------
-    bool
-        Whether it has `send` and `read`.
-    """
+    """Say whether an object can be used as a link."""
     return all(callable(getattr(value, name, None)) for name in ("send", "read"))
 
 
@@ -59,20 +34,6 @@ class GatewayLink:
     `flush`, `close` and `connected` are used where the object has them. An object that waits in
     `read` waits as long as it has been told elsewhere; what it raises on a time-out is taken for
     nothing.
-
-    Parameters
-    ----------
-    gateway : Gateway
-        The object; its `send` takes a text with the line feed at its end.
-    clock : callable, optional
-        Tells the time [s].
-    sleep : callable, optional
-        Waits some time [s].
-
-    Raises
-    ------
-    ModelError
-        The object has not what is needed.
     """
 
     def __init__(
@@ -99,18 +60,7 @@ class GatewayLink:
         return f"gateway {type(self._gateway).__name__}"
 
     def send(self, data: bytes) -> None:
-        """Send bytes, as text.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-
-        Raises
-        ------
-        NotConnectedError
-            The object says that its link is gone, or raises.
-        """
+        """Send bytes, as text."""
         self._check()
         try:
             self._gateway.send(data.decode("latin-1"))
@@ -118,25 +68,7 @@ class GatewayLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            One byte at least.
-
-        Raises
-        ------
-        NoAnswerError
-            Nothing came.
-        NotConnectedError
-            The object says that its link is gone, or raises.
-        """
+        """Return what has come."""
         end = self._clock() + timeout
         while True:
             self._check()

@@ -8,77 +8,40 @@ from flexstage.instruments.gcs.client import GcsClient
 from flexstage.instruments.gcs.replies import excerpt
 from flexstage.instruments.protocol import Identity
 
-__all__ = ["Profile", "Wire", "describe", "parse_identity", "read_profile"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wire:
-    """How much is sent and asked for at once.
-
-    Parameters
-    ----------
-    line_limit : int
-        Most characters of a command line.
-    rows : int
-        Most rows of a table that are read at once.
-    poll : float
-        Time between two questions while waiting [s]; none passes where simulated time runs fast.
-    """
+    """How much is sent and asked for at once."""
 
     line_limit: int = 256
+    """Most characters of a command line."""
     rows: int = 1000
+    """Most rows of a table that are read at once."""
     poll: float = 0.01
+    """Time between two questions while waiting [s]; none passes where simulated time runs fast."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """What a controller says of itself.
-
-    Parameters
-    ----------
-    identity : Identity
-        What it is.
-    commands : frozenset of str
-        The commands that it knows; ``#5`` for single characters.
-    parameters : Mapping
-        What its parameters are called, by number.
-    record_options, trigger_options : Mapping
-        What its recorder records and what starts it, by number.
-    """
+    """What a controller says of itself."""
 
     identity: Identity
+    """What it is."""
     commands: frozenset[str]
+    """The commands that it knows; ``#5`` for single characters."""
     parameters: Mapping[int, str] = field(default_factory=dict)
+    """What its parameters are called, by number."""
     record_options: Mapping[int, str] = field(default_factory=dict)
+    """What its recorder records and what starts it, by number."""
     trigger_options: Mapping[int, str] = field(default_factory=dict)
+    """What its recorder records and what starts it, by number."""
 
     def knows(self, *commands: str) -> bool:
-        """Say whether the controller knows commands.
-
-        Parameters
-        ----------
-        *commands : str
-            The commands.
-
-        Returns
-        -------
-        bool
-            Whether it knows all of them.
-        """
+        """Say whether the controller knows commands."""
         return self.commands.issuperset(commands)
 
     def parameter(self, pattern: str) -> int | None:
         """Return the number of the parameter that is called so.
-
-        Parameters
-        ----------
-        pattern : str
-            Regular expression that is searched in the names, in any case.
-
-        Returns
-        -------
-        int or None
-            The lowest number that fits; None where there is none.
 
         Examples
         --------
@@ -90,49 +53,16 @@ class Profile:
         return _find(self.parameters, pattern)
 
     def record_option(self, *patterns: str) -> int | None:
-        """Return the number of what the recorder records, by the first expression that fits any.
-
-        Parameters
-        ----------
-        *patterns : str
-            Regular expressions, the best first.
-
-        Returns
-        -------
-        int or None
-            The number.
-        """
+        """Return the number of what the recorder records, by the first expression that fits any."""
         return _find_first(self.record_options, patterns)
 
     def trigger_option(self, *patterns: str) -> int | None:
-        """Return the number of what starts the recorder, by the first expression that fits any.
-
-        Parameters
-        ----------
-        *patterns : str
-            Regular expressions, the best first.
-
-        Returns
-        -------
-        int or None
-            The number.
-        """
+        """Return the number of what starts the recorder, by the first expression that fits any."""
         return _find_first(self.trigger_options, patterns)
 
 
 def read_profile(client: GcsClient) -> Profile:
-    """Ask a controller what it can do; nothing is changed by it.
-
-    Parameters
-    ----------
-    client : GcsClient
-        The conversation.
-
-    Returns
-    -------
-    Profile
-        What it says: ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
-    """
+    """Ask a controller what it can do; nothing is changed by it."""
     commands = _commands(client.ask("HLP?"))
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
@@ -149,16 +79,6 @@ def read_profile(client: GcsClient) -> Profile:
 
 def parse_identity(text: str) -> Identity:
     """Read the answer to ``*IDN?``.
-
-    Parameters
-    ----------
-    text : str
-        Vendor, model, serial number and version of the firmware, between commas.
-
-    Returns
-    -------
-    Identity
-        What it says; simulated where the word is in it.
 
     Examples
     --------
@@ -224,16 +144,5 @@ def _find_first(names: Mapping[int, str], patterns: Sequence[str]) -> int | None
 
 
 def describe(names: Mapping[int, str]) -> str:
-    """Return a list of options for a sentence.
-
-    Parameters
-    ----------
-    names : Mapping
-        Names by number.
-
-    Returns
-    -------
-    str
-        The names, cut where they are long.
-    """
+    """Return a list of options for a sentence."""
     return ", ".join(excerpt(name) for name in names.values()) or "nothing"

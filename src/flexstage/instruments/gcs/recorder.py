@@ -14,8 +14,6 @@ from flexstage.instruments.gcs.profile import describe
 from flexstage.instruments.protocol import Signal
 from flexstage.records import Channel, Record
 
-__all__ = ["ChannelFacts", "PiRecorder"]
-
 #: How options are called that record a kind of signal, the best first.
 _OPTIONS = {
     "position": (r"^(current|real|actual) position of axis", r"^(current|real|actual) position"),
@@ -37,44 +35,20 @@ _RATE_TOLERANCE = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelFacts:
-    """What is known of a sensor.
-
-    Parameters
-    ----------
-    number : int
-        Its number.
-    name : str
-        What it reads, where the controller says so; else its number.
-    unit : str
-        SI unit: ``m`` or ``rad``.
-    factor : float
-        SI value of one unit of the wire.
-    """
+    """What is known of a sensor."""
 
     number: int
+    """Its number."""
     name: str
+    """What it reads, where the controller says so; else its number."""
     unit: str
+    """SI unit: ``m`` or ``rad``."""
     factor: float
+    """SI value of one unit of the wire."""
 
 
 class PiRecorder:
-    """Records in tables of the controller.
-
-    Parameters
-    ----------
-    core : Core
-        What all parts of the controller share.
-    axes : dict
-        Its axes by the stage's names.
-    channels : dict
-        Its sensors by number.
-    base_rate_hz : float
-        Rate of its loop [Hz].
-    capacity : int
-        Samples of a table.
-    tables : int
-        Number of tables.
-    """
+    """Records in tables of the controller."""
 
     def __init__(
         self,
@@ -110,29 +84,7 @@ class PiRecorder:
         return self._tables
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record.
-
-        Parameters
-        ----------
-        signals : sequence of Signal
-            What to record.
-        rate_hz : float
-            Samples in a second [Hz].
-        samples : int
-            Number of samples.
-
-        Returns
-        -------
-        float
-            The rate that is kept [Hz]: the nearest whole part of the highest.
-
-        Raises
-        ------
-        LimitError
-            There are more signals than tables, or more samples than fit.
-        ModelError
-            The controller cannot record a signal; nothing was sent.
-        """
+        """Choose what to record."""
         if not 1 <= len(signals) <= self._tables:
             raise LimitError(
                 f"the recorder has {self._tables} tables, got {len(signals)} signals: record them "
@@ -185,13 +137,7 @@ class PiRecorder:
         self._waiting = False
 
     def available(self) -> int:
-        """Return the number of samples of each signal that are there.
-
-        Returns
-        -------
-        int
-            The number; 0 while it waits for its start, whatever older records hold.
-        """
+        """Return the number of samples of each signal that are there."""
         if self._waiting or not self._chosen:
             return 0
         tables = [str(t) for t in range(1, len(self._chosen) + 1)]
@@ -199,27 +145,7 @@ class PiRecorder:
         return min(self._samples, int(min(counts)))
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples ``first`` to ``first + count - 1``, counted from 0.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            Number of samples, 2 at least.
-
-        Returns
-        -------
-        Record
-            The samples; the time is 0 at the first sample of the recording.
-
-        Raises
-        ------
-        ControllerError
-            The controller sends less, or at another rate than was set.
-        ModelError
-            There is nothing to be read there.
-        """
+        """Return samples ``first`` to ``first + count - 1``, counted from 0."""
         if first < 0 or count < 2 or first + count > self._samples:
             raise ModelError(
                 f"the record has samples 0 to {self._samples - 1}, and two or more are read at "

@@ -10,8 +10,6 @@ from collections.abc import Sequence
 
 from flexstage.errors import ControllerError
 
-__all__ = ["assignments", "excerpt", "number", "take_lines", "whole_number"]
-
 # "nan" in the ways in which firmware prints it
 _NO_NUMBER = re.compile(r"[+-]?(?:nan(?:\([^)]*\))?|\d*\.?#(?:QNAN|IND|SNAN)\w*)", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)(?:inf(?:inity)?|\d*\.?#INF\w*)", re.IGNORECASE)
@@ -21,16 +19,6 @@ _SHOWN = 60
 
 def take_lines(buffer: bytearray) -> list[str]:
     r"""Take the whole lines from the beginning of what has come.
-
-    Parameters
-    ----------
-    buffer : bytearray
-        What has come; the lines are taken away from it.
-
-    Returns
-    -------
-    list of str
-        Lines, without their line feeds.
 
     Examples
     --------
@@ -46,23 +34,6 @@ def take_lines(buffer: bytearray) -> list[str]:
 
 def number(text: str, what: str) -> float:
     """Read a number; what stands for none, such as ``nan``, is returned as such.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    what : str
-        The question, for the sentence.
-
-    Returns
-    -------
-    float
-        Its value.
-
-    Raises
-    ------
-    ControllerError
-        It is no number.
 
     Examples
     --------
@@ -83,23 +54,6 @@ def number(text: str, what: str) -> float:
 def whole_number(text: str, what: str) -> int:
     """Read a whole number, decimal or with ``0x`` before it.
 
-    Parameters
-    ----------
-    text : str
-        The text.
-    what : str
-        The question, for the sentence.
-
-    Returns
-    -------
-    int
-        Its value.
-
-    Raises
-    ------
-    ControllerError
-        It is no whole number.
-
     Examples
     --------
     >>> whole_number("0x10", "#5"), whole_number("8.0", "RTR?")
@@ -115,25 +69,6 @@ def whole_number(text: str, what: str) -> int:
 
 def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[str]:
     """Read lines of the form ``name=value``, one for each name, in any order.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The lines.
-    names : sequence of str
-        What must be answered for.
-    what : str
-        The question, for the sentence.
-
-    Returns
-    -------
-    list of str
-        Values, in the order of the names.
-
-    Raises
-    ------
-    ControllerError
-        A name is missing, or there is something else.
 
     Examples
     --------
@@ -153,16 +88,6 @@ def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[s
 
 def excerpt(text: str) -> str:
     """Return a text as it can be shown, cut where it is long.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    str
-        Its beginning, in quotes, with what cannot be printed written as codes.
 
     Examples
     --------

@@ -9,29 +9,12 @@ from flexstage.instruments.gcs.transport import NoAnswerError
 if TYPE_CHECKING:
     import serial
 
-__all__ = ["DEFAULT_BAUD", "SerialLink"]
-
 #: The rate of a port that nobody has set otherwise [bit/s].
 DEFAULT_BAUD = 115200
 
 
 class SerialLink:
-    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake.
-
-    Parameters
-    ----------
-    port : str
-        The port, such as ``/dev/ttyUSB0`` or ``COM3``.
-    baud : int
-        Its rate [bit/s].
-    timeout : float
-        Longest time for handing a command to the port [s].
-
-    Raises
-    ------
-    NotConnectedError
-        There is no such port, or it cannot be opened.
-    """
+    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake."""
 
     def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
         import serial
@@ -53,18 +36,7 @@ class SerialLink:
         return self._port
 
     def send(self, data: bytes) -> None:
-        """Send bytes.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-
-        Raises
-        ------
-        NotConnectedError
-            The port is gone, or takes no more bytes.
-        """
+        """Send bytes."""
         port = self._open()
         try:
             port.write(data)
@@ -72,25 +44,7 @@ class SerialLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            One byte at least.
-
-        Raises
-        ------
-        NoAnswerError
-            Nothing came.
-        NotConnectedError
-            The port is gone.
-        """
+        """Return what has come."""
         port = self._open()
         try:
             port.timeout = timeout

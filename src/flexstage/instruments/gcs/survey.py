@@ -13,8 +13,6 @@ from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.protocol import Capability
 from flexstage.stage import Screw, Stage
 
-__all__ = ["Memory", "Survey", "survey"]
-
 Range = tuple[float, float]
 
 #: Tables and samples where a controller does not say how many it has.
@@ -23,66 +21,32 @@ _FEW_TABLES, _FEW_SAMPLES = 1, 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Memory:
-    """Tables of a recorder or a wave generator.
-
-    Parameters
-    ----------
-    tables : int
-        How many.
-    capacity : int
-        Samples: of each table of a recorder, over all tables of a wave generator.
-    """
+    """Tables of a recorder or a wave generator."""
 
     tables: int
+    """How many."""
     capacity: int
+    """Samples: of each table of a recorder, over all tables of a wave generator."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """What is there.
-
-    Parameters
-    ----------
-    axes : tuple of AxisFacts
-        Axes that the stage has.
-    channels : tuple of ChannelFacts
-        Sensors.
-    base_rate_hz : float
-        Rate of the loop [Hz].
-    recorder, waves : Memory, optional
-        Their tables; None where there is none.
-    """
+    """What is there."""
 
     axes: tuple[AxisFacts, ...]
+    """Axes that the stage has."""
     channels: tuple[ChannelFacts, ...]
+    """Sensors."""
     base_rate_hz: float
+    """Rate of the loop [Hz]."""
     recorder: Memory | None
+    """Their tables; None where there is none."""
     waves: Memory | None
+    """Their tables; None where there is none."""
 
 
 def survey(core: Core, stage: Stage, axes: Mapping[str, str] | None = None) -> Survey:
-    """Ask what is there.
-
-    Parameters
-    ----------
-    core : Core
-        The link.
-    stage : Stage
-        The stage that is connected.
-    axes : Mapping, optional
-        Identifier of the controller's axis by name of the stage's axis.
-
-    Returns
-    -------
-    Survey
-        What was found.
-
-    Raises
-    ------
-    ControllerError
-        Axes are missing, or turn where the stage's move along a line, or the limits of stage and
-        controller have nothing in common.
-    """
+    """Ask what is there."""
     listed = [line.strip() for line in core.client.ask("SAI?")]
     chosen = _chosen(listed, stage, axes)
     outputs = _outputs(core, stage, listed, chosen)

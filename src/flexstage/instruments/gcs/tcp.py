@@ -8,8 +8,6 @@ import socket
 from flexstage.errors import NotConnectedError
 from flexstage.instruments.gcs.transport import NoAnswerError
 
-__all__ = ["DEFAULT_PORT", "TcpLink"]
-
 #: The port at which PI's controllers listen.
 DEFAULT_PORT = 50000
 #: Most bytes that are read at once.
@@ -20,22 +18,7 @@ _QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 
 
 class TcpLink:
-    """A TCP connection to a controller.
-
-    Parameters
-    ----------
-    host : str
-        Name or address of the controller.
-    port : int
-        Its port.
-    timeout : float
-        Longest time for connecting, and for handing a command to the network [s].
-
-    Raises
-    ------
-    NotConnectedError
-        Nothing answers there.
-    """
+    """A TCP connection to a controller."""
 
     def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
         self._host, self._port, self._timeout = host, port, timeout
@@ -56,18 +39,7 @@ class TcpLink:
         return f"{self._host}:{self._port}"
 
     def send(self, data: bytes) -> None:
-        """Send bytes.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-
-        Raises
-        ------
-        NotConnectedError
-            The link is gone, or takes no more bytes.
-        """
+        """Send bytes."""
         link = self._open()
         try:
             link.sendall(data, _QUIETLY)
@@ -75,25 +47,7 @@ class TcpLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            One byte at least.
-
-        Raises
-        ------
-        NoAnswerError
-            Nothing came.
-        NotConnectedError
-            The link is gone.
-        """
+        """Return what has come."""
         link = self._open()
         try:
             # the time-out of the socket is that of sending, which another thread may be doing
@@ -109,13 +63,7 @@ class TcpLink:
         return data
 
     def another(self) -> "TcpLink":
-        """Open a second connection to the same controller.
-
-        Returns
-        -------
-        TcpLink
-            The connection.
-        """
+        """Open a second connection to the same controller."""
         return TcpLink(self._host, self._port, timeout=self._timeout)
 
     def close(self) -> None:

@@ -4,8 +4,6 @@ from typing import Protocol, cast, runtime_checkable
 
 from flexstage.errors import ControllerError, NotConnectedError
 
-__all__ = ["InProcess", "NoAnswerError", "OpensAnother", "Session", "Transport"]
-
 
 class NoAnswerError(ControllerError, TimeoutError):
     """An instrument did not answer in time; the link itself may be whole."""
@@ -24,29 +22,13 @@ class Transport(Protocol):
         ...
 
     def send(self, data: bytes) -> None:
-        """Send all of it; `NotConnectedError` where the link is gone.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-        """
+        """Send all of it; `NotConnectedError` where the link is gone."""
         ...
 
     def receive(self, timeout: float) -> bytes:
         """Return what has come, one byte at least.
 
         `NoAnswerError` where nothing came in the time, `NotConnectedError` where the link is gone.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            What has come.
         """
         ...
 
@@ -60,13 +42,7 @@ class OpensAnother(Protocol):
     """A transport that can make a second link to the same place."""
 
     def another(self) -> Transport:
-        """Open it; `NotConnectedError` where it cannot be had.
-
-        Returns
-        -------
-        Transport
-            The link.
-        """
+        """Open it; `NotConnectedError` where it cannot be had."""
         ...
 
 
@@ -74,40 +50,16 @@ class Session(Protocol):
     """A conversation with a simulated controller in the same process, which answers at once."""
 
     def send(self, data: bytes) -> None:
-        """Take bytes from the client.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-        """
+        """Take bytes from the client."""
         ...
 
     def receive(self, timeout: float) -> bytes:
-        """Return bytes for the client; empty or a time-out where there are none.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            The bytes.
-        """
+        """Return bytes for the client; empty or a time-out where there are none."""
         ...
 
 
 class InProcess:
     r"""A link in memory, to a simulated controller.
-
-    Parameters
-    ----------
-    session : Session
-        Takes and gives bytes.
-    name : str
-        What it is called.
 
     Examples
     --------
@@ -131,28 +83,11 @@ class InProcess:
         return self._name
 
     def send(self, data: bytes) -> None:
-        """Hand bytes over.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-        """
+        """Hand bytes over."""
         self._open().send(data)
 
     def receive(self, timeout: float) -> bytes:
-        """Return what the other side has said.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-
-        Returns
-        -------
-        bytes
-            One byte at least.
-        """
+        """Return what the other side has said."""
         try:
             data = self._open().receive(timeout)
         except TimeoutError:
@@ -163,18 +98,7 @@ class InProcess:
         return data
 
     def another(self) -> "InProcess":
-        """Open a second conversation with the same controller.
-
-        Returns
-        -------
-        InProcess
-            The conversation.
-
-        Raises
-        ------
-        NotConnectedError
-            It cannot be had.
-        """
+        """Open a second conversation with the same controller."""
         another = getattr(self._first, "another", None)
         if not callable(another):
             raise NotConnectedError(f"there can be no second conversation with {self._name}")

@@ -9,8 +9,6 @@ from flexstage.instruments.gcs.core import Core
 from flexstage.instruments.gcs.profile import Profile
 from flexstage.instruments.servo import Notch, ServoSettings
 
-__all__ = ["Tuning", "tunable"]
-
 _PROPORTIONAL = r"servo loop p-term.*\[V/um\]"
 _INTEGRAL = r"servo loop i-term.*\[V/\(um s\)\]"
 _LOWPASS = r"low-?pass.*\[Hz\]"
@@ -30,18 +28,7 @@ class _Slot:
 
 
 def tunable(profile: Profile) -> bool:
-    """Say whether a controller's gains can be told in SI.
-
-    Parameters
-    ----------
-    profile : Profile
-        What the controller says of itself.
-
-    Returns
-    -------
-    bool
-        Whether it names gains with their units; a gain without a unit is never set.
-    """
+    """Say whether a controller's gains can be told in SI."""
     return (
         profile.knows("SPA", "SPA?")
         and profile.parameter(_PROPORTIONAL) is not None
@@ -51,13 +38,6 @@ def tunable(profile: Profile) -> bool:
 
 class Tuning:
     """Settings of the position control of one axis.
-
-    Parameters
-    ----------
-    core : Core
-        What all parts of the controller share.
-    axis : str
-        Identifier of the axis.
 
     Notes
     -----
@@ -69,13 +49,7 @@ class Tuning:
         self._core, self._axis = core, axis
 
     def read(self) -> ServoSettings:
-        """Read the settings.
-
-        Returns
-        -------
-        ServoSettings
-            The settings.
-        """
+        """Read the settings."""
         notches = []
         for slot in self._slots():
             frequency = self._number(slot.frequency)
@@ -98,20 +72,7 @@ class Tuning:
         )
 
     def write(self, settings: ServoSettings) -> None:
-        """Write settings: in one line where it is not too long, else with the gains at 0 meanwhile.
-
-        Parameters
-        ----------
-        settings : ServoSettings
-            The settings.
-
-        Raises
-        ------
-        ModelError
-            The controller has fewer notches, or no low-pass.
-        ControllerError
-            The controller refuses.
-        """
+        """Write settings: in one line if not too long, else with the gains at 0 meanwhile."""
         gains = [
             (self._known(_PROPORTIONAL), settings.proportional * _MICRO),
             (self._known(_INTEGRAL), settings.integral * _MICRO),

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from flexstage.errors import ControllerError
 from flexstage.instruments.gcs.replies import excerpt
 
-__all__ = ["METRES", "VOLTS", "WireUnit", "axis_unit"]
-
 Range = tuple[float, float]
 
 #: Metres of the units in which controllers count along a line.
@@ -35,13 +33,6 @@ _TURNS = ("deg", "degree", "degrees", "\N{DEGREE SIGN}", "rad", "mrad", "urad", 
 class WireUnit:
     """A unit of the wire.
 
-    Parameters
-    ----------
-    factor : float
-        SI value of one of it.
-    decimals : int
-        Digits behind the point that are sent.
-
     Examples
     --------
     >>> um = WireUnit(factor=1e-6, decimals=6)
@@ -50,40 +41,16 @@ class WireUnit:
     """
 
     factor: float
+    """SI value of one of it."""
     decimals: int
+    """Digits behind the point that are sent."""
 
     def text(self, value: float, bounds: Range | None = None) -> str:
-        """Return a value as it is sent.
-
-        Parameters
-        ----------
-        value : float
-            SI value.
-        bounds : tuple of float, optional
-            Range that rounding must not leave.
-
-        Returns
-        -------
-        str
-            Digits, without an exponent and without zeros at the end.
-        """
+        """Return a value as it is sent."""
         return self.texts(np.array([value]), bounds)[0]
 
     def texts(self, values: NDArray[np.float64], bounds: Range | None = None) -> list[str]:
-        """Return values as they are sent.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            SI values, shape (n,).
-        bounds : tuple of float, optional
-            Range that rounding must not leave.
-
-        Returns
-        -------
-        list of str
-            Digits, without an exponent and without zeros at the end.
-        """
+        """Return values as they are sent."""
         scale = 10.0**self.decimals
         steps = np.round(np.asarray(values, dtype=np.float64) / self.factor * scale)
         if bounds is not None:
@@ -102,23 +69,6 @@ VOLTS = WireUnit(factor=1.0, decimals=6)
 
 def axis_unit(text: str, axis: str, name: str) -> WireUnit:
     """Return the unit in which an axis counts.
-
-    Parameters
-    ----------
-    text : str
-        What the controller answers to ``PUN?``.
-    axis, name : str
-        The axis at the controller, and its name at the stage.
-
-    Returns
-    -------
-    WireUnit
-        The unit, with decimals down to a picometre.
-
-    Raises
-    ------
-    ControllerError
-        It is no unit of length.
 
     Examples
     --------

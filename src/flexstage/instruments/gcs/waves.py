@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.checks import check_waveform
@@ -15,10 +14,6 @@ from flexstage.instruments.gcs.units import VOLTS, WireUnit
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.waveform import Waveform
-
-__all__ = ["PiWaves"]
-
-Array = NDArray[np.float64]
 
 #: Samples that are read back at each of the places that are looked at.
 _LOOK = 3
@@ -40,21 +35,6 @@ class _Table:
 
 class PiWaves:
     """Runs tables of points.
-
-    Parameters
-    ----------
-    core : Core
-        What all parts of the controller share.
-    axes : Mapping
-        Its axes by the stage's names.
-    base_rate_hz : float
-        Rate of its loop [Hz].
-    capacity : int
-        Samples over all tables.
-    tables : int
-        Number of tables.
-    on_start : callable
-        Called when a waveform starts.
 
     Notes
     -----
@@ -91,24 +71,7 @@ class PiWaves:
         return self._capacity
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables.
-
-        Parameters
-        ----------
-        waveform : Waveform
-            What the axes are to follow.
-        feedforward : Waveform, optional
-            Voltages beside a waveform of positions.
-
-        Raises
-        ------
-        LimitError
-            Something is outside the limits, or too long; nothing was sent.
-        ModelError
-            An axis cannot do it, or the rate is no whole part of the highest; nothing was sent.
-        ControllerError
-            The controller refuses, or holds other numbers than were sent.
-        """
+        """Check a waveform whole against the limits, then write it to the tables."""
         self._check(waveform, feedforward)
         divider = self._divider(waveform.sample_rate_hz)
         tables = self._made(waveform, 0)
@@ -129,22 +92,7 @@ class PiWaves:
         self._loaded, self._sent = waveform, tables
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded.
-
-        Parameters
-        ----------
-        cycles : int
-            How often it is run; 0 for endlessly.
-
-        Raises
-        ------
-        LimitError
-            An axis does not stand at the first sample, or the waveform jumps when it is repeated;
-            nothing was sent.
-        ControllerError
-            Nothing was loaded, position control is not as the waveform needs it, or the controller
-            refuses or was restarted.
-        """
+        """Run the waveform that was loaded."""
         waveform = self._loaded
         if waveform is None:
             raise ControllerError("no waveform was loaded: load one before it is started")
@@ -159,13 +107,7 @@ class PiWaves:
         self._on_start()
 
     def running(self) -> bool:
-        """Say whether a waveform runs.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether a waveform runs."""
         if self._core.profile.knows("#9"):
             return bool(self._core.client.ask_whole("\x09", base=16))
         names = [str(i + 1) for i in range(self._count)]
@@ -314,20 +256,6 @@ class PiWaves:
 
 def point_lines(table: int, texts: Sequence[str], limit: int) -> list[str]:
     """Return the commands that write points to a table.
-
-    Parameters
-    ----------
-    table : int
-        Number of the table.
-    texts : sequence of str
-        The points as they are sent.
-    limit : int
-        Most characters of a line.
-
-    Returns
-    -------
-    list of str
-        Commands; the first replaces what is in the table, the others append.
 
     Examples
     --------

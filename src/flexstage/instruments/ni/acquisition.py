@@ -15,21 +15,9 @@ from flexstage.instruments.ramp import to_safe
 from flexstage.instruments.servo import ServoSettings
 from flexstage.stage import Stage
 
-__all__ = ["NiAcquisition", "NiAxis"]
-
 
 class NiAxis:
-    """An axis whose drive an analogue output commands, without position control.
-
-    Parameters
-    ----------
-    owner : NiAcquisition
-        The instrument.
-    drive : DriveOutput
-        Its drive.
-    limits : AxisLimits
-        Its limits, at the drive.
-    """
+    """An axis whose drive an analogue output commands, without position control."""
 
     def __init__(self, owner: "NiAcquisition", drive: DriveOutput, limits: AxisLimits) -> None:
         self._owner, self._drive, self._limits = owner, drive, limits
@@ -55,112 +43,41 @@ class NiAxis:
         return False
 
     def set_closed_loop(self, on: bool) -> None:
-        """Refuse position control.
-
-        Parameters
-        ----------
-        on : bool
-            False does nothing.
-
-        Raises
-        ------
-        ModelError
-            It should be switched on.
-        """
+        """Refuse position control."""
         if on:
             raise self._not_able()
 
     def position(self) -> float:
-        """Return what its sensor reads.
-
-        Returns
-        -------
-        float
-            The position [m].
-        """
+        """Return what its sensor reads."""
         return self._owner.channel(self._owner.setup.number(self._drive.sensor))
 
     def voltage(self) -> float:
-        """Return what was given to its drive.
-
-        Returns
-        -------
-        float
-            The voltage [V]; not a number where nobody knows.
-        """
+        """Return what was given to its drive."""
         return self._owner.outputs.voltage(self.name)
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Refuse to move to a position.
-
-        Parameters
-        ----------
-        position : float
-            The position [m].
-        wait : bool
-            Whether to wait.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
+        """Refuse to move to a position."""
         del position, wait
         raise self._not_able()
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage of its drive, by a ramp where a step would pass the slew limit.
-
-        Parameters
-        ----------
-        voltage : float
-            The voltage at the drive [V].
-        """
+        """Set the voltage of its drive, by a ramp where a step would pass the slew limit."""
         self._owner.outputs.set_voltage(self.name, voltage)
 
     def moving(self) -> bool:
-        """Say whether a waveform or a ramp runs.
-
-        Returns
-        -------
-        bool
-            Of any axis: they go together.
-        """
+        """Say whether a waveform or a ramp runs."""
         return self._owner.waves.running()
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until nothing runs; stop it on time-out.
-
-        Parameters
-        ----------
-        timeout : float
-            How long [s].
-        """
+        """Wait until nothing runs; stop it on time-out."""
         self._owner.wait(timeout)
 
     def servo(self) -> ServoSettings:
-        """Refuse settings of a position control.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
+        """Refuse settings of a position control."""
         raise self._not_able()
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Refuse settings of a position control.
-
-        Parameters
-        ----------
-        settings : ServoSettings
-            The settings.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
+        """Refuse settings of a position control."""
         del settings
         raise self._not_able()
 
@@ -183,28 +100,6 @@ class NiAcquisition:
 
     Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
     of a record are those that were commanded and not measured.
-
-    Parameters
-    ----------
-    setup : NiSetup
-        What is wired.
-    backend : NiBackend
-        The driver of the card, or a simulated one.
-    stage : Stage, optional
-        The stage, whose limits hold beside those of card and amplifier.
-    limits : Mapping, optional
-        Further limits by axis, at the drive.
-
-    Raises
-    ------
-    NotConnectedError
-        The card is not there.
-    ControllerError
-        An output gives another voltage than the setup says.
-    ModelError
-        Limits have nothing in common, the drive has no range of voltages, the stage has no such
-        axis, the card is of a family whose outputs cannot take the clock of its inputs, or a rate
-        is beyond it.
     """
 
     def __init__(
@@ -269,23 +164,7 @@ class NiAcquisition:
         return self.outputs
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now.
-
-        Parameters
-        ----------
-        number : int
-            Its number, from 1.
-
-        Returns
-        -------
-        float
-            A single sample [m, rad, N]; the newest of the record while one runs.
-
-        Raises
-        ------
-        ModelError
-            There is no such sensor.
-        """
+        """Return what a sensor reads now."""
         if not 1 <= number <= len(self.setup.inputs):
             raise ModelError(
                 f"card '{self.setup.device}' has the sensors 1 to {len(self.setup.inputs)}, got "
@@ -299,46 +178,18 @@ class NiAcquisition:
         return float(sensor.reading(self._backend.read_now([sensor])[0]))
 
     def strike(self, axis: str) -> None:
-        """Refuse a blow.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Raises
-        ------
-        ModelError
-            Always: a card has no hammer.
-        """
+        """Refuse a blow."""
         raise ModelError(
             f"an NI card does not strike axis '{axis}': wire the hammer to an input, record now, "
             "and strike by hand"
         )
 
     def pause(self, seconds: float) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            How much [s].
-        """
+        """Let time pass."""
         self._backend.pause(seconds)
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until nothing runs; stop it on time-out.
-
-        Parameters
-        ----------
-        timeout : float
-            How long [s].
-
-        Raises
-        ------
-        ControllerError
-            It still runs.
-        """
+        """Wait until nothing runs; stop it on time-out."""
         waited = 0.0
         while self.outputs.running():
             if waited > timeout:
@@ -352,13 +203,7 @@ class NiAcquisition:
         self.outputs.stop()
 
     def settings(self) -> Mapping[str, str]:
-        """Return what is wired, and by what driver, as text for the record.
-
-        Returns
-        -------
-        Mapping
-            Text by name.
-        """
+        """Return what is wired, and by what driver, as text for the record."""
         found = {"driver": self._card.note, "output rate": f"{self.setup.output_rate_hz:g} Hz"}
         for k, s in enumerate(self.setup.inputs):
             low, high = s.voltage_range

@@ -17,8 +17,6 @@ from flexstage.instruments.ni.simulated import SimulatedBackend
 from flexstage.stage import Stage
 from flexstage.units import parse
 
-__all__ = ["open_address", "setup_of_address"]
-
 _OF_CARD = ("rate", "simulated", "seed")
 _OF_SENSOR = ("sensitivity", "offset", "range", "terminal")
 _OF_DRIVE = ("amplifier", "bias", "standing")
@@ -51,29 +49,6 @@ def open_address(
     ``rate=20kHz`` is how often outputs change, ``simulated=1`` asks for a simulated card and
     ``seed=3`` for its noise. A card is also simulated where there is no driver for a real one: its
     identity, its settings and the notes of every record say so.
-
-    Parameters
-    ----------
-    address : str
-        The address.
-    stage : Stage, optional
-        The stage: its axes and limits.
-    axes : Mapping, optional
-        Output and input by axis, as in the address: ``{"x": "ao0,ai0"}``.
-    setup : NiSetup, optional
-        What is wired, instead of the options on axes.
-
-    Returns
-    -------
-    NiAcquisition
-        The instrument.
-
-    Raises
-    ------
-    ModelError
-        The address is none.
-    NotConnectedError
-        The card is not there.
 
     Examples
     --------
@@ -108,27 +83,6 @@ def setup_of_address(
     simulated: bool = False,
 ) -> NiSetup:
     """Return what an address says is wired.
-
-    Parameters
-    ----------
-    address : str
-        The address, as of `open_address`.
-    stage : Stage, optional
-        The stage, whose axes are wired.
-    axes : Mapping, optional
-        As of `open_address`.
-    simulated : bool
-        Whether the card is simulated, so that the sensitivity may be left out.
-
-    Returns
-    -------
-    NiSetup
-        What is wired.
-
-    Raises
-    ------
-    ModelError
-        An option is unknown or not what it should be.
 
     Examples
     --------

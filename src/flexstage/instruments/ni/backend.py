@@ -7,36 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
-
-__all__ = ["CardInfo", "InputTask", "NiBackend", "OutputTask"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CardInfo:
     """What the driver reports about a card.
-
-    Parameters
-    ----------
-    vendor, model, serial_number : str
-        Which card it is.
-    simulated : bool
-        Whether there is no hardware behind it, so that nothing it gives was measured.
-    note : str
-        What a reader of a record should know of the driver.
-    single_rate_hz : float
-        Largest rate of a single input [Hz].
-    total_rate_hz : float
-        Largest number of samples in a second of several inputs together [Hz].
-    output_rate_hz : float
-        Largest rate of its outputs [Hz]; infinite where none is used.
-    simultaneous : bool
-        Whether each input has a converter of its own; else they share one by a multiplexer.
 
     Examples
     --------
@@ -49,43 +26,30 @@ class CardInfo:
     """
 
     vendor: str
+    """Which card it is."""
     model: str
+    """Which card it is."""
     serial_number: str = ""
+    """Which card it is."""
     simulated: bool
+    """Whether there is no hardware behind it, so that nothing it gives was measured."""
     note: str
+    """What a reader of a record should know of the driver."""
     single_rate_hz: float
+    """Largest rate of a single input [Hz]."""
     total_rate_hz: float
+    """Largest number of samples in a second of several inputs together [Hz]."""
     output_rate_hz: float
+    """Largest rate of its outputs [Hz]; infinite where none is used."""
     simultaneous: bool
+    """Whether each input has a converter of its own; else they share one by a multiplexer."""
 
     def largest_rate_hz(self, inputs: int) -> float:
-        """Return the largest rate at which inputs, and the outputs in use, go together.
-
-        Parameters
-        ----------
-        inputs : int
-            How many inputs are sampled.
-
-        Returns
-        -------
-        float
-            The rate [Hz].
-        """
+        """Return the largest rate at which inputs, and the outputs in use, go together."""
         return min(self._input_rate_hz(inputs), self.output_rate_hz)
 
     def rate_limit(self, inputs: int) -> str:
-        """Return that rate as text, with what it is limited by.
-
-        Parameters
-        ----------
-        inputs : int
-            How many inputs are sampled.
-
-        Returns
-        -------
-        str
-            The rate and its reason.
-        """
+        """Return that rate as text, with what it is limited by."""
         rate = self.largest_rate_hz(inputs)
         if rate < self._input_rate_hz(inputs):
             return f"{rate:.6g} Hz (limit of its outputs)"
@@ -123,18 +87,7 @@ class InputTask(Protocol):
         ...
 
     def read(self, count: int) -> Array:
-        """Return the oldest samples that were not read.
-
-        Parameters
-        ----------
-        count : int
-            How many of each input.
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltages [V], shape (channels, count).
-        """
+        """Return the oldest samples that were not read."""
         ...
 
     def close(self) -> None:
@@ -173,91 +126,23 @@ class NiBackend(Protocol):
     """A driver of NI cards."""
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Ask the driver about a card.
-
-        Parameters
-        ----------
-        setup : NiSetup
-            The card, and what is wired to it.
-
-        Returns
-        -------
-        CardInfo
-            What it reports.
-
-        Raises
-        ------
-        NotConnectedError
-            There is no such card.
-        ModelError
-            Drives are wired, and its outputs cannot take the clock of its inputs.
-        """
+        """Ask the driver about a card."""
         ...
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Return what stands at inputs now."""
         ...
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Put out voltages now."""
         ...
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Measure what outputs give, by the internal channels of the card.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,); not a number where the card has no such channels.
-
-        Raises
-        ------
-        ControllerError
-            The inputs are in use.
-        """
+        """Measure what outputs give, by the internal channels of the card."""
         ...
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> InputTask:
-        """Prepare inputs.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate of samples [Hz].
-        buffer : int
-            How many samples of each are kept until they are read.
-
-        Returns
-        -------
-        InputTask
-            The task.
-        """
+        """Prepare inputs."""
         ...
 
     def open_output(
@@ -268,35 +153,11 @@ class NiBackend(Protocol):
         *,
         clock: InputTask | None,
     ) -> OutputTask:
-        """Prepare outputs.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            What they put out [V], shape (channels, n).
-        rate_hz : float
-            Rate of their own clock [Hz].
-        clock : InputTask or None
-            Inputs whose clock they take, with their own where there are none. Inputs that start
-            later put out the first sample with their own first one.
-
-        Returns
-        -------
-        OutputTask
-            The task.
-        """
+        """Prepare outputs."""
         ...
 
     def pause(self, seconds: float) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            How much [s].
-        """
+        """Let time pass."""
         ...
 
     def close(self) -> None:

@@ -8,16 +8,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.ni.backend import CardInfo, InputTask
 from flexstage.instruments.ni.daqmx_codes import GONE, NOT_SUPPORTED, SENTENCES
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
-
-__all__ = ["DaqmxBackend", "driver_found"]
-
-Array = NDArray[np.float64]
 
 _TIMEOUT = 10.0
 _WIDEST = 10.0  # range in which outputs are read back [V]
@@ -26,13 +22,7 @@ _FAMILIES = ("M_SERIES_DAQ", "X_SERIES_DAQ", "S_SERIES_DAQ", "E_SERIES_DAQ", "MI
 
 
 def driver_found() -> str:
-    """Say why NI-DAQmx cannot be used here.
-
-    Returns
-    -------
-    str
-        The reason; empty where it can.
-    """
+    """Say why NI-DAQmx cannot be used here."""
     try:
         import nidaqmx
         from nidaqmx.errors import DaqNotFoundError, DaqNotSupportedError, Error
@@ -63,16 +53,6 @@ class DaqmxBackend:
     clocks of their chassis, and not USB-600x, whose outputs do not take the clock of the inputs.
     Without drives, any card with analogue inputs. Outputs are read back on the multiplexed cards of
     the M and X series.
-
-    Parameters
-    ----------
-    library : module, optional
-        The package ``nidaqmx``; imported where not given.
-
-    Raises
-    ------
-    NotConnectedError
-        The package is not installed.
     """
 
     def __init__(self, library: ModuleType | None = None) -> None:
@@ -91,25 +71,7 @@ class DaqmxBackend:
         self._ni: Any = library
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Ask the driver about a card.
-
-        Parameters
-        ----------
-        setup : NiSetup
-            The card, and what is wired to it.
-
-        Returns
-        -------
-        CardInfo
-            What it reports.
-
-        Raises
-        ------
-        NotConnectedError
-            There is no such card.
-        ModelError
-            Drives are wired, and its outputs cannot take the clock of its inputs.
-        """
+        """Ask the driver about a card."""
         note = f"NI-DAQmx by nidaqmx {getattr(self._ni, '__version__', '')}".strip()
         with self._sentences(setup.device):
             card = self._ni.system.Device(setup.device)
@@ -145,18 +107,7 @@ class DaqmxBackend:
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Return what stands at inputs now."""
         data = np.zeros(len(inputs))
         with self._sentences("the inputs"), self._task() as task:
             self._add_inputs(task, inputs)
@@ -165,15 +116,7 @@ class DaqmxBackend:
         return data
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Put out voltages now."""
         with self._sentences("the outputs"), self._task() as task:
             self._add_outputs(task, outputs)
             writer = self._ni.stream_writers.AnalogMultiChannelWriter(
@@ -182,19 +125,7 @@ class DaqmxBackend:
             writer.write_one_sample(np.ascontiguousarray(volts, dtype=np.float64), timeout=_TIMEOUT)
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Measure what outputs give, by the internal channels of the card.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,); not a number where the card has no such
-            channels, or is simulated.
-        """
+        """Measure what outputs give, by the internal channels of the card."""
         unknown, data = np.full(len(outputs), np.nan), np.zeros(len(outputs))
         device = _device(outputs[0].channel)
         with self._sentences("the inputs"), self._task() as task:
@@ -215,22 +146,7 @@ class DaqmxBackend:
         return data
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        """Prepare inputs.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate of samples [Hz].
-        buffer : int
-            How many samples of each are kept until they are read.
-
-        Returns
-        -------
-        InputTask
-            The task.
-        """
+        """Prepare inputs."""
         continuous = self._ni.constants.AcquisitionType.CONTINUOUS
         with self._sentences("the inputs"):
             task = self._ni.Task()
@@ -250,24 +166,7 @@ class DaqmxBackend:
         *,
         clock: InputTask | None,
     ) -> "_Output":
-        """Prepare outputs.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            What they put out [V], shape (channels, n).
-        rate_hz : float
-            Rate of their own clock [Hz].
-        clock : InputTask or None
-            Inputs whose clock they take.
-
-        Returns
-        -------
-        OutputTask
-            The task.
-        """
+        """Prepare outputs."""
         constants = self._ni.constants
         device = clock.device if isinstance(clock, _Input) else ""
         if volts.shape[1] == 1:  # a finite task has two samples at least
@@ -292,13 +191,7 @@ class DaqmxBackend:
                 return _Output(self, task)
 
     def pause(self, seconds: float) -> None:
-        """Let time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            How much [s].
-        """
+        """Let time pass."""
         time.sleep(seconds)
 
     def close(self) -> None:

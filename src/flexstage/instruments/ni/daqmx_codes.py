@@ -1,7 +1,5 @@
 """What the numbers of the errors of NI-DAQmx mean for a user."""
 
-__all__ = ["GONE", "NOT_SUPPORTED", "NO_ROUTE", "SENTENCES"]
-
 #: Numbers of errors by which a card is gone, or was never there.
 GONE = {-200220, -201003, -201401, -89130}
 

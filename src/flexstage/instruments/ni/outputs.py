@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.checks import check_voltage, check_waveform
 from flexstage.instruments.limits import AxisLimits
@@ -15,41 +15,12 @@ from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
 from flexstage.instruments.waveform import Waveform
 
-__all__ = ["NiOutputs"]
-
-Array = NDArray[np.float64]
-
 _LARGEST = 20_000_000  # samples of all drives in memory
 _AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]
 
 
 class NiOutputs:
-    """The drives of a card, and the generator of their waveforms.
-
-    Parameters
-    ----------
-    backend : NiBackend
-        The driver.
-    setup : NiSetup
-        What is wired.
-    limits : Mapping
-        Limits of each axis, at the drive.
-    clock : callable
-        Returns the input task whose clock the outputs go with, and whether it has started; None
-        where nothing is recorded.
-    told : callable
-        Is told what is put out from now on: voltages by axis [V], shape (n,), and whether they
-        begin with the first sample of the record.
-    asked : callable
-        Is called with every question whether something runs.
-    freed : callable
-        Ends a record, so that the inputs can read the outputs back.
-
-    Raises
-    ------
-    ControllerError
-        An output gives another voltage than the setup says.
-    """
+    """The drives of a card, and the generator of their waveforms."""
 
     def __init__(
         self,
@@ -88,22 +59,7 @@ class NiOutputs:
         return _LARGEST
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits and keep it.
-
-        Parameters
-        ----------
-        waveform : Waveform
-            Voltages at the drives.
-        feedforward : Waveform, optional
-            Not possible here.
-
-        Raises
-        ------
-        LimitError
-            It leaves the limits.
-        ModelError
-            It holds positions, or there is a feedforward: there is no position control.
-        """
+        """Check a waveform whole against the limits and keep it."""
         if waveform.quantity != "voltage" or feedforward is not None:
             raise ModelError(
                 f"card '{self._setup.device}' has no position control: give voltages, without "
@@ -113,20 +69,7 @@ class NiOutputs:
         self._loaded = waveform
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; an armed recorder starts with it.
-
-        Parameters
-        ----------
-        cycles : int
-            How often.
-
-        Raises
-        ------
-        LimitError
-            The drives do not stand at its first sample, or it jumps when it is repeated.
-        ControllerError
-            Nothing was loaded, or something runs.
-        """
+        """Run the waveform that was loaded; an armed recorder starts with it."""
         wave = self._loaded
         if wave is None:
             raise ControllerError("no waveform was loaded: load one first")
@@ -139,25 +82,13 @@ class NiOutputs:
         self._put(lambda rate: _sampled(wave, cycles, rate))
 
     def running(self) -> bool:
-        """Say whether a waveform or a ramp runs.
-
-        Returns
-        -------
-        bool
-            Whether one does.
-        """
+        """Say whether a waveform or a ramp runs."""
         running = self.busy()
         self._asked()
         return running
 
     def busy(self) -> bool:
-        """Say the same, without a look at the record.
-
-        Returns
-        -------
-        bool
-            Whether a waveform or a ramp runs.
-        """
+        """Say the same, without a look at the record."""
         with self._lock:
             if self._task is None:
                 return False
@@ -182,16 +113,6 @@ class NiOutputs:
         """Return the voltage that was given to a drive.
 
         After a stop it is read back from the card, which ends a record that still runs.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            The voltage [V]; not a number where it is not known.
         """
         with self._lock:
             if self.busy() and self._task is not None and axis in self._running:
@@ -202,22 +123,7 @@ class NiOutputs:
             return self._standing[axis]
 
     def set_voltage(self, axis: str, voltage: float) -> None:
-        """Set the voltage of a drive, by a ramp where a step would pass the slew limit.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        voltage : float
-            The voltage at the drive [V].
-
-        Raises
-        ------
-        LimitError
-            It is outside the limits.
-        ControllerError
-            A waveform runs, or nobody knows where the drive stands.
-        """
+        """Set the voltage of a drive, by a ramp where a step would pass the slew limit."""
         limits = self._limits[axis]
         check_voltage(limits, voltage, axis)
         if self.running():

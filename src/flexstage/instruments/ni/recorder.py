@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import NiSetup
 from flexstage.instruments.protocol import Signal
 from flexstage.records import Channel, Record
 
-__all__ = ["NiRecorder"]
-
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 _SIGNALS, _CAPACITY = 64, 20_000_000
@@ -27,22 +25,6 @@ class NiRecorder:
     Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
     the outputs, which share the clock, change often enough; the samples between are left out
     without a filter.
-
-    Parameters
-    ----------
-    backend : NiBackend
-        The driver.
-    setup : NiSetup
-        What is wired.
-    card : CardInfo
-        What the driver reports about the card.
-    busy : callable
-        Says whether outputs go with the clock of the record, which may then not end.
-
-    Raises
-    ------
-    ModelError
-        The outputs are to change faster than the card samples.
     """
 
     def __init__(
@@ -84,27 +66,7 @@ class NiRecorder:
         return _SIGNALS
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record.
-
-        Parameters
-        ----------
-        signals : sequence of Signal
-            Positions and voltages of axes, and channels by their number.
-        rate_hz : float
-            Samples in a second [Hz].
-        samples : int
-            How many.
-
-        Returns
-        -------
-        float
-            The rate that will be kept [Hz].
-
-        Raises
-        ------
-        ModelError
-            A signal does not exist here, or the rate or number of samples is too large.
-        """
+        """Choose what to record."""
         for signal in signals:
             self._source(signal)
         if not 1 <= samples <= self.capacity:
@@ -120,58 +82,22 @@ class NiRecorder:
         return self._rate
 
     def arm(self) -> None:
-        """Start with the next waveform.
-
-        Raises
-        ------
-        ControllerError
-            Nothing was configured.
-        """
+        """Start with the next waveform."""
         self._open()
 
     def start(self) -> None:
-        """Start now.
-
-        Raises
-        ------
-        ControllerError
-            Nothing was configured.
-        """
+        """Start now."""
         self._open().start()
         self._started = True
 
     def available(self) -> int:
-        """Return the number of samples that are there.
-
-        Returns
-        -------
-        int
-            Of each signal.
-        """
+        """Return the number of samples that are there."""
         self.drain()
         self.rest()
         return min(-(-self._ticks // self._divider), self._samples)
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples.
-
-        Parameters
-        ----------
-        first : int
-            The first, from 0.
-        count : int
-            How many, 2 at least.
-
-        Returns
-        -------
-        Record
-            The signals, with the time from the first sample of all [s].
-
-        Raises
-        ------
-        ModelError
-            They are not there.
-        """
+        """Return samples."""
         if first < 0 or count < 2 or first + count > self.available():
             raise ModelError(
                 f"samples {first} to {first + count - 1} are asked for, 2 at least, and "
@@ -192,27 +118,13 @@ class NiRecorder:
     # with the outputs -----------------------------------------------------------------------------
 
     def clock(self) -> tuple[InputTask, bool] | None:
-        """Return the clock of a record that waits or runs.
-
-        Returns
-        -------
-        tuple of (InputTask, bool) or None
-            The task, and whether it has started; None where nothing is recorded.
-        """
+        """Return the clock of a record that waits or runs."""
         if self._task is None:
             return None
         return self._task, self._started
 
     def given(self, voltages: Mapping[str, Array], first: bool) -> None:
-        """Keep what is put out from now on.
-
-        Parameters
-        ----------
-        voltages : Mapping
-            Voltages by axis, at the clock of the record [V], shape (n,).
-        first : bool
-            Whether they begin with the record, which starts with them.
-        """
+        """Keep what is put out from now on."""
         self._standing.update({axis: values[-1:] for axis, values in voltages.items()})
         if self._task is None:
             return
@@ -240,13 +152,7 @@ class NiRecorder:
             self.release()
 
     def latest(self) -> Array | None:
-        """Return what the inputs gave last while a record runs [V], shape (channels,).
-
-        Returns
-        -------
-        numpy.ndarray or None
-            None where no record runs.
-        """
+        """Return what the inputs gave last while a record runs [V], shape (channels,)."""
         if self._task is None or not self._started:
             return None
         self.drain()

@@ -5,14 +5,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 
-__all__ = ["DriveOutput", "NiSetup", "SensorInput", "Terminal"]
-
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 Terminal = Literal["default", "diff", "nrse", "pseudo_diff", "rse"]
 
@@ -23,28 +18,6 @@ class SensorInput:
 
     .. math:: y = g\,v + y_0
 
-    Parameters
-    ----------
-    channel : str
-        The input: ``Dev1/ai0``.
-    name : str
-        What it reads.
-    unit : str
-        SI unit of what it reads: ``m``, ``rad``, ``N``.
-    gain : float
-        What it reads for a volt [m/V, rad/V, N/V]; negative where the sensor faces the motion.
-    offset : float
-        What it reads at 0 V [m, rad, N].
-    voltage_range : tuple of float
-        Range of the input [V].
-    terminal : str
-        How it is wired: ``default``, ``diff``, ``nrse``, ``pseudo_diff``, ``rse``.
-
-    Raises
-    ------
-    ModelError
-        The gain is zero, or the range does not rise.
-
     Examples
     --------
     >>> sensor = SensorInput(channel="Dev1/ai0", name="x", gain=-2.5e-5, offset=1.1e-4)
@@ -53,12 +26,19 @@ class SensorInput:
     """
 
     channel: str
+    """The input: ``Dev1/ai0``."""
     name: str
+    """What it reads."""
     unit: str = "m"
+    """SI unit of what it reads: ``m``, ``rad``, ``N``."""
     gain: float
+    """What it reads for a volt [m/V, rad/V, N/V]; negative where the sensor faces the motion."""
     offset: float = 0.0
+    """What it reads at 0 V [m, rad, N]."""
     voltage_range: Range = (-10.0, 10.0)
+    """Range of the input [V]."""
     terminal: Terminal = "default"
+    """How it is wired: ``default``, ``diff``, ``nrse``, ``pseudo_diff``, ``rse``."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gain) and self.gain != 0.0 and math.isfinite(self.offset)):
@@ -69,18 +49,7 @@ class SensorInput:
         _require_rise(self.voltage_range, f"sensor '{self.name}'")
 
     def reading(self, volts: Array) -> Array:
-        """Return what the sensor reads.
-
-        Parameters
-        ----------
-        volts : numpy.ndarray
-            Voltages at the input [V], any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Readings [m, rad, N], the same shape.
-        """
+        """Return what the sensor reads."""
         return self.gain * volts + self.offset
 
 
@@ -90,30 +59,6 @@ class DriveOutput:
 
     .. math:: u = g\,v + u_0
 
-    Parameters
-    ----------
-    channel : str
-        The output: ``Dev1/ao0``.
-    axis : str
-        The axis of the stage.
-    sensor : str
-        Name of the sensor that reads the axis.
-    gain : float
-        Gain of the amplifier [V/V].
-    offset : float
-        Voltage at the drive when the card gives 0 V [V].
-    voltage_range : tuple of float
-        Range of the output [V].
-    standing : float, optional
-        Voltage at the drive when the program begins [V]. A card that can read its outputs back is
-        asked, and must agree; one that cannot is taken to give 0 V, as after it is switched on,
-        where nothing is given.
-
-    Raises
-    ------
-    ModelError
-        The gain is not positive, or a range does not rise.
-
     Examples
     --------
     >>> drive = DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0)
@@ -122,12 +67,22 @@ class DriveOutput:
     """
 
     channel: str
+    """The output: ``Dev1/ao0``."""
     axis: str
+    """The axis of the stage."""
     sensor: str
+    """Name of the sensor that reads the axis."""
     gain: float = 1.0
+    """Gain of the amplifier [V/V]."""
     offset: float = 0.0
+    """Voltage at the drive when the card gives 0 V [V]."""
     voltage_range: Range = (-10.0, 10.0)
+    """Range of the output [V]."""
     standing: float | None = None
+    """Voltage at the drive when the program begins [V]. A card that can read its outputs back is
+    asked, and must agree; one that cannot is taken to give 0 V, as after it is switched on,
+    where nothing is given.
+    """
 
     def __post_init__(self) -> None:
         if not (0.0 < self.gain < math.inf and math.isfinite(self.offset)):
@@ -155,66 +110,30 @@ class DriveOutput:
         return self.gain * low + self.offset, self.gain * high + self.offset
 
     def output(self, voltage: Array) -> Array:
-        """Return what the card must give.
-
-        Parameters
-        ----------
-        voltage : numpy.ndarray
-            Voltages at the drive [V], any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltages at the output [V], the same shape.
-        """
+        """Return what the card must give."""
         return (voltage - self.offset) / self.gain
 
     def voltage(self, output: Array) -> Array:
-        """Return what the drive gets.
-
-        Parameters
-        ----------
-        output : numpy.ndarray
-            Voltages at the output [V], any shape.
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltages at the drive [V], the same shape.
-        """
+        """Return what the drive gets."""
         return self.gain * output + self.offset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NiSetup:
-    """A card and all that is wired to it.
-
-    Parameters
-    ----------
-    device : str
-        Name of the card: ``Dev1``.
-    inputs : tuple of SensorInput
-        Its sensors; their numbers count from 1 in this order.
-    outputs : tuple of DriveOutput
-        Its drives.
-    output_rate_hz : float
-        How often the outputs change at least while a waveform runs [Hz].
-    lead_to_safe : bool
-        Whether `close` leads the drives to their safe voltages: a card goes on giving what it gave
-        when nobody watches any more.
-
-    Raises
-    ------
-    ModelError
-        There is no sensor, two things have the same name or channel, a drive names a sensor that
-        does not exist, or a rate is not positive.
-    """
+    """A card and all that is wired to it."""
 
     device: str
+    """Name of the card: ``Dev1``."""
     inputs: tuple[SensorInput, ...]
+    """Its sensors; their numbers count from 1 in this order."""
     outputs: tuple[DriveOutput, ...] = ()
+    """Its drives."""
     output_rate_hz: float = 10e3
+    """How often the outputs change at least while a waveform runs [Hz]."""
     lead_to_safe: bool = True
+    """Whether `close` leads the drives to their safe voltages: a card goes on giving what it gave
+    when nobody watches any more.
+    """
 
     def __post_init__(self) -> None:
         if not self.inputs:
@@ -234,23 +153,7 @@ class NiSetup:
             )
 
     def number(self, sensor: str) -> int:
-        """Return the number of a sensor.
-
-        Parameters
-        ----------
-        sensor : str
-            Its name.
-
-        Returns
-        -------
-        int
-            The number, from 1.
-
-        Raises
-        ------
-        ModelError
-            There is no such sensor.
-        """
+        """Return the number of a sensor."""
         names = [s.name for s in self.inputs]
         if sensor not in names:
             raise ModelError(

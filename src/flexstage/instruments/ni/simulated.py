@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ControllerError
 from flexstage.instruments.ni.backend import CardInfo, InputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
-
-__all__ = ["SimulatedBackend"]
-
-Array = NDArray[np.float64]
 
 _CALL = 1e-4  # what a call takes [s]
 _RATE = 250e3  # of all inputs together, and of the outputs [Hz]
@@ -30,26 +27,6 @@ class SimulatedBackend:
 
     Validity: for trying a program without a card; nothing of the stage is in it. Time passes by
     `pause` and a little by each call.
-
-    Parameters
-    ----------
-    wiring : Mapping
-        Change of each input by outputs [V/V]: ``{"Dev1/ai0": {"Dev1/ao0": 0.7}}``; inputs that are
-        not named read their noise.
-    at_rest : Mapping, optional
-        What inputs read with all outputs at 0 V [V]; zero where not given.
-    noise : float
-        Standard deviation of the inputs [V].
-    seed : int
-        Of the noise.
-    note : str
-        Why there is no card.
-    simultaneous : bool
-        Whether each input has a converter of its own.
-    standing : Mapping, optional
-        What outputs give when the program begins [V]; zero where not given.
-    readable : bool
-        Whether the outputs can be read back.
     """
 
     def __init__(
@@ -74,18 +51,7 @@ class SimulatedBackend:
         self.now = 0.0
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Return what a simulated card is.
-
-        Parameters
-        ----------
-        setup : NiSetup
-            The card, and what is wired to it.
-
-        Returns
-        -------
-        CardInfo
-            The same for every card, but for its name.
-        """
+        """Return what a simulated card is."""
         return CardInfo(
             vendor="flexstage",
             model=f"simulated card {setup.device}",
@@ -98,33 +64,14 @@ class SimulatedBackend:
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Return what stands at inputs now."""
         self._call()
         if self._input is not None and self._input.begin <= self.now:
             raise ControllerError("the inputs are reserved by a record", -50103)
         return self.read_at(inputs, np.array([self.now]))[:, 0]
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            Their voltages [V], shape (channels,).
-        """
+        """Put out voltages now."""
         self._call()
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
@@ -134,23 +81,7 @@ class SimulatedBackend:
             self._standing[drive.channel] = float(value)
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Return what outputs give.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages [V], shape (channels,).
-
-        Raises
-        ------
-        ControllerError
-            The inputs are in use.
-        """
+        """Return what outputs give."""
         self._call()
         if not self._readable:
             return np.full(len(outputs), np.nan)
@@ -160,22 +91,7 @@ class SimulatedBackend:
         return np.array([self._given(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        """Prepare inputs.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        rate_hz : float
-            Rate of samples [Hz].
-        buffer : int
-            How many samples of each are kept until they are read.
-
-        Returns
-        -------
-        InputTask
-            The task.
-        """
+        """Prepare inputs."""
         # a timebase of 100 MHz is divided by a whole number
         kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
         self._input = _Input(self, inputs, kept, buffer)
@@ -189,24 +105,7 @@ class SimulatedBackend:
         *,
         clock: InputTask | None,
     ) -> "_Output":
-        """Prepare outputs.
-
-        Parameters
-        ----------
-        outputs : sequence of DriveOutput
-            The outputs.
-        volts : numpy.ndarray
-            What they put out [V], shape (channels, n).
-        rate_hz : float
-            Rate of their own clock [Hz].
-        clock : InputTask or None
-            Inputs whose clock they take.
-
-        Returns
-        -------
-        OutputTask
-            The task.
-        """
+        """Prepare outputs."""
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
         source = clock if isinstance(clock, _Input) else None
@@ -214,13 +113,7 @@ class SimulatedBackend:
         return self._output
 
     def pause(self, seconds: float) -> None:
-        """Let simulated time pass.
-
-        Parameters
-        ----------
-        seconds : float
-            How much [s].
-        """
+        """Let simulated time pass."""
         self.now += seconds
 
     def close(self) -> None:
@@ -228,22 +121,7 @@ class SimulatedBackend:
         self._input = self._output = None
 
     def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:
-        """Return what inputs see at some times, the output that changes then not yet counted.
-
-        Parameters
-        ----------
-        inputs : sequence of SensorInput
-            The inputs.
-        time : numpy.ndarray
-            Rising times of the first input [s], shape (n,).
-        interval : float
-            Time from one input to the next [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            Their voltages, clipped at their ranges [V], shape (channels, n).
-        """
+        """Return what inputs see at some times, the output that changes then not yet counted."""
         out = np.empty((len(inputs), time.size))
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)

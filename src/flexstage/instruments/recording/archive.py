@@ -16,8 +16,6 @@ from flexstage.instruments.recording.files import sync_folder
 from flexstage.instruments.recording.recovery import recovery_of
 from flexstage.instruments.recording.scan import Scan, chunks, scan
 
-__all__ = ["archived"]
-
 
 def archived(stream: Path, target: Path) -> Path:
     """Write what is whole in a stream as an HDF5 file, and read it back.
@@ -25,24 +23,6 @@ def archived(stream: Path, target: Path) -> Path:
     A dataset for each channel, with its ``unit`` and ``name``; the sample rate, or times where
     samples are missing; what is known of the run. The file appears under its name when all of it is
     on disk and was compared with the stream, bit by bit.
-
-    Parameters
-    ----------
-    stream : pathlib.Path
-        The stream; it stays.
-    target : pathlib.Path
-        The file; it must not exist.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    RecordError
-        The stream has fewer than two whole samples, or the file exists, cannot be written, or does
-        not hold what was written to it.
     """
     if target.exists():
         raise RecordError(f"'{target}' exists: no run is written over")

@@ -10,8 +10,6 @@ from flexstage.errors import RecordError
 from flexstage.instruments.recording.frames import StreamHead
 from flexstage.instruments.recording.metadata import RunMetadata
 
-__all__ = ["RUN", "RunFile", "file_summary", "read_metadata", "run_attributes"]
-
 #: What the whole description is called, in the file and among the attributes of the record.
 RUN = "run"
 _LOST, _ENDING = "lost", "ending"
@@ -20,22 +18,7 @@ _LONGEST = 1000
 
 
 def run_attributes(head: StreamHead, complete: bool, lost: Sequence[str]) -> dict[str, str]:
-    """Return what a record of a run says about it.
-
-    Parameters
-    ----------
-    head : StreamHead
-        The head of its stream.
-    complete : bool
-        Whether the stream was ended and nothing of it was lost.
-    lost : sequence of str
-        What was lost, or came twice, in words.
-
-    Returns
-    -------
-    dict
-        ``run``, everything as JSON; and the most important of it, one line of text each.
-    """
+    """Return what a record of a run says about it."""
     lines = {k: _line(v) for k, v in head.metadata.texts().items()}
     lines[_ENDING] = "complete" if complete else "recovered"
     if lost:
@@ -50,23 +33,7 @@ def _line(text: str) -> str:
 
 
 def read_metadata(attributes: Any) -> RunMetadata:
-    """Return what is known of a run from the attributes of its record.
-
-    Parameters
-    ----------
-    attributes : Mapping
-        `Record.attributes` of a record that `RunWriter` wrote.
-
-    Returns
-    -------
-    RunMetadata
-        What was given to the writer.
-
-    Raises
-    ------
-    RecordError
-        The record does not come from a `RunWriter`.
-    """
+    """Return what is known of a run from the attributes of its record."""
     try:
         return RunMetadata.from_plain(json.loads(attributes[RUN]))
     except (KeyError, ValueError, TypeError, RecursionError) as error:
@@ -80,50 +47,24 @@ def read_metadata(attributes: Any) -> RunMetadata:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunFile:
-    """What an HDF5 file of a run says about itself.
-
-    Parameters
-    ----------
-    metadata : RunMetadata
-        What is known of the run.
-    channels : tuple of (str, str)
-        Name and unit of each channel.
-    samples : int
-        Samples of each channel.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    complete : bool
-        Whether its stream was ended by its writer, and nothing of it was lost.
-    lost : str
-        What was lost, or came twice, in words; empty where nothing was.
-    """
+    """What an HDF5 file of a run says about itself."""
 
     metadata: RunMetadata
+    """What is known of the run."""
     channels: tuple[tuple[str, str], ...]
+    """Name and unit of each channel."""
     samples: int
+    """Samples of each channel."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     complete: bool
+    """Whether its stream was ended by its writer, and nothing of it was lost."""
     lost: str
+    """What was lost, or came twice, in words; empty where nothing was."""
 
 
 def file_summary(path: str | Path) -> RunFile:
-    """Return what an HDF5 file of a run says about itself, without reading its samples.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file.
-
-    Returns
-    -------
-    RunFile
-        What it says.
-
-    Raises
-    ------
-    RecordError
-        It cannot be read, or was not written by a `RunWriter`.
-    """
+    """Return what an HDF5 file of a run says about itself, without reading its samples."""
     import h5py
 
     try:

@@ -4,32 +4,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-
-__all__ = ["Irregularity", "checked_chunk"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Irregularity:
-    """Samples that do not follow the ones before.
-
-    Parameters
-    ----------
-    kind : {"gap", "overlap"}
-        Whether samples are missing, or come again.
-    first : int
-        Number of the first sample that is missing, or that comes again.
-    count : int
-        How many.
-    """
+    """Samples that do not follow the ones before."""
 
     kind: str
+    """Whether samples are missing, or come again."""
     first: int
+    """Number of the first sample that is missing, or that comes again."""
     count: int
+    """How many."""
 
     def __str__(self) -> str:
         last = self.first + self.count - 1
@@ -41,27 +31,7 @@ class Irregularity:
 def checked_chunk(
     names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]
 ) -> list[Array]:
-    """Return the samples of a chunk, if they can be added to a run.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the channels of the run.
-    first : int
-        Number of the first sample.
-    columns : Mapping
-        Samples by name of the channel.
-
-    Returns
-    -------
-    list of numpy.ndarray
-        A copy of the samples of each channel, in the order of the run, shape (n,).
-
-    Raises
-    ------
-    RecordError
-        The channels are others, or the samples are no rows of equally many numbers.
-    """
+    """Return the samples of a chunk, if they can be added to a run."""
     whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
     # times are doubles, which count no further
     if not whole or not 0 <= first < 2**53:

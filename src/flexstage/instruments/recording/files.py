@@ -6,17 +6,9 @@ import sys
 from pathlib import Path
 from typing import IO, Any
 
-__all__ = ["in_use", "locked", "sync_folder"]
-
 
 def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the system can.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The folder.
-    """
+    """Force the names in a folder to the disk, where the system can."""
     if sys.platform == "win32":
         return
     # some network file systems cannot; the files are there all the same
@@ -29,19 +21,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def locked(file: IO[Any]) -> bool:
-    """Mark an open file as being written, until it is closed or the program ends.
-
-    Parameters
-    ----------
-    file : file
-        An open file.
-
-    Returns
-    -------
-    bool
-        Whether it could be marked. Windows needs no mark, as it lets nobody remove an open file;
-        some network file systems know none.
-    """
+    """Mark an open file as being written, until it is closed or the program ends."""
     if sys.platform == "win32":
         return False
     import fcntl
@@ -54,23 +34,7 @@ def locked(file: IO[Any]) -> bool:
 
 
 def in_use(path: Path) -> bool:
-    """Say whether another program is writing a file, as far as the system tells.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Returns
-    -------
-    bool
-        Whether it is marked by `locked`.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    """
+    """Say whether another program is writing a file, as far as the system tells."""
     if sys.platform == "win32":
         return False
     import fcntl

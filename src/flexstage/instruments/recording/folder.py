@@ -15,8 +15,6 @@ from flexstage.errors import RecordError
 from flexstage.instruments.recording.files import sync_folder
 from flexstage.instruments.recording.writer import STREAM_SUFFIX
 
-__all__ = ["RunFolder"]
-
 _STATE = "run.json"
 
 
@@ -26,41 +24,16 @@ class RunFolder:
 
     ``run.json`` is its state, ``records/`` holds streams and HDF5 files, ``models/`` identified
     models, ``report/`` figures and pages.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The folder.
     """
 
     path: Path
+    """The folder."""
 
     @classmethod
     def create(
         cls, root: str | Path, stage: str, slug: str = "", *, when: datetime | None = None
     ) -> Self:
         """Make a folder that was not there before.
-
-        Parameters
-        ----------
-        root : str or pathlib.Path
-            Where runs are kept; made where it does not exist.
-        stage : str
-            Name of the stage.
-        slug : str
-            What the run is about, in a word or two.
-        when : datetime.datetime, optional
-            Date and time, with its zone; now where not given.
-
-        Returns
-        -------
-        RunFolder
-            The folder, named by UTC time, stage and slug.
-
-        Raises
-        ------
-        RecordError
-            It cannot be made.
 
         Examples
         --------
@@ -91,23 +64,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
-        """Return a folder that is there.
-
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The folder.
-
-        Returns
-        -------
-        RunFolder
-            The folder.
-
-        Raises
-        ------
-        RecordError
-            There is no such folder.
-        """
+        """Return a folder that is there."""
         if not Path(path).is_dir():
             raise RecordError(f"there is no folder '{path}': give the folder of a run")
         return cls(path=Path(path))
@@ -128,23 +85,7 @@ class RunFolder:
         return self.path / "report"
 
     def stream(self, name: str) -> Path:
-        """Return where the stream of a measurement is written.
-
-        Parameters
-        ----------
-        name : str
-            Name of the measurement, such as that of a step.
-
-        Returns
-        -------
-        pathlib.Path
-            The stream, in ``records/``; the HDF5 file will have the same name but for its ending.
-
-        Raises
-        ------
-        RecordError
-            No letter of the name can be in the name of a file.
-        """
+        """Return where the stream of a measurement is written."""
         word = _slug(name)
         if not word:
             raise RecordError(f"'{name}' has no letter that the name of a file can have")
@@ -165,18 +106,7 @@ class RunFolder:
         return sorted(p for p in found if p.suffix == suffix and not p.name.startswith("."))
 
     def write_state(self, state: Mapping[str, Any]) -> None:
-        """Write the state, whole or not at all.
-
-        Parameters
-        ----------
-        state : Mapping
-            Plain data.
-
-        Raises
-        ------
-        RecordError
-            It cannot be written; what was there before stays.
-        """
+        """Write the state, whole or not at all."""
         text = json.dumps(state, indent=2, allow_nan=False)
         draft = None
         try:
@@ -200,18 +130,7 @@ class RunFolder:
                 draft.unlink(missing_ok=True)
 
     def read_state(self) -> dict[str, Any]:
-        """Return the state.
-
-        Returns
-        -------
-        dict
-            What was written; empty where nothing was.
-
-        Raises
-        ------
-        RecordError
-            The file cannot be read, or holds something else.
-        """
+        """Return the state."""
         try:
             state = json.loads(self.state_file.read_text("utf-8"))
         except FileNotFoundError:

@@ -21,29 +21,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError, UnitError
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.records.columns import measured_unit
-
-__all__ = [
-    "END",
-    "FRAME",
-    "HEAD",
-    "LARGEST_HEAD",
-    "LARGEST_PAYLOAD",
-    "MARKS",
-    "SAMPLES",
-    "FrameHead",
-    "StreamHead",
-    "checked_channels",
-    "columns_of",
-    "frame_bytes",
-    "head_bytes",
-]
-
-Array = NDArray[np.float64]
 
 #: First bytes of a stream; the first of them is no letter, so that it is taken for no text.
 HEAD = b"\x8eFXSTRM\n"
@@ -62,43 +44,24 @@ _VERSION = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameHead:
-    """What stands before the samples of a frame.
-
-    Parameters
-    ----------
-    mark : bytes
-        One of `MARKS`.
-    number : int
-        Number of the frame, from 0.
-    first : int
-        Number of its first sample.
-    rows : int
-        Samples of each channel.
-    previous, checksum : int
-        Checksums of the frame before, and of this one.
-    """
+    """What stands before the samples of a frame."""
 
     mark: bytes
+    """One of `MARKS`."""
     number: int
+    """Number of the frame, from 0."""
     first: int
+    """Number of its first sample."""
     rows: int
+    """Samples of each channel."""
     previous: int
+    """Checksums of the frame before, and of this one."""
     checksum: int
+    """Checksums of the frame before, and of this one."""
 
     @classmethod
     def read(cls, data: bytes) -> "FrameHead | None":
-        """Return the head of a frame, or None where there cannot be one.
-
-        Parameters
-        ----------
-        data : bytes
-            At least the first bytes of it.
-
-        Returns
-        -------
-        FrameHead or None
-            What stands there, not yet checked.
-        """
+        """Return the head of a frame, or None where there cannot be one."""
         if len(data) < FRAME.size or not data.startswith(MARKS):
             return None
         mark, number, first, rows, previous, checksum = FRAME.unpack_from(data)
@@ -112,46 +75,21 @@ class FrameHead:
         )
 
     def proves(self, payload: bytes, salt: int) -> bool:
-        """Say whether the checksum is that of this head and these samples.
-
-        Parameters
-        ----------
-        payload : bytes
-            The samples.
-        salt : int
-            Checksum of the stream's head.
-
-        Returns
-        -------
-        bool
-            Whether nothing of it was changed.
-        """
+        """Say whether the checksum is that of this head and these samples."""
         begun = _BEFORE_CHECKSUM.pack(self.mark, self.number, self.first, self.rows, self.previous)
         return zlib.crc32(payload, zlib.crc32(begun, salt)) == self.checksum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamHead:
-    """What stands at the beginning of a stream.
-
-    Parameters
-    ----------
-    channels : tuple of (str, str)
-        Name and SI unit of each channel.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    metadata : RunMetadata
-        What is known of the run.
-
-    Raises
-    ------
-    RecordError
-        A channel or the rate is impossible.
-    """
+    """What stands at the beginning of a stream."""
 
     channels: tuple[tuple[str, str], ...]
+    """Name and SI unit of each channel."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
     metadata: RunMetadata
+    """What is known of the run."""
 
     def __post_init__(self) -> None:
         checked_channels(self.channels)
@@ -166,23 +104,7 @@ class StreamHead:
 
     @classmethod
     def read(cls, data: bytes) -> "tuple[StreamHead, int, int] | None":
-        """Return a head, its checksum and its size, or None where there is no whole one.
-
-        Parameters
-        ----------
-        data : bytes
-            Bytes that begin with it.
-
-        Returns
-        -------
-        tuple or None
-            Head, checksum, size [bytes].
-
-        Raises
-        ------
-        RecordError
-            It is whole, and of a later version, or does not describe a stream.
-        """
+        """Return a head, its checksum and its size, or None where there is no whole one."""
         if len(data) < _PREAMBLE.size or not data.startswith(HEAD):
             return None
         _, version, length = _PREAMBLE.unpack_from(data)
@@ -212,13 +134,7 @@ class StreamHead:
         return cls(channels=channels, sample_rate_hz=rate, metadata=RunMetadata.from_plain(run))
 
     def plain(self) -> dict[str, Any]:
-        """Return everything as plain data for JSON.
-
-        Returns
-        -------
-        dict
-            What `read` understands.
-        """
+        """Return everything as plain data for JSON."""
         return {
             "channels": [list(c) for c in self.channels],
             "sample_rate_hz": float(self.sample_rate_hz),
@@ -228,21 +144,6 @@ class StreamHead:
 
 def checked_channels(channels: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Return names and units of channels, if a record can have them.
-
-    Parameters
-    ----------
-    channels : sequence of (str, str)
-        Name and SI unit of each.
-
-    Returns
-    -------
-    tuple of (str, str)
-        The same.
-
-    Raises
-    ------
-    RecordError
-        There is none, a name is empty, repeated or ``time``, or a unit is not an SI unit.
 
     Examples
     --------
@@ -284,25 +185,7 @@ def _require_si(name: str, unit: str) -> None:
 
 
 def head_bytes(head: StreamHead) -> tuple[bytes, int]:
-    """Return a head with its copy, and its checksum.
-
-    Parameters
-    ----------
-    head : StreamHead
-        What the stream begins with.
-
-    Returns
-    -------
-    bytes
-        The first bytes of the stream.
-    int
-        The checksum, which the checksums of all frames begin with.
-
-    Raises
-    ------
-    RecordError
-        What is said about the run is too long.
-    """
+    """Return a head with its copy, and its checksum."""
     text = json.dumps(head.plain(), allow_nan=False).encode("ascii")
     if len(text) > LARGEST_HEAD:
         raise RecordError(
@@ -318,30 +201,7 @@ def head_bytes(head: StreamHead) -> tuple[bytes, int]:
 def frame_bytes(
     mark: bytes, number: int, first: int, columns: Sequence[Array], previous: int, salt: int
 ) -> tuple[bytes, int]:
-    """Return a frame, and its checksum.
-
-    Parameters
-    ----------
-    mark : bytes
-        One of `MARKS`.
-    number : int
-        Number of the frame, from 0.
-    first : int
-        Number of its first sample.
-    columns : sequence of numpy.ndarray
-        Samples of each channel, contiguous doubles, shape (n,).
-    previous : int
-        Checksum of the frame before.
-    salt : int
-        Checksum of the stream's head.
-
-    Returns
-    -------
-    bytes
-        The frame.
-    int
-        Its checksum.
-    """
+    """Return a frame, and its checksum."""
     rows = columns[0].size if columns else 0
     begun = _BEFORE_CHECKSUM.pack(mark, number, first, rows, previous)
     checksum = zlib.crc32(begun, salt)
@@ -352,18 +212,5 @@ def frame_bytes(
 
 
 def columns_of(payload: bytes, channels: int) -> Array:
-    """Return the samples of a frame.
-
-    Parameters
-    ----------
-    payload : bytes
-        The samples as they are in the stream.
-    channels : int
-        How many channels there are.
-
-    Returns
-    -------
-    numpy.ndarray
-        The samples, shape (channels, n).
-    """
+    """Return the samples of a frame."""
     return np.frombuffer(payload, dtype="<f8").reshape(channels, -1)

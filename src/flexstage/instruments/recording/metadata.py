@@ -10,66 +10,20 @@ import flexstage
 from flexstage.errors import RecordError
 from flexstage.instruments.protocol import Identity
 
-__all__ = ["RunMetadata", "new_identifier", "utc_now"]
-
 
 def utc_now() -> str:
-    """Return the present date and time, UTC, ISO 8601 to the microsecond.
-
-    Returns
-    -------
-    str
-        Such as ``2031-05-17T09:30:00.000000+00:00``.
-    """
+    """Return the present date and time, UTC, ISO 8601 to the microsecond."""
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="microseconds")
 
 
 def new_identifier() -> str:
-    """Return a name for a run that no other has.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits, random.
-    """
+    """Return a name for a run that no other has."""
     return uuid.uuid4().hex
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetadata:
     """What is written at the head of a run, so that its file tells all of it alone.
-
-    Parameters
-    ----------
-    stage : str
-        Name of the stage.
-    stage_hash : str
-        SHA-256 of its description (`flexstage.provenance.content_hash`).
-    serial_number : str
-        Serial number of the stage.
-    design : str
-        Built-in design, or file, that its description comes from.
-    instrument : Identity
-        What the instrument says it is.
-    settings : Mapping
-        Its settings, as text (`Instrument.settings`).
-    kind : str
-        Which kind of test it is: ``motion``, ``staircase``, ``hold``...
-    axis : str
-        The axis that moves.
-    plan, step : str
-        The plan and its step.
-    operator, note : str
-        Who made it, and what they say about it.
-    seed : int, optional
-        Seed of a simulation, or of a designed command.
-    version : str
-        Version of flexstage.
-    started : str
-        Date and time of the start, UTC, ISO 8601; empty until the run is begun.
-    identifier : str
-        Name of the run that no other has: 32 hexadecimal digits; empty until the run is begun. So
-        one description serves for several runs.
 
     Raises
     ------
@@ -85,21 +39,39 @@ class RunMetadata:
     """
 
     stage: str
+    """Name of the stage."""
     instrument: Identity
+    """What the instrument says it is."""
     stage_hash: str = ""
+    """SHA-256 of its description (`flexstage.provenance.content_hash`)."""
     serial_number: str = ""
+    """Serial number of the stage."""
     design: str = ""
+    """Built-in design, or file, that its description comes from."""
     settings: Mapping[str, str] = field(default_factory=dict)
+    """Its settings, as text (`Instrument.settings`)."""
     kind: str = ""
+    """Which kind of test it is: ``motion``, ``staircase``, ``hold``..."""
     axis: str = ""
+    """The axis that moves."""
     plan: str = ""
+    """The plan and its step."""
     step: str = ""
+    """The plan and its step."""
     operator: str = ""
+    """Who made it, and what they say about it."""
     note: str = ""
+    """Who made it, and what they say about it."""
     seed: int | None = None
+    """Seed of a simulation, or of a designed command."""
     version: str = flexstage.__version__
+    """Version of flexstage."""
     started: str = ""
+    """Date and time of the start, UTC, ISO 8601; empty until the run is begun."""
     identifier: str = ""
+    """Name of the run that no other has: 32 hexadecimal digits; empty until the run is begun. So
+    one description serves for several runs.
+    """
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.attributes import run_attributes
@@ -13,28 +12,17 @@ from flexstage.instruments.recording.frames import StreamHead
 from flexstage.instruments.recording.scan import Scan, chunks, scan
 from flexstage.records import Channel, Record
 
-__all__ = ["Lost", "Recovery", "examine", "recover", "recovery_of"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lost:
-    """Samples that a stream does not hold, or holds twice.
-
-    Parameters
-    ----------
-    kind : {"damage", "gap", "overlap"}
-        Whether they were written and cannot be read, were never given, or were given twice.
-    first : int
-        Number of the first of them.
-    count : int
-        How many.
-    """
+    """Samples that a stream does not hold, or holds twice."""
 
     kind: str
+    """Whether they were written and cannot be read, were never given, or were given twice."""
     first: int
+    """Number of the first of them."""
     count: int
+    """How many."""
 
     def __str__(self) -> str:
         last = self.first + self.count - 1
@@ -49,34 +37,24 @@ class Lost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """What a stream still holds.
-
-    Parameters
-    ----------
-    head : StreamHead
-        Channels, rate, and what is known of the run.
-    samples : int
-        Samples of each channel that are safe.
-    ended : bool
-        Whether the stream was ended by its writer: nothing came after.
-    lost : tuple of Lost
-        Ranges that are missing, or came twice.
-    damaged_bytes : int
-        Bytes that belong to no whole chunk: half a chunk at the end, as a crash leaves it, among
-        them.
-    tail_bytes : int
-        How many of those are at the end.
-    notes : tuple of str
-        All of it in words.
-    """
+    """What a stream still holds."""
 
     head: StreamHead
+    """Channels, rate, and what is known of the run."""
     samples: int
+    """Samples of each channel that are safe."""
     ended: bool
+    """Whether the stream was ended by its writer: nothing came after."""
     lost: tuple[Lost, ...]
+    """Ranges that are missing, or came twice."""
     damaged_bytes: int
+    """Bytes that belong to no whole chunk: half a chunk at the end, as a crash leaves it, among
+    them.
+    """
     tail_bytes: int
+    """How many of those are at the end."""
     notes: tuple[str, ...]
+    """All of it in words."""
 
     @property
     def complete(self) -> bool:
@@ -90,23 +68,7 @@ class Recovery:
 
 
 def examine(path: str | Path) -> Recovery:
-    """Say what a stream still holds.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The stream.
-
-    Returns
-    -------
-    Recovery
-        What is safe, and what was lost.
-
-    Raises
-    ------
-    RecordError
-        The file cannot be read, or is no stream.
-    """
+    """Say what a stream still holds."""
     return recovery_of(_scanned(Path(path)))
 
 
@@ -175,18 +137,7 @@ def _scanned(path: Path) -> Scan:
 
 
 def recovery_of(found: Scan) -> Recovery:
-    """Say what a stream still holds that was looked through.
-
-    Parameters
-    ----------
-    found : Scan
-        What was found in it.
-
-    Returns
-    -------
-    Recovery
-        What is safe, and what was lost.
-    """
+    """Say what a stream still holds that was looked through."""
     lost = tuple(_lost(found))
     samples = _safe(found)
     damaged = sum(size for _, size in found.damaged)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.frames import (
     END,
@@ -21,91 +21,51 @@ from flexstage.instruments.recording.frames import (
     columns_of,
 )
 
-__all__ = ["Chunk", "Scan", "chunks", "scan"]
-
-Array = NDArray[np.float64]
-
 _BLOCK = 2**22
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chunk:
-    """A frame of samples that is whole.
-
-    Parameters
-    ----------
-    position : int
-        Where its samples are in the file [bytes].
-    number : int
-        Number of the frame in the stream.
-    first : int
-        Number of its first sample.
-    rows : int
-        Samples of each channel.
-    """
+    """A frame of samples that is whole."""
 
     position: int
+    """Where its samples are in the file [bytes]."""
     number: int
+    """Number of the frame in the stream."""
     first: int
+    """Number of its first sample."""
     rows: int
+    """Samples of each channel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scan:
-    """What a stream holds.
-
-    Parameters
-    ----------
-    head : StreamHead
-        How it begins.
-    chunks : tuple of Chunk
-        Its whole frames of samples, in the order in which they were written.
-    damaged : tuple of (int, int)
-        Where bytes belong to no whole frame: position and size [bytes].
-    expected : int, optional
-        The number of the last frame, which says that the stream was ended; None where there is
-        no such frame.
-    end : int
-        The sample after the last one, as the last frame says it.
-    ordered : bool
-        Whether the frames stood in the file in the order in which they were written, each once.
-    joined : bool
-        Whether each frame stands behind the one that it was written behind.
-    size : int
-        Size of the file [bytes].
-    """
+    """What a stream holds."""
 
     head: StreamHead
+    """How it begins."""
     chunks: tuple[Chunk, ...]
+    """Its whole frames of samples, in the order in which they were written."""
     damaged: tuple[tuple[int, int], ...]
+    """Where bytes belong to no whole frame: position and size [bytes]."""
     expected: int | None
+    """The number of the last frame, which says that the stream was ended; None where there is no
+    such frame.
+    """
     end: int
+    """The sample after the last one, as the last frame says it."""
     ordered: bool
+    """Whether the frames stood in the file in the order in which they were written, each once."""
     joined: bool
+    """Whether each frame stands behind the one that it was written behind."""
     size: int
+    """Size of the file [bytes]."""
 
 
 def scan(path: Path) -> Scan:
     """Find the head and the whole frames of a stream.
 
     Every frame is checked by its checksum; where one fails, the next is looked for byte by byte.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The stream.
-
-    Returns
-    -------
-    Scan
-        What it holds.
-
-    Raises
-    ------
-    RecordError
-        It is no stream, or both copies of its head are damaged.
-    OSError
-        It cannot be read.
     """
     with path.open("rb") as file:
         size = file.seek(0, 2)
@@ -223,27 +183,6 @@ def chunks(path: Path, found: Scan, *, most: int = _BLOCK) -> Iterator[tuple[int
 
     Where samples were given twice, the ones that were written first count. Chunks that follow one
     another are given together, as files take few large pieces sooner than many small ones.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The stream.
-    found : Scan
-        What it holds.
-    most : int
-        How many bytes are gathered, about.
-
-    Yields
-    ------
-    int
-        Number of the first sample.
-    numpy.ndarray
-        Samples, shape (channels, n).
-
-    Raises
-    ------
-    RecordError
-        The file became shorter since it was checked.
     """
     gathered: list[Array] = []
     start = following = 0

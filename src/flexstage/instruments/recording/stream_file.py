@@ -7,57 +7,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.files import locked, sync_folder
 from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head_bytes
 
-__all__ = ["Place", "StreamFile"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """How far a stream is written.
-
-    Parameters
-    ----------
-    size : int
-        Its size [bytes].
-    number : int
-        Number of the next frame.
-    checksum : int
-        Checksum of the last frame.
-    samples : int
-        Samples of each channel.
-    """
+    """How far a stream is written."""
 
     size: int
+    """Its size [bytes]."""
     number: int = 0
+    """Number of the next frame."""
     checksum: int = 0
+    """Checksum of the last frame."""
     samples: int = 0
+    """Samples of each channel."""
 
 
 class StreamFile:
-    """A new file with the head of a stream, to which frames are added.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; it must not exist.
-    head : StreamHead
-        What it begins with.
-    opener : callable, optional
-        Opens a new file for writing bytes, without a buffer.
-
-    Raises
-    ------
-    RecordError
-        It, or the HDF5 file that it will become, exists, or it cannot be made.
-    """
+    """A new file with the head of a stream, to which frames are added."""
 
     def __init__(
         self, path: Path, head: StreamHead, opener: Callable[[Path], Any] | None = None
@@ -67,22 +38,7 @@ class StreamFile:
         self.at = self.safe = Place(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
-        """Write a frame.
-
-        Parameters
-        ----------
-        mark : bytes
-            What kind of frame it is.
-        first : int
-            Number of its first sample.
-        columns : list of numpy.ndarray
-            Samples of each channel, shape (n,).
-
-        Raises
-        ------
-        OSError
-            It cannot be written; `cut` removes what there is of it.
-        """
+        """Write a frame."""
         at = self.at
         data, checksum = frame_bytes(mark, at.number, first, columns, at.checksum, self._salt)
         _write_all(self._file, data)
@@ -94,13 +50,7 @@ class StreamFile:
         )
 
     def sync(self) -> None:
-        """Force what was written to the disk.
-
-        Raises
-        ------
-        OSError
-            It cannot be.
-        """
+        """Force what was written to the disk."""
         os.fsync(self._file.fileno())
         self.trust()
 
@@ -116,25 +66,13 @@ class StreamFile:
             self._file.seek(self.at.size)
 
     def back(self) -> None:
-        """Remove what is not known to be safe, to write it again.
-
-        Raises
-        ------
-        OSError
-            It cannot be removed.
-        """
+        """Remove what is not known to be safe, to write it again."""
         self.at = self.safe
         self._file.truncate(self.at.size)
         self._file.seek(self.at.size)
 
     def close(self) -> None:
-        """Close the file.
-
-        Raises
-        ------
-        OSError
-            The system tells only now that something was not written.
-        """
+        """Close the file."""
         self._file.close()
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.instruments.recording.chunk import Irregularity, checked_chunk
 from flexstage.instruments.recording.frames import (
@@ -21,10 +21,6 @@ from flexstage.instruments.recording.frames import (
 )
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream_file import StreamFile
-
-__all__ = ["STREAM_SUFFIX", "RunWriter"]
-
-Array = NDArray[np.float64]
 
 #: How the name of a stream ends.
 STREAM_SUFFIX = ".stream"

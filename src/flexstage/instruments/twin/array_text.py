@@ -3,11 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["array_text"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 #: Rows of a piece: small enough that a client that reads slowly holds little memory.
 _ROWS = 1000
@@ -17,22 +14,6 @@ def array_text(
     columns: Sequence[Array], names: Sequence[str], sample_time: float, remark: str
 ) -> Iterator[str]:
     r"""Return an array in pieces of text, the last of which ends with a line feed and no space.
-
-    Parameters
-    ----------
-    columns : sequence of numpy.ndarray
-        Its columns, one at least, each of shape (n,), n at least 1.
-    names : sequence of str
-        What they are called.
-    sample_time : float
-        Time from row to row [s].
-    remark : str
-        First line of the heading.
-
-    Yields
-    ------
-    str
-        A piece.
 
     Examples
     --------

@@ -3,16 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.device import AxisDescription
 from flexstage.instruments.twin.profiles import Ramp
 from flexstage.instruments.twin.wave_tables import WaveRun
-
-__all__ = ["AxisState"]
-
-Array = NDArray[np.float64]
 
 #: Time constant with which the reading is smoothed before it is compared with the target [s].
 _SMOOTHING = 1e-3
@@ -23,17 +19,7 @@ _RANGE_TIME = 10e-3
 
 
 class AxisState:
-    """What a controller knows of one of its axes.
-
-    Parameters
-    ----------
-    description : AxisDescription
-        What it is.
-    index : int
-        Its place among the axes, from 0.
-    rate_hz : float
-        Rate of the loop [Hz].
-    """
+    """What a controller knows of one of its axes."""
 
     def __init__(self, description: AxisDescription, index: int, rate_hz: float) -> None:
         self.description, self.index = description, index
@@ -88,148 +74,59 @@ class AxisState:
         return min(self.largest_speed, _span(self.description.limits.position, 1e-4) / _TRAVEL_TIME)
 
     def present(self, sample: int) -> float:
-        """Return what is commanded at a sample: a position under control, else a voltage.
-
-        Parameters
-        ----------
-        sample : int
-            Number of the loop's latest sample.
-
-        Returns
-        -------
-        float
-            The value [m, or V].
-        """
+        """Return what is commanded at a sample: a position under control, else a voltage."""
         begun = self.wave is not None and sample >= self.wave.first
         source = self.wave if self.wave is not None and begun else self.ramp
         return float(source.values(sample, 1)[0])
 
     def moving(self, sample: int) -> bool:
-        """Say whether a command or a waveform still moves it.
-
-        Parameters
-        ----------
-        sample : int
-            Number of the loop's latest sample.
-
-        Returns
-        -------
-        bool
-            Whether there is a way to go.
-        """
+        """Say whether a command or a waveform still moves it."""
         return self.wave is not None or sample < self.ramp.last
 
     def settled(self, sample: int) -> bool:
-        """Say whether it has come to where it was sent.
-
-        Parameters
-        ----------
-        sample : int
-            Number of the loop's latest sample.
-
-        Returns
-        -------
-        bool
-            Whether the way is gone, and in control the reading has stayed near the target.
-        """
+        """Say whether it has come to where it was sent."""
         if self.moving(sample):
             return False
         return not self.servo or self._inside >= self._settle
 
     def go(self, value: float, sample: int, rate: float) -> None:
-        """Lead the commanded value to another one.
-
-        Parameters
-        ----------
-        value : float
-            Where to [m, or V].
-        sample : int
-            Number of the loop's latest sample.
-        rate : float
-            Rate at which it changes [m/s, or V/s].
-        """
+        """Lead the commanded value to another one."""
         here = self.present(sample)
         self.ramp = Ramp(first=sample + 1, start=here, end=value, step=rate * self.period)
         self._inside = 0
         self._note(value)
 
     def hold(self, value: float) -> None:
-        """Command a value from the next sample on, and end what moves the axis.
-
-        Parameters
-        ----------
-        value : float
-            What to hold [m, or V].
-        """
+        """Command a value from the next sample on, and end what moves the axis."""
         self.wave = None
         self.ramp = Ramp.hold(value)
         self._inside = 0
         self._note(value)
 
     def run(self, wave: WaveRun, sample: int) -> None:
-        """Follow a waveform from its first sample on.
-
-        Parameters
-        ----------
-        wave : WaveRun
-            The waveform.
-        sample : int
-            Number of the loop's latest sample, the one before it begins.
-        """
+        """Follow a waveform from its first sample on."""
         self.ramp = Ramp.hold(self.present(sample))
         self.wave = wave
         self._inside = 0
 
     def stop(self, sample: int) -> None:
-        """Hold where the axis is: the present reading under control, else the present command.
-
-        Parameters
-        ----------
-        sample : int
-            Number of the loop's latest sample.
-        """
+        """Hold where the axis is: the present reading under control, else the present command."""
         self.hold(self.reading if self.servo and not self.screw else self.present(sample))
 
     def switch(self, on: bool) -> None:
-        """Switch control on, to hold what is read, or off, to hold the voltage.
-
-        Parameters
-        ----------
-        on : bool
-            Whether it shall be on.
-        """
+        """Switch control on, to hold what is read, or off, to hold the voltage."""
         self.servo = on
         self._smooth = self.reading
         self.hold(self.reading if on else self.asked)
 
     def fill(self, first: int, command: Array, feedforward: Array) -> None:
-        """Write what is commanded over the next samples.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of them.
-        command : numpy.ndarray
-            Written: positions under control, else voltages [m, or V], shape (n,).
-        feedforward : numpy.ndarray
-            Written: voltages beside the control [V], NaN where there are none, shape (n,).
-        """
+        """Write what is commanded over the next samples."""
         source = self.ramp if self.wave is None else self.wave
         command[:] = source.values(first, command.size)
         feedforward[:] = np.nan if self.wave is None else self.wave.voltages(first, command.size)
 
     def take(self, last: int, command: Array, reading: Array) -> None:
-        """Take note of where the stage is.
-
-        Parameters
-        ----------
-        last : int
-            Number of the last sample.
-        command : numpy.ndarray
-            What was commanded [m, or V], shape (n,).
-        reading : numpy.ndarray
-            What the axis's own sensor reads [m], shape (n,).
-        """
+        """Take note of where the stage is."""
         self.reading = float(reading[-1])
         if self.servo:
             share = 1.0 if self.screw else self._share

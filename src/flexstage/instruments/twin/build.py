@@ -4,18 +4,16 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import (
-    AsBuilt,
+from flexstage.experiment.virtual.as_built import AsBuilt, as_built
+from flexstage.experiment.virtual.scatter import (
     Scatter,
-    as_built,
     displaced_system,
     displacements,
     manufactured,
 )
-from flexstage.hysteresis.chain import LogCreep
+from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.instruments.limits import AxisLimits, stage_limits
@@ -27,11 +25,8 @@ from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewAxis, ScrewStage
 from flexstage.instruments.twin.sensors import AxisSensor, SensorBench
 from flexstage.stage import PiezoStack, Screw, Stage
-from flexstage.system import MechanicalSystem, axis_mode, modes
-
-__all__ = ["virtual_stage"]
-
-Array = NDArray[np.float64]
+from flexstage.system import MechanicalSystem, modes
+from flexstage.system.characteristics import axis_mode
 
 #: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
 _BANDWIDTH_HZ = 2000.0

@@ -16,28 +16,12 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.virtual_stack import VirtualStack
 
-__all__ = ["ChargeDrive"]
-
 _CYCLES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChargeDrive:
     """What a charge amplifier leaves of the hysteresis.
-
-    Parameters
-    ----------
-    corner_hz : float
-        Frequency below which it drives by voltage [Hz].
-    remainder : float
-        Part of the hysteresis that is left far above the corner [1].
-    voltage_range : tuple of float
-        Ends of the chord [V].
-
-    Raises
-    ------
-    ModelError
-        The corner is not positive, the part not between 0 and 1, or the range does not rise.
 
     Notes
     -----
@@ -47,8 +31,11 @@ class ChargeDrive:
     """
 
     corner_hz: float = 0.1
+    """Frequency below which it drives by voltage [Hz]."""
     remainder: float = 0.08
+    """Part of the hysteresis that is left far above the corner [1]."""
     voltage_range: tuple[float, float] = (0.0, 120.0)
+    """Ends of the chord [V]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.corner_hz < math.inf:
@@ -64,21 +51,7 @@ class ChargeDrive:
             raise ModelError(f"the ends of a chord must rise, got {self.voltage_range!r} V")
 
     def row(self, stack: VirtualStack, dt: float) -> tuple[float, float, float, float, float]:
-        """Return its numbers for one stack, as the stack is stepped.
-
-        Parameters
-        ----------
-        stack : VirtualStack
-            The stack.
-        dt : float
-            Step between samples [s].
-
-        Returns
-        -------
-        tuple of float
-            Offset [m] and slope [m/V] of the chord, the part that is left, and the decay and ramp
-            share of the corner [1].
-        """
+        """Return its numbers for one stack, as the stack is stepped."""
         low, high = self.voltage_range
         ends = stack.simulate(np.tile([low, high], _CYCLES)).values[-2:]
         slope = float(ends[1] - ends[0]) / (high - low)

@@ -10,9 +10,7 @@ from typing import Protocol
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.twin.device import Device, Refusal, RefusedError
-from flexstage.instruments.twin.time_source import Clock, RealClock, StepClock, duration
-
-__all__ = ["Clock", "FastTime", "Pace", "Pacemaker", "RealClock", "StepClock"]
+from flexstage.instruments.twin.time_source import Clock, RealClock, duration
 
 #: Simulated time of one command of a fast conversation [s].
 _COMMAND = 1e-3
@@ -40,24 +38,11 @@ class Pace(Protocol):
         ...
 
     def before_command(self, poll: bool) -> None:
-        """Bring the device to the moment of a command; the lock is held.
-
-        Parameters
-        ----------
-        poll : bool
-            Whether it asks about motion, waveforms or the recorder, as a client does again and
-            again while it waits.
-        """
+        """Bring the device to the moment of a command; the lock is held."""
         ...
 
     def pass_time(self, seconds: float) -> None:
-        """Let simulated time pass because a client wants to wait; only where it is fast.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        """
+        """Let simulated time pass because a client wants to wait; only where it is fast."""
         ...
 
     def close(self) -> None:
@@ -67,18 +52,6 @@ class Pace(Protocol):
 
 class Pacemaker:
     """Keeps the simulated time of a device in step with real time, in a thread.
-
-    Parameters
-    ----------
-    device : Device
-        What is driven.
-    clock : Clock, optional
-        Tells the time; the computer's where not given.
-    tick : float
-        Time between two looks at the clock [s].
-    catch_up : float
-        Longest time that is made up for when the computer was too slow [s]; what is beyond it is
-        left out, and counted in `lost`.
 
     Notes
     -----
@@ -132,13 +105,7 @@ class Pacemaker:
         return False
 
     def start(self) -> None:
-        """Begin; calling it again changes nothing.
-
-        Raises
-        ------
-        ModelError
-            It was closed.
-        """
+        """Begin; calling it again changes nothing."""
         with self._lock:
             if self._ended.is_set():
                 raise ModelError("a pacemaker that was closed cannot start again: make another one")
@@ -148,18 +115,7 @@ class Pacemaker:
                 self._thread.start()
 
     def before_command(self, poll: bool = False) -> None:
-        """Bring the device up to now.
-
-        Parameters
-        ----------
-        poll : bool
-            Makes no difference here.
-
-        Raises
-        ------
-        ControllerError
-            The simulation has broken down.
-        """
+        """Bring the device up to now."""
         if self._failure is not None:
             raise ControllerError(
                 f"the simulation of the stage has broken down ({self._failure}): start it again"
@@ -168,18 +124,7 @@ class Pacemaker:
             self._piece()
 
     def pass_time(self, seconds: float) -> None:
-        """Refuse: real time cannot be made to pass.
-
-        Parameters
-        ----------
-        seconds : float
-            Time that is asked for [s].
-
-        Raises
-        ------
-        RefusedError
-            Always.
-        """
+        """Refuse: real time cannot be made to pass."""
         raise RefusedError(
             Refusal.NOT_ABLE,
             f"simulated time is in step with real time and cannot be led on by {seconds:g} s",
@@ -231,11 +176,6 @@ class FastTime:
     change of what it asks for, and at most 0.25 s: a motion that takes a minute is answered for
     after 240 questions. The same conversation always gives the same numbers, whatever the computer.
 
-    Parameters
-    ----------
-    device : Device
-        What is driven.
-
     Notes
     -----
     With several clients the numbers depend on the order in which their commands come.
@@ -262,14 +202,7 @@ class FastTime:
         """Do nothing: there is no thread."""
 
     def before_command(self, poll: bool = False) -> None:
-        """Let the time of a command pass.
-
-        Parameters
-        ----------
-        poll : bool
-            Whether it asks about motion, waveforms or the recorder; then time passes until the
-            answer changes, where something goes on.
-        """
+        """Let the time of a command pass."""
         with self._lock:
             self._device.advance(_COMMAND)
             before = self._state()
@@ -281,13 +214,7 @@ class FastTime:
                 passed += _LOOK
 
     def pass_time(self, seconds: float) -> None:
-        """Let simulated time pass because a client wants to wait.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        """
+        """Let simulated time pass because a client wants to wait."""
         with self._lock:
             self._device.advance(duration(seconds))
 

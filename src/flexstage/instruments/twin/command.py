@@ -6,8 +6,6 @@ from typing import Protocol
 
 from flexstage.instruments.twin.state import ControllerState
 
-__all__ = ["Client", "Command", "Reply", "Run"]
-
 #: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None
 
@@ -27,30 +25,20 @@ Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """A command.
-
-    Parameters
-    ----------
-    name : str
-        Its word.
-    arguments : str
-        Its arguments, as it is listed.
-    text : str
-        What it does, as it is listed.
-    run : callable
-        Carries it out, given state, session and words.
-    changes : bool
-        Whether it moves or changes something, and a client that holds control keeps it from others.
-    moves : bool
-        Whether it can start a motion; one that was given before a stop is not carried out after.
-    poll : bool
-        Whether a client repeats it while it waits for a motion, a waveform or a record.
-    """
+    """A command."""
 
     name: str
+    """Its word."""
     arguments: str
+    """Its arguments, as it is listed."""
     text: str
+    """What it does, as it is listed."""
     run: Run
+    """Carries it out, given state, session and words."""
     changes: bool = False
+    """Whether it moves or changes something, and a client that holds control keeps it from others.
+    """
     moves: bool = False
+    """Whether it can start a motion; one that was given before a stop is not carried out after."""
     poll: bool = False
+    """Whether a client repeats it while it waits for a motion, a waveform or a record."""

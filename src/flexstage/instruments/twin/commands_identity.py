@@ -12,8 +12,6 @@ from flexstage.instruments.twin.servo_draft import ServoDraft
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.words import chosen, number, unsigned, unsigned_or_hex
 
-__all__ = ["IDENTITY", "delivered", "identity_line", "nothing"]
-
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0
 #: Characters that are commands of their own, as they are listed.
@@ -27,36 +25,13 @@ _CHARACTERS = (
 
 
 def nothing(words: Sequence[str]) -> None:
-    """Refuse arguments.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The arguments.
-
-    Raises
-    ------
-    GcsError
-        There is one.
-    """
+    """Refuse arguments."""
     if words:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
 
 
 def identity_line(state: ControllerState) -> str:
-    """Return what ``*IDN?`` answers.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    str
-        Vendor, model, serial number and firmware; of a simulation the word ``simulated`` is part.
-        Where it answers as a model the vendor's name is part, by which drivers choose.
-    """
+    """Return what ``*IDN?`` answers."""
     said = state.device.identity
     vendor, model = said.vendor, state.model.name or said.model
     if state.model.name:
@@ -86,18 +61,7 @@ def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 
 def help_lines(commands: Iterable[Command]) -> list[str]:
-    """Return what ``HLP?`` answers.
-
-    Parameters
-    ----------
-    commands : iterable of Command
-        The commands.
-
-    Returns
-    -------
-    list of str
-        One line for each, between a heading and an end.
-    """
+    """Return what ``HLP?`` answers."""
     listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
     return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
 
@@ -166,18 +130,7 @@ def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
 
 
 def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
-    """Return the values of all parameters, which the controller keeps as those of delivery.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    dict
-        Texts by item and number.
-    """
+    """Return the values of all parameters, which the controller keeps as those of delivery."""
     return {
         (item, key): value_text(PARAMETERS[key].get(state, item))
         for _, item, key in _asked(state, ())

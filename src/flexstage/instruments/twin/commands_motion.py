@@ -10,21 +10,9 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, number, one, pairs, printed, switch
 
-__all__ = ["MOTION", "halt", "moving_bits", "of_axes", "of_inputs"]
-
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
-    """Stop axes, and tell the client.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-    client : Client
-        Who stops them.
-    words : sequence of str
-        The axes; all where there are none.
-    """
+    """Stop axes, and tell the client."""
     axes = [name for name, _ in chosen(words, state.axes, code.UNKNOWN_AXIS)]
     state.device.stop(axes if words else None)
     state.stops += 1
@@ -32,18 +20,7 @@ def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> N
 
 
 def moving_bits(state: ControllerState) -> str:
-    """Return what ``#5`` answers.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    str
-        Sum of 1, 2, 4, ... of the axes that move, in hexadecimal digits.
-    """
+    """Return what ``#5`` answers."""
     return f"{sum(1 << i for i, axis in enumerate(state.axes) if state.device.moving(axis)):X}"
 
 
@@ -124,18 +101,7 @@ def _strike(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 
 def of_axes(value: Callable[[ControllerState, str], str]) -> Run:
-    """Return a command that tells something of each axis that is named, or of all.
-
-    Parameters
-    ----------
-    value : callable
-        Tells it, given state and axis.
-
-    Returns
-    -------
-    callable
-        Carries the command out.
-    """
+    """Return a command that tells something of each axis that is named, or of all."""
 
     def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         axes = chosen(words, state.axes, code.UNKNOWN_AXIS)
@@ -153,18 +119,7 @@ def _of_outputs(value: Callable[[ControllerState, str], float]) -> Run:
 
 
 def of_inputs(value: Callable[[ControllerState, int], str]) -> Run:
-    """Return a command that tells something of each input that is named, or of those listed.
-
-    Parameters
-    ----------
-    value : callable
-        Tells it, given state and number of the input.
-
-    Returns
-    -------
-    callable
-        Carries the command out.
-    """
+    """Return a command that tells something of each input that is named, or of those listed."""
 
     def run(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
         names = words or list(state.channels)[: state.model.inputs]

@@ -11,8 +11,6 @@ from flexstage.instruments.twin.record_store import RECORD_OPTIONS
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.words import unsigned
 
-__all__ = ["RECORDER"]
-
 #: What starts the recorder, by number.
 _TRIGGERS = {
     0: "default setting: start of a waveform, or a blow",

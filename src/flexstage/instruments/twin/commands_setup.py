@@ -9,8 +9,6 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, number, pairs, switch
 
-__all__ = ["SETUP"]
-
 
 def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     """Go to the low voltage with control off; the zero of the simulation is there already."""

@@ -10,8 +10,6 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import chosen, printed, unsigned
 
-__all__ = ["STATUS", "status_register"]
-
 #: Bits of the status register.
 _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
 #: Largest number of the converter of an input, 18 bits with sign.
@@ -34,19 +32,7 @@ def _bits(state: ControllerState, axis: str) -> int:
 
 
 def status_register(state: ControllerState) -> str:
-    """Return what ``#4`` answers.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    str
-        Four hexadecimal digits an axis, the first axis first: on target 8000, moving 2000, under
-        position control 1000.
-    """
+    """Return what ``#4`` answers."""
     return "0x" + "".join(f"{_bits(state, axis):04X}" for axis in state.axes)
 
 

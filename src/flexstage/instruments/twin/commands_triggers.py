@@ -12,8 +12,6 @@ from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.words import number, switch, unsigned
 
-__all__ = ["TRIGGERS"]
-
 _LINES = 3
 #: Settings of a line: width, axis, kind, lowest and highest position, polarity, offset.
 _SETTINGS = range(1, 12)

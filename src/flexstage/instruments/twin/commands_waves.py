@@ -22,26 +22,13 @@ from flexstage.instruments.twin.words import (
     unsigned_or_hex,
 )
 
-__all__ = ["WAVES", "running_bits"]
-
 #: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
 _START, _ONWARD = 1, 1 << 8
 _START_MODES = (0, _START, _START | _ONWARD)
 
 
 def running_bits(state: ControllerState) -> str:
-    """Return what ``#9`` answers.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    str
-        Sum of 1, 2, 4, ... of the generators that run, in hexadecimal digits.
-    """
+    """Return what ``#9`` answers."""
     running = (state.device.wave_running(axis) for axis in state.generators.values())
     return f"{sum(1 << i for i, runs in enumerate(running) if runs):X}"
 

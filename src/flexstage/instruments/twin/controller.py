@@ -7,8 +7,6 @@ from flexstage.instruments.twin.controller_recorder import ControllerRecorder
 from flexstage.instruments.twin.controller_waves import ControllerWaves
 from flexstage.instruments.twin.stage import VirtualStage
 
-__all__ = ["VirtualController"]
-
 
 class VirtualController(ControllerMotion, ControllerWaves, ControllerRecorder):
     """A controller of a stage that is simulated: axes, control, waveforms and a recorder.
@@ -16,18 +14,6 @@ class VirtualController(ControllerMotion, ControllerWaves, ControllerRecorder):
     It implements `flexstage.instruments.twin.device.Device`. The axes are ``1``, ``2`` ... in the
     order of the stage's. Time passes only by `advance`; in which portions it passes makes no
     difference to any sample. A command acts with the next sample of the loop.
-
-    Parameters
-    ----------
-    stage : VirtualStage
-        The stage in time.
-    serial_number : str
-        Serial number that it tells.
-    window : float
-        Largest distance from a target at which a piezo axis counts as arrived [m]; of a screw it is
-        its smallest step.
-    settle : float
-        How long an axis must be within it [s].
 
     Notes
     -----

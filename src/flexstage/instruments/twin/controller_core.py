@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.twin.axis_state import AxisState
 from flexstage.instruments.twin.data_recorder import DataRecorder
@@ -19,10 +19,6 @@ from flexstage.instruments.twin.stage import Block, VirtualStage
 from flexstage.instruments.twin.time_source import duration
 from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
-
-__all__ = ["ControllerCore"]
-
-Array = NDArray[np.float64]
 
 #: Samples of the loop that are computed at once.
 _BLOCK = 1000
@@ -45,17 +41,7 @@ _SCREW = frozenset({Capability.CLOSED_LOOP})
 
 
 class ControllerCore:
-    """Axes, tables and recorder of a simulated controller, and the time that passes for them.
-
-    Parameters
-    ----------
-    stage : VirtualStage
-        The stage in time.
-    window : float
-        Largest distance from a target at which it counts as reached, of a piezo axis [m].
-    settle : float
-        How long an axis must be within it [s].
-    """
+    """Axes, tables and recorder of a simulated controller, and the time that passes for them."""
 
     def __init__(
         self, stage: VirtualStage, *, window: float = _WINDOW, settle: float = _SETTLE
@@ -112,18 +98,7 @@ class ControllerCore:
         return self._sample / self._rate
 
     def advance(self, seconds: float) -> None:
-        """Let simulated time pass, rounded to whole samples; the rest is kept.
-
-        Parameters
-        ----------
-        seconds : float
-            Time [s].
-
-        Raises
-        ------
-        ModelError
-            It is negative or not finite.
-        """
+        """Let simulated time pass, rounded to whole samples; the rest is kept."""
         self._owed += duration(seconds) * self._rate
         due = math.floor(self._owed + _ROUNDING)
         self._owed -= due

@@ -7,8 +7,6 @@ piezo controllers, stepping drives, analogue amplifiers. No list of commands of 
 
 from dataclasses import dataclass
 
-__all__ = ["MODELS", "OWN", "ControllerModel"]
-
 #: Commands of controllers with reference or limit switches; of stepping drives.
 _REFERENCE = frozenset({"FNL", "FPL", "FRF", "LIM?", "RON", "RON?"})
 _ENABLE = frozenset({"EAX", "EAX?"})
@@ -24,27 +22,18 @@ _DIGITAL = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerModel:
-    """A type of controller.
-
-    Parameters
-    ----------
-    name : str
-        As ``*IDN?`` tells it; none for the simulation's own.
-    lacks : frozenset of str
-        Commands that it answers with error 2.
-    syntax : str
-        Version of the command set, as ``CSV?`` tells it.
-    unit : str
-        Unit of positions, as it is written.
-    inputs : int, optional
-        How many inputs it lists where none is named; all of them where not given.
-    """
+    """A type of controller."""
 
     name: str
+    """As ``*IDN?`` tells it; none for the simulation's own."""
     lacks: frozenset[str] = frozenset()
+    """Commands that it answers with error 2."""
     syntax: str = "2.0"
+    """Version of the command set, as ``CSV?`` tells it."""
     unit: str = "um"
+    """Unit of positions, as it is written."""
     inputs: int | None = None
+    """How many inputs it lists where none is named; all of them where not given."""
 
     @property
     def one_line(self) -> bool:

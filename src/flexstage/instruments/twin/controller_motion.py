@@ -11,8 +11,6 @@ from flexstage.instruments.twin.controller_core import ControllerCore
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.wave_checks import require_within
 
-__all__ = ["ControllerMotion"]
-
 #: Part by which a speed may pass its limit because texts are rounded.
 _ROUNDING = 1e-6
 
@@ -25,36 +23,13 @@ class ControllerMotion(ControllerCore):
     """
 
     def servo_on(self, axis: str) -> bool:
-        """Say whether position control is on.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        bool
-            Whether it is so; always for a screw.
-        """
+        """Say whether position control is on."""
         return self._axis(axis).servo
 
     def set_servo(self, axis: str, on: bool) -> None:
         """Switch position control, without a jump.
 
         Switched on, the target is what the sensor reads; switched off, the voltage stays.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        on : bool
-            Whether it shall be on.
-
-        Raises
-        ------
-        RefusedError
-            It is a screw that shall be off, a waveform runs, or the drives are taken out.
         """
         state = self._axis(axis)
         if state.servo == on:
@@ -68,37 +43,14 @@ class ControllerMotion(ControllerCore):
         state.switch(on)
 
     def target(self, axis: str) -> float:
-        """Return the position that is commanded.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            Where a move goes, or where a waveform is; in open loop the last one [m].
-        """
+        """Return the position that is commanded."""
         state = self._axis(axis)
         if state.servo and state.wave is not None:
             return state.present(self._sample)
         return state.target
 
     def set_targets(self, targets: Mapping[str, float]) -> None:
-        """Command positions of one or more axes: all of them or none.
-
-        Parameters
-        ----------
-        targets : Mapping
-            Positions [m] by axis.
-
-        Raises
-        ------
-        RefusedError
-            Control is off, a position is outside the limits or no number, a waveform runs, or the
-            drives are taken out.
-        """
+        """Command positions of one or more axes: all of them or none."""
         self._need_drives()
         found = {self._axis(axis): value for axis, value in targets.items()}
         for state, value in found.items():
@@ -115,42 +67,14 @@ class ControllerMotion(ControllerCore):
         self._recorder.trigger("move", self._sample + 1)
 
     def command(self, axis: str) -> float:
-        """Return the voltage that is commanded in open loop.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            Where a ramp goes, or where a waveform is; under control the last one [V].
-
-        Raises
-        ------
-        RefusedError
-            It is a screw.
-        """
+        """Return the voltage that is commanded in open loop."""
         state = self._piezo(axis)
         if not state.servo and state.wave is not None:
             return state.present(self._sample)
         return state.voltage_command
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
-        """Command voltages in open loop of one or more axes: all of them or none.
-
-        Parameters
-        ----------
-        commands : Mapping
-            Voltages [V] by axis.
-
-        Raises
-        ------
-        RefusedError
-            Control is on, an axis is a screw, a voltage is outside the limits or no number, a
-            waveform runs, or the drives are taken out.
-        """
+        """Command voltages in open loop of one or more axes: all of them or none."""
         self._need_drives()
         found = {self._piezo(axis): value for axis, value in commands.items()}
         for state, value in found.items():
@@ -167,35 +91,11 @@ class ControllerMotion(ControllerCore):
         self._recorder.trigger("move", self._sample + 1)
 
     def speed(self, axis: str) -> float:
-        """Return the speed of moves.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            The speed [m/s].
-        """
+        """Return the speed of moves."""
         return self._axis(axis).speed
 
     def set_speed(self, axis: str, speed: float) -> None:
-        """Set the speed of moves, from the next one on.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        speed : float
-            The speed [m/s].
-
-        Raises
-        ------
-        RefusedError
-            It is not positive, or above the largest one.
-        """
+        """Set the speed of moves, from the next one on."""
         state = self._axis(axis)
         largest = self.largest_speed(axis)
         if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
@@ -207,105 +107,27 @@ class ControllerMotion(ControllerCore):
         state.speed = min(float(speed), largest)
 
     def largest_speed(self, axis: str) -> float:
-        """Return the largest speed of moves.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            The speed [m/s].
-        """
+        """Return the largest speed of moves."""
         return self._axis(axis).largest_speed
 
     def position(self, axis: str) -> float:
-        """Return what the axis's own sensor reads now.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            Position of the platform; of a screw its advance [m].
-        """
+        """Return what the axis's own sensor reads now."""
         return self._axis(axis).reading
 
     def voltage(self, axis: str) -> float:
-        """Return the voltage at the drive now.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        float
-            The voltage [V].
-
-        Raises
-        ------
-        RefusedError
-            It is a screw.
-        """
+        """Return the voltage at the drive now."""
         return self._piezo(axis).volts
 
     def on_target(self, axis: str) -> bool:
-        """Say whether the axis has come to its target and stays there.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        bool
-            Whether no move or waveform goes on and, under control, the reading, smoothed over 1 ms,
-            has been near the target for some time; in open loop the end of the ramp is enough.
-            Shortly after the arrival mains in the reading may lead it out of the window again.
-        """
+        """Say whether the axis has come to its target and stays there."""
         return self._axis(axis).settled(self._sample)
 
     def moving(self, axis: str) -> bool:
-        """Say whether the axis is being moved, by a command or a waveform.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        bool
-            Whether what is commanded still changes.
-        """
+        """Say whether the axis is being moved, by a command or a waveform."""
         return self._axis(axis).moving(self._sample)
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now.
-
-        Parameters
-        ----------
-        number : int
-            Number of the channel, from 1.
-
-        Returns
-        -------
-        float
-            The reading [m, or rad].
-
-        Raises
-        ------
-        RefusedError
-            There is no such channel.
-        """
+        """Return what a sensor reads now."""
         return float(self._readings[self._channel(number) - 1])
 
     def stop(self, axes: Sequence[str] | None = None) -> None:
@@ -314,11 +136,6 @@ class ControllerMotion(ControllerCore):
         Under control the target becomes what the sensor reads; in open loop the voltage that is
         commanded stays, and a screw stops. A recording that a waveform has started ends, unless one
         runs on another axis.
-
-        Parameters
-        ----------
-        axes : sequence of str, optional
-            The axes; all where not given.
         """
         states = [self._axis(axis) for axis in (self._states if axes is None else axes)]
         for state in states:
@@ -329,40 +146,11 @@ class ControllerMotion(ControllerCore):
             self._recorder.end(by="wave")
 
     def servo(self, axis: str) -> ServoSettings:
-        """Return the settings of the position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        ServoSettings
-            The settings.
-
-        Raises
-        ------
-        RefusedError
-            It is a screw.
-        """
+        """Return the settings of the position control."""
         return self._stage.servo_settings(self._piezo(axis).description.stage_axis)
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change the settings of the position control, at once.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        settings : ServoSettings
-            The settings.
-
-        Raises
-        ------
-        RefusedError
-            It is a screw, or a filter lies above half the rate of the loop.
-        """
+        """Change the settings of the position control, at once."""
         state = self._piezo(axis)
         try:
             settings.sections(self._rate)

@@ -4,15 +4,11 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin.controller_core import ControllerCore
 from flexstage.instruments.twin.device import Refusal, RefusedError
-
-__all__ = ["ControllerRecorder", "resampled"]
-
-Array = NDArray[np.float64]
 
 _KINDS = ("position", "target", "voltage", "channel", "force", "response")
 
@@ -35,70 +31,28 @@ class ControllerRecorder(ControllerCore):
         return self._recorder.capacity
 
     def record_signal(self, table: int) -> Signal | None:
-        """Return what a table records.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-
-        Returns
-        -------
-        Signal or None
-            What it records; None for nothing.
-        """
+        """Return what a table records."""
         return self._recorder.signals.get(self._recorder.known(table))
 
     def set_record_signal(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next recording on.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        signal : Signal or None
-            What to record, its `source` the identifier of an axis or the number of a channel; None
-            for nothing.
-
-        Raises
-        ------
-        RefusedError
-            There is no such table, axis, channel or kind, or a screw has no voltage.
-        """
+        """Choose what a table records, from the next recording on."""
         self._recorder.known(table)
         if signal is not None:
             self._require_signal(signal)
         self._recorder.choose(table, signal)
 
     def record_divider(self) -> int:
-        """Return how many samples of the loop one sample of a record lasts.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how many samples of the loop one sample of a record lasts."""
         return self._recorder.divider
 
     def set_record_divider(self, divider: int) -> None:
-        """Set how many samples of the loop one sample of a record lasts.
-
-        Parameters
-        ----------
-        divider : int
-            The number, 1 or more.
-        """
+        """Set how many samples of the loop one sample of a record lasts."""
         self._recorder.set_divider(divider)
 
     def arm_recorder(self, trigger: Literal["wave", "move", "now"]) -> None:
         """Start recording with the next waveform or blow, the next move, or now.
 
         What was recorded before can be read until then.
-
-        Parameters
-        ----------
-        trigger : {"wave", "move", "now"}
-            What starts it, once.
         """
         if trigger not in ("wave", "move", "now"):
             raise RefusedError(
@@ -109,67 +63,23 @@ class ControllerRecorder(ControllerCore):
             self._recorder.trigger("now", self._sample + 1)
 
     def recorded(self) -> int:
-        """Return the number of samples that are there.
-
-        Returns
-        -------
-        int
-            The number, the same for every table.
-        """
+        """Return the number of samples that are there."""
         return self._recorder.recorded
 
     def recording(self) -> bool:
-        """Say whether the recorder runs.
-
-        Returns
-        -------
-        bool
-            Whether samples are still to come; not while it waits for its trigger.
-        """
+        """Say whether the recorder runs."""
         return self._recorder.recording
 
     def record(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            The samples [m, rad, V, N or m/s^2], shape (count,).
-        """
+        """Return samples of a table."""
         return self._recorder.read(table, first, count)
 
     def drives_removed(self) -> bool:
-        """Say whether the drives are taken out, so that the stage can be struck.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether the drives are taken out, so that the stage can be struck."""
         return self._drives_out
 
     def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back.
-
-        Parameters
-        ----------
-        removed : bool
-            Whether they shall be out.
-
-        Raises
-        ------
-        RefusedError
-            An axis moves, or is under control of its platform's sensor.
-        """
+        """Take the drives out, or put them back."""
         for name, state in self._states.items():
             if state.moving(self._sample):
                 reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
@@ -190,16 +100,6 @@ class ControllerRecorder(ControllerCore):
         are resampled, without a change within their band, to that of the record: above half of
         the lower of both there is nothing in it. They come in as simulated time passes. The answer
         is that along the axis that was struck; of another axis nothing is recorded but zeros.
-
-        Parameters
-        ----------
-        axis : str
-            The axis along which it is struck.
-
-        Raises
-        ------
-        RefusedError
-            There is no such axis, or the drives are not taken out.
         """
         state = self._axis(axis)
         if not self._drives_out:
@@ -240,18 +140,6 @@ class ControllerRecorder(ControllerCore):
 
 def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
     """Return a decaying record at another rate, by its Fourier series.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Samples, near 0 at both ends, shape (n,).
-    from_hz, to_hz : float
-        Samples in a second, before and after [Hz].
-
-    Returns
-    -------
-    numpy.ndarray
-        Samples over the same time, the first at the same instant.
 
     Notes
     -----

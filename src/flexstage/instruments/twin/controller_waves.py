@@ -2,18 +2,12 @@
 
 from collections.abc import Collection, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.instruments.twin.axis_state import AxisState
 from flexstage.instruments.twin.controller_core import ControllerCore
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.wave_checks import check_feedforward, check_wave
 from flexstage.instruments.twin.wave_tables import WaveRun
-
-__all__ = ["ControllerWaves"]
-
-Array = NDArray[np.float64]
 
 
 class ControllerWaves(ControllerCore):
@@ -34,35 +28,11 @@ class ControllerWaves(ControllerCore):
         return self._tables.capacity
 
     def wave(self, table: int) -> Array:
-        """Return the samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples [m or V: whichever the axis takes that runs it], shape (n,).
-        """
+        """Return the samples of a table."""
         return self._tables.samples(table)
 
     def set_wave(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table; an empty sequence clears it.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        samples : numpy.ndarray
-            Samples, shape (n,).
-
-        Raises
-        ------
-        RefusedError
-            A sample is not finite, there is no room, or a waveform of the table runs.
-        """
+        """Replace the samples of a table; an empty sequence clears it."""
         self._tables.known(table)
         for name, state in self._states.items():
             if state.wave is not None and table in self._choice[name]:
@@ -72,28 +42,11 @@ class ControllerWaves(ControllerCore):
         self._tables.replace(table, samples)
 
     def wave_rate_divider(self) -> int:
-        """Return how many samples of the loop one sample of a table lasts.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how many samples of the loop one sample of a table lasts."""
         return self._divider
 
     def set_wave_rate_divider(self, divider: int) -> None:
-        """Set how many samples of the loop one sample of a table lasts.
-
-        Parameters
-        ----------
-        divider : int
-            The number, 1 or more.
-
-        Raises
-        ------
-        RefusedError
-            It is below 1, or a waveform runs.
-        """
+        """Set how many samples of the loop one sample of a table lasts."""
         if divider < 1:
             raise RefusedError(
                 Refusal.BAD_VALUE,
@@ -104,38 +57,12 @@ class ControllerWaves(ControllerCore):
         self._divider = int(divider)
 
     def wave_choice(self, axis: str) -> tuple[int, int]:
-        """Return the table of an axis and that of its feedforward.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        tuple of int
-            Both numbers, 0 for none.
-        """
+        """Return the table of an axis and that of its feedforward."""
         self._axis(axis)
         return self._choice[axis]
 
     def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
-        """Choose the table of an axis and that of its feedforward.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        table : int
-            Number of the table, from 1; 0 for none.
-        feedforward : int
-            Number of the table of voltages beside the control; 0 for none.
-
-        Raises
-        ------
-        RefusedError
-            There is no such table, a waveform runs, or the axis is a screw and has no voltage.
-        """
+        """Choose the table of an axis and that of its feedforward."""
         state = self._axis(axis)
         self._need_no_wave(state)
         if feedforward:
@@ -146,36 +73,12 @@ class ControllerWaves(ControllerCore):
         self._choice[axis] = (int(table), int(feedforward))
 
     def wave_cycles(self, axis: str) -> int:
-        """Return how often the waveform of an axis is run.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        int
-            The number; 0 for endlessly.
-        """
+        """Return how often the waveform of an axis is run."""
         self._axis(axis)
         return self._cycles[axis]
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
-        """Set how often the waveform of an axis is run.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        cycles : int
-            The number; 0 for endlessly.
-
-        Raises
-        ------
-        RefusedError
-            It is negative, or a waveform runs.
-        """
+        """Set how often the waveform of an axis is run."""
         state = self._axis(axis)
         self._need_no_wave(state)
         if cycles < 0:
@@ -185,22 +88,7 @@ class ControllerWaves(ControllerCore):
         self._cycles[axis] = int(cycles)
 
     def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
-        """Check every sample of the chosen tables against the limits, then start all in step.
-
-        Parameters
-        ----------
-        axes : sequence of str
-            The axes.
-        onward : collection of str
-            Those whose cycles each begin where the one before has ended.
-
-        Raises
-        ------
-        RefusedError
-            No table is chosen or one is empty, a waveform runs already, a value, a slope or the
-            step from where the axis stands is outside the limits, a feedforward has another length
-            or no control beside it, or the drives are taken out; nothing has started.
-        """
+        """Check every sample of the chosen tables against the limits, then start all in step."""
         self._need_drives()
         runs = [
             (state, self._prepared(axis, state, axis in onward))
@@ -211,30 +99,13 @@ class ControllerWaves(ControllerCore):
         self._recorder.trigger("wave", self._sample + 1)
 
     def stop_waves(self, axes: Sequence[str]) -> None:
-        """Stop waveforms; the axes hold where they are.
-
-        Parameters
-        ----------
-        axes : sequence of str
-            The axes; those on which none runs are left as they are.
-        """
+        """Stop waveforms; the axes hold where they are."""
         for _, state in self._named(axes):
             if state.wave is not None:
                 state.stop(self._sample)
 
     def wave_running(self, axis: str) -> bool:
-        """Say whether a waveform runs on an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether a waveform runs on an axis."""
         return self._axis(axis).wave is not None
 
     def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:

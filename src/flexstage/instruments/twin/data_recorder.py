@@ -4,14 +4,11 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin.device import Refusal, RefusedError
 
-__all__ = ["DataRecorder"]
-
-Array = NDArray[np.float64]
 Trigger = Literal["wave", "move", "now"]
 
 
@@ -21,13 +18,6 @@ class DataRecorder:
     A recording begins with the sample after its trigger, takes every d-th sample as it is, and goes
     on until the tables are full, also when the waveform that started it has ended. What is read may
     be read while it goes on. A trigger starts one recording: it is armed anew for each.
-
-    Parameters
-    ----------
-    count : int
-        Number of tables.
-    capacity : int
-        Samples of each.
     """
 
     def __init__(self, count: int, capacity: int) -> None:
@@ -68,23 +58,7 @@ class DataRecorder:
         return self._signals
 
     def known(self, table: int) -> int:
-        """Return the number of a table.
-
-        Parameters
-        ----------
-        table : int
-            Its number, from 1.
-
-        Returns
-        -------
-        int
-            The same.
-
-        Raises
-        ------
-        RefusedError
-            There is no such table.
-        """
+        """Return the number of a table."""
         if not 1 <= table <= self.count:
             raise RefusedError(
                 Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
@@ -92,32 +66,13 @@ class DataRecorder:
         return table
 
     def choose(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next trigger on.
-
-        Parameters
-        ----------
-        table : int
-            Its number, from 1.
-        signal : Signal or None
-            What to record; None for nothing.
-        """
+        """Choose what a table records, from the next trigger on."""
         self._signals.pop(self.known(table), None)
         if signal is not None:
             self._signals[table] = signal
 
     def set_divider(self, divider: int) -> None:
-        """Choose the rate, from the next trigger on.
-
-        Parameters
-        ----------
-        divider : int
-            Samples of the loop for one of a record.
-
-        Raises
-        ------
-        RefusedError
-            It is below 1.
-        """
+        """Choose the rate, from the next trigger on."""
         if divider < 1:
             raise RefusedError(
                 Refusal.BAD_VALUE, f"a record takes every sample or fewer, got a rate of {divider}"
@@ -125,30 +80,14 @@ class DataRecorder:
         self._divider = divider
 
     def arm(self, trigger: Trigger) -> None:
-        """Wait for a trigger; a recording that runs is ended.
-
-        Parameters
-        ----------
-        trigger : {"wave", "move", "now"}
-            What starts it.
-        """
+        """Wait for a trigger; a recording that runs is ended."""
         self._length = self._filled
         self._armed = trigger
 
     def trigger(
         self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
     ) -> None:
-        """Start if it was armed for this.
-
-        Parameters
-        ----------
-        what : {"wave", "move", "now"}
-            What happens.
-        sample : int
-            Number of the next sample of the loop.
-        blow : callable, optional
-            Gives samples of a blow, at the rate of the record, by kind and source of the signal.
-        """
+        """Start if it was armed for this."""
         if self._armed != what:
             return
         self._armed, self._by = None, what
@@ -163,28 +102,12 @@ class DataRecorder:
             self._blow = given
 
     def end(self, by: Trigger | None = None) -> None:
-        """End a recording that runs.
-
-        Parameters
-        ----------
-        by : {"wave", "move", "now"}, optional
-            Only one that was started by this.
-        """
+        """End a recording that runs."""
         if by is None or by == self._by:
             self._length = self._filled
 
     def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
-        """Keep what belongs to a recording that runs.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of the loop's samples that are there.
-        count : int
-            How many.
-        values : callable
-            Gives these samples of a signal, shape (count,).
-        """
+        """Keep what belongs to a recording that runs."""
         if not self.recording:
             return
         d = self._kept_divider
@@ -201,27 +124,7 @@ class DataRecorder:
         self._filled += new
 
     def read(self, table: int, first: int, count: int) -> Array:
-        """Return samples.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            The samples, shape (count,).
-
-        Raises
-        ------
-        RefusedError
-            They are not there.
-        """
+        """Return samples."""
         if self.known(table) not in self._data:
             raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
         if first < 0 or count < 0 or first + count > self._filled:

@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis.chain import Creep
+from flexstage.arrays import Array
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.loop import ModeArrays
 from flexstage.instruments.twin.piezo_parts import PiezoAxis, mode_arrays
 from flexstage.instruments.twin.small_signal import sampled_response
 from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
 from flexstage.system import MechanicalSystem, modes
-
-__all__ = ["delivered_settings", "largest_slope"]
-
-Array = NDArray[np.float64]
 
 #: Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable.
 _SENSITIVITY = 1.6
@@ -34,24 +31,6 @@ def delivered_settings(
     creep: Creep | None,
 ) -> list[PiezoAxis]:
     """Give each axis an integral control with a notch at the mode that it excites most.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        Model of the stage.
-    parts : sequence of PiezoAxis
-        Its axes.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-    bandwidth_hz : float
-        Bandwidth of the amplifiers [Hz].
-    creep : Creep or None
-        Creep of the stacks.
-
-    Returns
-    -------
-    list of PiezoAxis
-        The axes, with settings.
 
     Notes
     -----
@@ -81,18 +60,7 @@ def delivered_settings(
 
 
 def largest_slope(part: PiezoAxis) -> float:
-    """Return the steepest slope of the major loop of a stack, without creep.
-
-    Parameters
-    ----------
-    part : PiezoAxis
-        The axis.
-
-    Returns
-    -------
-    float
-        Free displacement over voltage [m/V].
-    """
+    """Return the steepest slope of the major loop of a stack, without creep."""
     low, high = part.limits.voltage or (0.0, 1.0)
     line = np.linspace(low, high, 300)
     u = np.concatenate([line, line[::-1], line, line[::-1]])

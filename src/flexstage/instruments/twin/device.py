@@ -9,19 +9,12 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexstage.errors import FlexstageError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.protocol import Capability, Identity
 from flexstage.instruments.twin.device_motion import MotionDevice
 from flexstage.instruments.twin.device_recorder import RecordDevice
 from flexstage.instruments.twin.device_waves import WaveDevice
-
-__all__ = ["AxisDescription", "ChannelDescription", "Device", "Refusal", "RefusedError"]
-
-Array = NDArray[np.float64]
 
 
 class Refusal(Enum):
@@ -41,15 +34,7 @@ class Refusal(Enum):
 
 
 class RefusedError(FlexstageError, RuntimeError):
-    """A device refuses a command; nothing has changed.
-
-    Parameters
-    ----------
-    reason : Refusal
-        Why.
-    message : str
-        One sentence.
-    """
+    """A device refuses a command; nothing has changed."""
 
     def __init__(self, reason: Refusal, message: str) -> None:
         super().__init__(message)
@@ -58,54 +43,38 @@ class RefusedError(FlexstageError, RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisDescription:
-    """What an axis of the device is.
-
-    Parameters
-    ----------
-    name : str
-        Its identifier at the controller: ``1``, ``2``.
-    stage_axis : str
-        The axis of the stage that it moves: ``x``, ``y``.
-    kind : {"piezo", "screw"}
-        A piezo axis is controlled by its platform's sensor and has a voltage; a screw axis by the
-        turns of its screw, and its position is the advance of the screw.
-    limits : AxisLimits
-        What it accepts.
-    capabilities : frozenset of Capability
-        What it can do.
-    window : float
-        Largest distance from a target at which it counts as reached [m].
-    settle : float
-        How long it must be within it [s].
-    """
+    """What an axis of the device is."""
 
     name: str
+    """Its identifier at the controller: ``1``, ``2``."""
     stage_axis: str
+    """The axis of the stage that it moves: ``x``, ``y``."""
     kind: Literal["piezo", "screw"]
+    """A piezo axis is controlled by its platform's sensor and has a voltage; a screw axis by the
+    turns of its screw, and its position is the advance of the screw.
+    """
     limits: AxisLimits
+    """What it accepts."""
     capabilities: frozenset[Capability]
+    """What it can do."""
     window: float = 0.0
+    """Largest distance from a target at which it counts as reached [m]."""
     settle: float = 0.0
+    """How long it must be within it [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelDescription:
-    """A sensor of the device.
-
-    Parameters
-    ----------
-    number : int
-        Its number, from 1; the first ones are the sensors of the axes, in their order.
-    name : str
-        What it reads: ``x``, ``y``, then ``across``, ``vertical``, ``roll``, ``pitch``, ``yaw`` of
-        each axis as ``x.across`` and so on.
-    unit : str
-        ``m`` or ``rad``.
-    """
+    """A sensor of the device."""
 
     number: int
+    """Its number, from 1; the first ones are the sensors of the axes, in their order."""
     name: str
+    """What it reads: ``x``, ``y``, then ``across``, ``vertical``, ``roll``, ``pitch``, ``yaw`` of
+    each axis as ``x.across`` and so on.
+    """
     unit: str
+    """``m`` or ``rad``."""
 
 
 class Device(MotionDevice, WaveDevice, RecordDevice, Protocol):
@@ -137,13 +106,7 @@ class Device(MotionDevice, WaveDevice, RecordDevice, Protocol):
         ...
 
     def advance(self, seconds: float) -> None:
-        """Let simulated time pass, rounded to whole samples; the rest is kept.
-
-        Parameters
-        ----------
-        seconds : float
-            Time [s].
-        """
+        """Let simulated time pass, rounded to whole samples; the rest is kept."""
         ...
 
     def reboot(self) -> None:
@@ -151,31 +114,13 @@ class Device(MotionDevice, WaveDevice, RecordDevice, Protocol):
         ...
 
     def drives_removed(self) -> bool:
-        """Say whether the drives are taken out, so that the stage can be struck.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether the drives are taken out, so that the stage can be struck."""
         ...
 
     def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back; the stage must be at rest and control off.
-
-        Parameters
-        ----------
-        removed : bool
-            Whether they shall be out.
-        """
+        """Take the drives out, or put them back; the stage must be at rest and control off."""
         ...
 
     def strike(self, axis: str) -> None:
-        """Strike the stage with a hammer; an armed recorder starts a little before the blow.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        """
+        """Strike the stage with a hammer; an armed recorder starts a little before the blow."""
         ...

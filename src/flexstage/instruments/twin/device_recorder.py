@@ -2,14 +2,8 @@
 
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.instruments.protocol import Signal
-
-__all__ = ["RecordDevice"]
-
-Array = NDArray[np.float64]
 
 
 class RecordDevice(Protocol):
@@ -26,97 +20,33 @@ class RecordDevice(Protocol):
         ...
 
     def record_signal(self, table: int) -> Signal | None:
-        """Return what a table records; None for nothing.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-
-        Returns
-        -------
-        Signal or None
-            What it records.
-        """
+        """Return what a table records; None for nothing."""
         ...
 
     def set_record_signal(self, table: int, signal: Signal | None) -> None:
-        """Choose it; `Signal.source` is the identifier of an axis or the number of a channel.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        signal : Signal or None
-            What to record; None for nothing.
-        """
+        """Choose it; `Signal.source` is the identifier of an axis or the number of a channel."""
         ...
 
     def record_divider(self) -> int:
-        """Return how many samples of the loop one sample of a record lasts.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how many samples of the loop one sample of a record lasts."""
         ...
 
     def set_record_divider(self, divider: int) -> None:
-        """Set it.
-
-        Parameters
-        ----------
-        divider : int
-            Number of samples of the loop.
-        """
+        """Set it."""
         ...
 
     def arm_recorder(self, trigger: Literal["wave", "move", "now"]) -> None:
-        """Start recording with the next waveform or blow, the next move, or now.
-
-        Parameters
-        ----------
-        trigger : {"wave", "move", "now"}
-            What starts it.
-        """
+        """Start recording with the next waveform or blow, the next move, or now."""
         ...
 
     def recorded(self) -> int:
-        """Return the number of samples that are there.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return the number of samples that are there."""
         ...
 
     def recording(self) -> bool:
-        """Say whether the recorder runs.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether the recorder runs."""
         ...
 
     def record(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table, counted from 0.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            Number of samples.
-
-        Returns
-        -------
-        numpy.ndarray
-            The samples.
-        """
+        """Return samples of a table, counted from 0."""
         ...

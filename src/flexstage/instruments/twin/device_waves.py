@@ -3,12 +3,7 @@
 from collections.abc import Collection, Sequence
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-__all__ = ["WaveDevice"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 
 class WaveDevice(Protocol):
@@ -25,141 +20,45 @@ class WaveDevice(Protocol):
         ...
 
     def wave(self, table: int) -> Array:
-        """Return the samples of a table [m or V: whichever the axis takes that runs it].
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-
-        Returns
-        -------
-        numpy.ndarray
-            The samples.
-        """
+        """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
         ...
 
     def set_wave(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table; an empty sequence clears it.
-
-        Parameters
-        ----------
-        table : int
-            Number of the table, from 1.
-        samples : numpy.ndarray
-            Samples, shape (n,).
-        """
+        """Replace the samples of a table; an empty sequence clears it."""
         ...
 
     def wave_rate_divider(self) -> int:
-        """Return how many samples of the loop one sample of a table lasts.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how many samples of the loop one sample of a table lasts."""
         ...
 
     def set_wave_rate_divider(self, divider: int) -> None:
-        """Set it; straight lines join the samples.
-
-        Parameters
-        ----------
-        divider : int
-            Number of samples of the loop.
-        """
+        """Set it; straight lines join the samples."""
         ...
 
     def wave_choice(self, axis: str) -> tuple[int, int]:
-        """Return the table of an axis and that of its feedforward, 0 for none.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        tuple of int
-            Both numbers.
-        """
+        """Return the table of an axis and that of its feedforward, 0 for none."""
         ...
 
     def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
-        """Choose them.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        table : int
-            Number of the table, from 1.
-        feedforward : int
-            Number of the table of its feedforward; 0 for none.
-        """
+        """Choose them."""
         ...
 
     def wave_cycles(self, axis: str) -> int:
-        """Return how often the waveform of an axis is run; 0 for endlessly.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how often the waveform of an axis is run; 0 for endlessly."""
         ...
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
-        """Set it.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        cycles : int
-            How often it is run; 0 for endlessly.
-        """
+        """Set it."""
         ...
 
     def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
-        """Check every sample of the chosen tables against the limits, then start all in step.
-
-        Parameters
-        ----------
-        axes : sequence of str
-            The axes.
-        onward : collection of str
-            Those whose cycles each begin where the one before has ended.
-        """
+        """Check every sample of the chosen tables against the limits, then start all in step."""
         ...
 
     def stop_waves(self, axes: Sequence[str]) -> None:
-        """Stop them; the axes hold where they are.
-
-        Parameters
-        ----------
-        axes : sequence of str
-            The axes.
-        """
+        """Stop them; the axes hold where they are."""
         ...
 
     def wave_running(self, axis: str) -> bool:
-        """Say whether a waveform runs on an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        bool
-            Whether it is so.
-        """
+        """Say whether a waveform runs on an axis."""
         ...

@@ -4,8 +4,6 @@ from types import MappingProxyType
 
 from flexstage.instruments.twin.device import Refusal
 
-__all__ = ["CODES", "GcsError"]
-
 # What the numbers stand for is fixed by the command set; the names are this project's.
 NO_ERROR = 0
 SYNTAX = 1
@@ -74,13 +72,7 @@ CODES = MappingProxyType(
 
 
 class GcsError(Exception):
-    """A command that is not carried out; nothing has changed.
-
-    Parameters
-    ----------
-    code : int
-        The number that ``ERR?`` answers.
-    """
+    """A command that is not carried out; nothing has changed."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"error {code} of the command set")

@@ -1,22 +1,14 @@
 """Blows of a hammer on a simulated stage, its drives taken out."""
 
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import AsBuilt, HammerBench, Laboratory
+from flexstage.experiment.virtual.as_built import AsBuilt
+from flexstage.experiment.virtual.bench import HammerBench
+from flexstage.experiment.virtual.laboratory import Laboratory
 from flexstage.instruments.twin.stage import Blow
-
-__all__ = ["Hammer"]
 
 
 class Hammer:
-    """A hammer with a force sensor, and an accelerometer on the platform.
-
-    Parameters
-    ----------
-    built : AsBuilt
-        The stage as made.
-    seed : int
-        Seed of blows and noise.
-    """
+    """A hammer with a force sensor, and an accelerometer on the platform."""
 
     def __init__(self, built: AsBuilt, seed: int) -> None:
         self._bench = HammerBench(built, Laboratory(hits=1))
@@ -24,23 +16,7 @@ class Hammer:
         self._seed, self._struck = seed, 0
 
     def strike(self, axis: str) -> Blow:
-        """Strike once along an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        Blow
-            Force and acceleration along the axis.
-
-        Raises
-        ------
-        ModelError
-            There is no such axis.
-        """
+        """Strike once along an axis."""
         if axis not in self._axes:
             raise ModelError(f"the stage has no axis '{axis}': choose from {', '.join(self._axes)}")
         # each blow has a seed of its own, far from those of other stages

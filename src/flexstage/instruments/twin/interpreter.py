@@ -19,8 +19,6 @@ from flexstage.instruments.twin.errors_gcs import CODES, GcsError
 from flexstage.instruments.twin.macros import Macros
 from flexstage.instruments.twin.state import ControllerState
 
-__all__ = ["Interpreter"]
-
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
 _COMMANDS = (*IDENTITY, *MOTION, *RECORDER, *SETUP, *STATUS, *TRIGGERS, *WAVES)
@@ -39,17 +37,6 @@ class Interpreter:
     until its session ends. From the others such commands are refused (error 1005, busy); they may
     read everything, and stop the motion. When the client in control leaves, the stage holds where
     it is (a motion or waveform that runs goes on to its end), and the next one may take control.
-
-    Parameters
-    ----------
-    device : Device
-        The controller with its stage.
-    pace : Pace
-        How its time passes.
-    model : ControllerModel
-        What it answers as.
-    hold : bool
-        Whether the first client that commands keeps control from the others.
 
     Notes
     -----
@@ -101,68 +88,29 @@ class Interpreter:
         return self._commanding[0] if self._hold and self._commanding else None
 
     def reached_at(self, host: str, port: int) -> None:
-        """Take note of where clients reach the controller.
-
-        Parameters
-        ----------
-        host : str
-            Address.
-        port : int
-            Port.
-        """
+        """Take note of where clients reach the controller."""
         self._state.host, self._state.port = host, port
 
     def join(self, client: Client) -> None:
-        """Welcome a client.
-
-        Parameters
-        ----------
-        client : Client
-            Its session.
-        """
+        """Welcome a client."""
         with self.pace.lock:
             self._clients.append(client)
 
     def leave(self, client: Client) -> None:
-        """Let a client go; if it was in control, another one may be.
-
-        Parameters
-        ----------
-        client : Client
-            Its session.
-        """
+        """Let a client go; if it was in control, another one may be."""
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
             self._macros.leave(client)
             self._commanding = [other for other in self._commanding if other is not client]
 
     def stop(self, client: Client) -> None:
-        """Stop all axes at once, as ``#24`` does; whoever has given commands is told, too.
-
-        Parameters
-        ----------
-        client : Client
-            Who stops them.
-        """
+        """Stop all axes at once, as ``#24`` does; whoever has given commands is told, too."""
         with self.pace.lock:
             self._attempt(client, lambda: halt(self._state, client))
             self._tell_others(client)
 
     def character(self, client: Client, byte: int) -> Reply:
-        """Carry out a command of one character.
-
-        Parameters
-        ----------
-        client : Client
-            Who gives it.
-        byte : int
-            4: status register; 5: which axes move; 7: ready; 9: which wave generators run.
-
-        Returns
-        -------
-        sequence of str
-            Lines of the answer.
-        """
+        """Carry out a command of one character."""
         if byte == 7:
             return [_READY]
         bits = {4: status_register, 5: moving_bits, 9: running_bits}[byte]
@@ -170,23 +118,7 @@ class Interpreter:
             return self._attempt(client, lambda: [bits(self._state)], poll=True)
 
     def line(self, client: Client, text: str, *, stopped: bool = False) -> Reply:
-        """Carry out a line.
-
-        Parameters
-        ----------
-        client : Client
-            Who gives it.
-        text : str
-            The line, without its end.
-        stopped : bool
-            Whether motion was stopped after it had been given, so that it starts none.
-
-        Returns
-        -------
-        sequence or iterator of str, or None
-            Lines of the answer; or pieces of its text, to be made one after the other without a
-            lock; or no answer.
-        """
+        """Carry out a line."""
         words = text.split(" ")
         if "" in words:
             words = [word for word in words if word]

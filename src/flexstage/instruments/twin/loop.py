@@ -14,112 +14,75 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.twin.stack import StackArrays, StackState, step_stack
 
-__all__ = ["DriveArrays", "LoopState", "ModeArrays", "SensorArrays", "ServoArrays", "run_loop"]
-
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
 class DriveArrays(NamedTuple):
-    """Converters and amplifiers, one row an axis.
-
-    Parameters
-    ----------
-    converter : numpy.ndarray
-        Lowest and highest voltage [V], step of the converter [V] (0 for none), shape (axes, 3).
-    amplifier : numpy.ndarray
-        Step over time constant [1], largest rate times time constant [V], shape (axes, 2).
-    """
+    """Converters and amplifiers, one row an axis."""
 
     converter: Array
+    """Lowest and highest voltage [V], step of the converter [V] (0 for none), shape (axes, 3)."""
     amplifier: Array
+    """Step over time constant [1], largest rate times time constant [V], shape (axes, 2)."""
 
 
 class ModeArrays(NamedTuple):
-    """Modes of the stage with the stacks in place, as they are stepped.
-
-    Parameters
-    ----------
-    force : numpy.ndarray
-        Where a free displacement of 1 m leads each mode, shape (axes, k).
-    transition : numpy.ndarray
-        From deflection and rate to the same a sample later, shape (4, k).
-    moments : numpy.ndarray
-        What a force, and its derivative, do in a sample, shape (3, k).
-    reader : numpy.ndarray
-        What the sensors of the axes see of each mode [1], shape (axes, k).
-    """
+    """Modes of the stage with the stacks in place, as they are stepped."""
 
     force: Array
+    """Where a free displacement of 1 m leads each mode, shape (axes, k)."""
     transition: Array
+    """From deflection and rate to the same a sample later, shape (4, k)."""
     moments: Array
+    """What a force, and its derivative, do in a sample, shape (3, k)."""
     reader: Array
+    """What the sensors of the axes see of each mode [1], shape (axes, k)."""
 
 
 class SensorArrays(NamedTuple):
-    """What lies between modes and readings.
-
-    Parameters
-    ----------
-    bow : numpy.ndarray
-        Motion along axis a that another axis causes by its guide, polynomials in the position of
-        that axis, from the constant up; entry (a, s), shape (axes, axes, 6).
-    gain : numpy.ndarray
-        Reading over motion [1], shape (axes,).
-    step : float
-        Smallest step of a reading [m]; 0 for none.
-    """
+    """What lies between modes and readings."""
 
     bow: Array
+    """Motion along axis a that another axis causes by its guide, polynomials in the position of
+    that axis, from the constant up; entry (a, s), shape (axes, axes, 6).
+    """
     gain: Array
+    """Reading over motion [1], shape (axes,)."""
     step: float
+    """Smallest step of a reading [m]; 0 for none."""
 
 
 class ServoArrays(NamedTuple):
-    """Settings of the control, one row an axis.
-
-    Parameters
-    ----------
-    on : numpy.ndarray
-        Whether it is on, shape (axes,).
-    begins : numpy.ndarray
-        Whether it was off before, shape (axes,); cleared.
-    gains : numpy.ndarray
-        Proportional gain [V/m], integral gain times step [V/m], shape (axes, 2).
-    filters : numpy.ndarray
-        Number of filters, shape (axes,).
-    sections : numpy.ndarray
-        b0, b1, b2, a1, a2 of each, shape (axes, most, 5).
-    """
+    """Settings of the control, one row an axis."""
 
     on: Flags
+    """Whether it is on, shape (axes,)."""
     begins: Flags
+    """Whether it was off before, shape (axes,); cleared."""
     gains: Array
+    """Proportional gain [V/m], integral gain times step [V/m], shape (axes, 2)."""
     filters: NDArray[np.int64]
+    """Number of filters, shape (axes,)."""
     sections: Array
+    """b0, b1, b2, a1, a2 of each, shape (axes, most, 5)."""
 
 
 class LoopState(NamedTuple):
-    """What the loop remembers beside the stacks; changed in place.
-
-    Parameters
-    ----------
-    axis : numpy.ndarray
-        Of each axis: voltage that its converter holds, voltage to be put out next, voltage of the
-        amplifier [V], last reading [m], integral [V], last feedforward [V] (NaN for none), last
-        free displacement [m], shape (axes, 7).
-    modes : numpy.ndarray
-        Deflections, rates [per sample], and last forces of the modes [m], shape (3, k).
-    filters : numpy.ndarray
-        Two numbers of each filter, shape (axes, most, 2).
-    """
+    """What the loop remembers beside the stacks; changed in place."""
 
     axis: Array
+    """Of each axis: voltage that its converter holds, voltage to be put out next, voltage of the
+    amplifier [V], last reading [m], integral [V], last feedforward [V] (NaN for none), last free
+    displacement [m], shape (axes, 7).
+    """
     modes: Array
+    """Deflections, rates [per sample], and last forces of the modes [m], shape (3, k)."""
     filters: Array
+    """Two numbers of each filter, shape (axes, most, 2)."""
 
 
 @compiled
@@ -140,41 +103,7 @@ def run_loop(
     voltage: Array,
     asked: Array,
 ) -> None:
-    """Run some samples.
-
-    Parameters
-    ----------
-    drives : DriveArrays
-        Converters and amplifiers.
-    stacks : StackArrays
-        The stacks.
-    memory : StackState
-        What they remember; changed.
-    modes : ModeArrays
-        Modes of the stage.
-    sensors : SensorArrays
-        Sensors of the axes.
-    servo : ServoArrays
-        Control.
-    state : LoopState
-        What the loop remembers; changed.
-    command : numpy.ndarray
-        Position wanted [m], or voltage [V], shape (axes, n).
-    feedforward : numpy.ndarray
-        Voltage added [V], NaN for none, shape (axes, n).
-    drift : numpy.ndarray
-        Motion of the platform by temperature [m], shape (axes, n).
-    noise : numpy.ndarray
-        What the sensors add [m], shape (axes, n).
-    reading : numpy.ndarray
-        Readings [m], written, shape (axes, n).
-    position : numpy.ndarray
-        True motion [m], written, shape (axes, n).
-    voltage : numpy.ndarray
-        Voltages at the stacks [V], written, shape (axes, n).
-    asked : numpy.ndarray
-        Voltages that are asked of the amplifiers [V], written, shape (axes, n).
-    """
+    """Run some samples."""
     axes, n = command.shape
     rise = np.empty(axes)
     own = np.empty(axes)

@@ -7,8 +7,6 @@ from flexstage.errors import NotConnectedError
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.session import Session
 
-__all__ = ["Loopback", "open_session"]
-
 _STOP: Final = b"\x18"
 
 
@@ -16,11 +14,6 @@ class Loopback:
     """Takes what a client sends, and has the answer ready at once.
 
     Any thread may send; a stop (character 24) does not wait for what another thread does.
-
-    Parameters
-    ----------
-    interpreter : Interpreter
-        The controller.
     """
 
     def __init__(self, interpreter: Interpreter) -> None:
@@ -36,18 +29,7 @@ class Loopback:
         return self._interpreter.device.identity.model
 
     def send(self, data: bytes) -> None:
-        """Send bytes; they are carried out before this returns.
-
-        Parameters
-        ----------
-        data : bytes
-            The bytes.
-
-        Raises
-        ------
-        NotConnectedError
-            The conversation was closed.
-        """
+        """Send bytes; they are carried out before this returns."""
         self._open()
         if _STOP in data:
             self._session.stop()
@@ -55,36 +37,14 @@ class Loopback:
             self._answers += self._session.feed(data)
 
     def receive(self, timeout: float = 0.0) -> bytes:
-        """Return what the controller has said; nothing is waited for, since it is said already.
-
-        Parameters
-        ----------
-        timeout : float
-            Makes no difference [s].
-
-        Returns
-        -------
-        bytes
-            Bytes, none where it has said nothing.
-
-        Raises
-        ------
-        NotConnectedError
-            The conversation was closed.
-        """
+        """Return what the controller has said; nothing is waited for, since it is said already."""
         self._open()
         with self._lock:
             said, self._answers = bytes(self._answers), bytearray()
         return said
 
     def another(self) -> "Loopback":
-        """Open a second conversation with the same controller.
-
-        Returns
-        -------
-        Loopback
-            A client of its own.
-        """
+        """Open a second conversation with the same controller."""
         return Loopback(self._interpreter)
 
     def close(self) -> None:
@@ -99,16 +59,5 @@ class Loopback:
 
 
 def open_session(interpreter: Interpreter) -> Loopback:
-    """Open a conversation with a controller in the same process.
-
-    Parameters
-    ----------
-    interpreter : Interpreter
-        The controller.
-
-    Returns
-    -------
-    Loopback
-        A client's end of it.
-    """
+    """Open a conversation with a controller in the same process."""
     return Loopback(interpreter)

@@ -8,8 +8,6 @@ from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.state import ControllerState
 
-__all__ = ["Macros"]
-
 #: Most characters of all macros, and longest name.
 _ROOM, _NAME = 1 << 16, 8
 #: How deep macros may start each other.
@@ -17,13 +15,7 @@ _DEPTH = 5
 
 
 class Macros:
-    """Keeps macros, and carries them out line by line, at once.
-
-    Parameters
-    ----------
-    carry_out : callable
-        Carries a line out for a client.
-    """
+    """Keeps macros, and carries them out line by line, at once."""
 
     def __init__(self, carry_out: Callable[[Client, str], object]) -> None:
         self._carry_out = carry_out
@@ -32,20 +24,7 @@ class Macros:
         self._recording: tuple[Client, str, list[str]] | None = None
 
     def takes(self, client: Client, words: Sequence[str]) -> bool:
-        """Keep a line that belongs to a macro which a client writes.
-
-        Parameters
-        ----------
-        client : Client
-            Who gives the line.
-        words : sequence of str
-            Its words.
-
-        Returns
-        -------
-        bool
-            Whether it was kept, and is not to be carried out now.
-        """
+        """Keep a line that belongs to a macro which a client writes."""
         if self._recording is None or self._recording[0] is not client:
             return False
         if [word.upper() for word in words] == ["MAC", "END"]:
@@ -58,24 +37,12 @@ class Macros:
         return True
 
     def leave(self, client: Client) -> None:
-        """Forget what a client was writing.
-
-        Parameters
-        ----------
-        client : Client
-            Who leaves.
-        """
+        """Forget what a client was writing."""
         if self._recording is not None and self._recording[0] is client:
             self._recording = None
 
     def commands(self) -> tuple[Command, ...]:
-        """Return the commands of macros.
-
-        Returns
-        -------
-        tuple of Command
-            The commands.
-        """
+        """Return the commands of macros."""
         return (
             Command(
                 name="MAC",

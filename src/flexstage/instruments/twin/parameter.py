@@ -8,8 +8,6 @@ from flexstage.instruments.twin.servo_draft import ServoDraft
 from flexstage.instruments.twin.state import ControllerState
 from flexstage.instruments.twin.words import printed
 
-__all__ = ["Edit", "Get", "Parameter", "Set", "Value", "items_of", "value_text"]
-
 Value = float | int | str
 Get = Callable[[ControllerState, str], Value]
 Set = Callable[[ControllerState, str, str], None]
@@ -18,46 +16,26 @@ Edit = Callable[[ServoDraft, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A parameter.
-
-    Parameters
-    ----------
-    item : {"system", "axis", "piezo", "servo", "channel"}
-        What it belongs to; ``piezo``: an axis with a voltage; ``servo``: one with a position
-        control that can be set.
-    group, name : str
-        How it is listed.
-    get : callable
-        Returns the value, from state and item.
-    set : callable, optional
-        Sets it, from state, item and word.
-    edit : callable, optional
-        Sets a number of the position control, all of which are changed at once.
-    """
+    """A parameter."""
 
     item: str
+    """What it belongs to; ``piezo``: an axis with a voltage; ``servo``: one with a position control
+    that can be set.
+    """
     group: str
+    """How it is listed."""
     name: str
+    """How it is listed."""
     get: Get
+    """Returns the value, from state and item."""
     set: Set | None = None
+    """Sets it, from state, item and word."""
     edit: Edit | None = None
+    """Sets a number of the position control, all of which are changed at once."""
 
 
 def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
-    """Return the items that have a parameter.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-    parameter : Parameter
-        The parameter.
-
-    Returns
-    -------
-    sequence of str
-        Identifiers of axes or channels, or ``"1"`` for the system.
-    """
+    """Return the items that have a parameter."""
     if parameter.item == "system":
         return ("1",)
     if parameter.item == "channel":
@@ -72,16 +50,5 @@ def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
 
 
 def value_text(value: Value) -> str:
-    """Return a value as it is sent.
-
-    Parameters
-    ----------
-    value : float, int or str
-        The value.
-
-    Returns
-    -------
-    str
-        Its text.
-    """
+    """Return a value as it is sent."""
     return printed(value) if isinstance(value, float) else str(value)

@@ -13,8 +13,6 @@ from flexstage.instruments.twin.servo_draft import NOTCHES, ServoDraft
 from flexstage.instruments.twin.state import MICRO, ControllerState
 from flexstage.instruments.twin.words import number, switch, unsigned
 
-__all__ = ["PARAMETERS", "SIMULATED_TIME", "listing"]
-
 _KINDS = {int: "INT", str: "CHAR"}
 
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.
@@ -22,18 +20,7 @@ SIMULATED_TIME = 0x7F000001
 
 
 def listing(state: ControllerState) -> list[str]:
-    """Return what ``HPA?`` answers: number, level to write it, items, type, group, name.
-
-    Parameters
-    ----------
-    state : ControllerState
-        State of the controller.
-
-    Returns
-    -------
-    list of str
-        Lines.
-    """
+    """Return what ``HPA?`` answers: number, level to write it, items, type, group, name."""
     lines = ["The following parameters are valid:"]
     for identifier, parameter in PARAMETERS.items():
         items = items_of(state, parameter)

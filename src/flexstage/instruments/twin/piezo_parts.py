@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import GuideErrors
+from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.virtual_stack import VirtualStack
 from flexstage.instruments.limits import AxisLimits
@@ -15,66 +16,35 @@ from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.loop import DriveArrays, ModeArrays
 from flexstage.system import MechanicalSystem, modes
 
-__all__ = ["PiezoAxis", "commands", "drive_arrays", "mode_arrays"]
-
-Array = NDArray[np.float64]
-
 _CONVERTER_BITS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PiezoAxis:
-    """One axis of a piezo stage as it was made.
-
-    Parameters
-    ----------
-    name, drive, probe : str
-        Name of the axis, and of the drive and the probe of its system.
-    stack : VirtualStack
-        From voltage to free displacement.
-    limits : AxisLimits
-        What may be commanded; its voltage range is that of the amplifier.
-    largest_rate : float
-        Largest rate of the amplifier on its stack [V/s]; infinite for none.
-    guide : GuideErrors, optional
-        What its guide does beside it; nothing where not given.
-    low : float
-        Position of the low end of its stroke [m], at which the guide's curves begin.
-    settings : ServoSettings
-        Settings of its control as delivered.
-    """
+    """One axis of a piezo stage as it was made."""
 
     name: str
+    """Name of the axis, and of the drive and the probe of its system."""
     drive: str
+    """Name of the axis, and of the drive and the probe of its system."""
     probe: str
+    """Name of the axis, and of the drive and the probe of its system."""
     stack: VirtualStack
+    """From voltage to free displacement."""
     limits: AxisLimits
+    """What may be commanded; its voltage range is that of the amplifier."""
     largest_rate: float = float("inf")
+    """Largest rate of the amplifier on its stack [V/s]; infinite for none."""
     guide: GuideErrors | None = None
+    """What its guide does beside it; nothing where not given."""
     low: float = 0.0
+    """Position of the low end of its stroke [m], at which the guide's curves begin."""
     settings: ServoSettings = field(default_factory=ServoSettings)
+    """Settings of its control as delivered."""
 
 
 def commands(command: ArrayLike, axes: int) -> Array:
-    """Return commands as a loop takes them.
-
-    Parameters
-    ----------
-    command : array_like
-        Commands, shape (axes, n).
-    axes : int
-        Number of axes.
-
-    Returns
-    -------
-    numpy.ndarray
-        A copy.
-
-    Raises
-    ------
-    ModelError
-        It has another shape, or is not finite.
-    """
+    """Return commands as a loop takes them."""
     given = np.array(command, dtype=np.float64, order="C")
     if given.ndim != 2 or given.shape[0] != axes:
         raise ModelError(f"a command of {axes} axes has the shape ({axes}, n), got {given.shape}")
@@ -87,29 +57,7 @@ def commands(command: ArrayLike, axes: int) -> Array:
 def drive_arrays(
     parts: Sequence[PiezoAxis], sample_rate_hz: float, bandwidth_hz: float, *, quiet: bool
 ) -> DriveArrays:
-    """Return converters and amplifiers as the loop takes them.
-
-    Parameters
-    ----------
-    parts : sequence of PiezoAxis
-        The axes.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-    bandwidth_hz : float
-        Bandwidth of the amplifiers [Hz].
-    quiet : bool
-        Whether the converters have no steps.
-
-    Returns
-    -------
-    DriveArrays
-        One row an axis.
-
-    Raises
-    ------
-    ModelError
-        An axis has no voltage range.
-    """
+    """Return converters and amplifiers as the loop takes them."""
     converter, amplifier = [], []
     time = 1.0 / (2.0 * np.pi * bandwidth_hz)
     for part in parts:
@@ -124,27 +72,7 @@ def drive_arrays(
 def mode_arrays(
     system: MechanicalSystem, parts: Sequence[PiezoAxis], sample_rate_hz: float
 ) -> ModeArrays:
-    """Return the modes of a stage with its stacks in place as the loop takes them.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        Model of the stage.
-    parts : sequence of PiezoAxis
-        Its axes.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-
-    Returns
-    -------
-    ModeArrays
-        All modes; a few empty ones follow, so that they are a multiple of 4.
-
-    Raises
-    ------
-    ModelError
-        A drive has no stiffness.
-    """
+    """Return the modes of a stage with its stacks in place as the loop takes them."""
     found = modes(system, drives="in place", count=None)
     force, reader = [], []
     for part in parts:

@@ -6,9 +6,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import GuideErrors
-from flexstage.hysteresis.chain import Creep
+from flexstage.experiment.virtual.guide import GuideErrors
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.beside import (
@@ -36,9 +37,6 @@ from flexstage.instruments.twin.stage import Block, Blow
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
-__all__ = ["PiezoStage"]
-
-Array = NDArray[np.float64]
 #: Most filters of a control.
 _FILTERS = 8
 
@@ -49,40 +47,6 @@ class PiezoStage:
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
     amplifier of one pole and limited current, to a stack with hysteresis and creep; all modes of
     the stage with its stacks in place follow. Sensors add their errors.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    system : MechanicalSystem
-        Its model as made.
-    axes : sequence of PiezoAxis
-        What drives and guides it.
-    sensors : SensorBench, optional
-        Its sensors; the usual ones where not given.
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-    seed : int
-        Seed of noise, drift and the gains of sensors.
-    creep : Creep, optional
-        Creep of the stacks; none where not given.
-    bandwidth_hz : float
-        Bandwidth of the amplifiers [Hz].
-    charge : ChargeDrive, optional
-        That the stacks are driven by charge.
-    quiet : bool
-        Whether to leave out noise, mains, drift and all steps of converters and sensors.
-    scatter : bool
-        Whether the gains of the sensors are off.
-    hammer : Hammer, optional
-        What a blow does; none can be struck where not given.
-    notes : sequence of str
-        What was drawn and set.
-
-    Raises
-    ------
-    ModelError
-        An axis has no voltage range, or its drive no stiffness.
 
     Notes
     -----
@@ -180,36 +144,12 @@ class PiezoStage:
         return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
-        """Return the settings of an axis's position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        ServoSettings
-            The settings.
-        """
+        """Return the settings of an axis's position control."""
         self._number(axis)
         return self._settings[axis]
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change them; the filters keep their state where their number stays.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        settings : ServoSettings
-            The settings.
-
-        Raises
-        ------
-        ModelError
-            There is no such axis, a filter lies above half the rate, or there are more than 8.
-        """
+        """Change them; the filters keep their state where their number stays."""
         a = self._number(axis)
         sections = settings.sections(self._rate)
         if len(sections) > _FILTERS:
@@ -224,27 +164,7 @@ class PiezoStage:
         self._settings[axis] = settings
 
     def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
-        """Let samples of the loop pass.
-
-        Parameters
-        ----------
-        command : numpy.ndarray
-            Positions wanted [m] where control is on, else voltages [V], shape (axes, n).
-        servo : sequence of bool
-            Whether control is on, by axis.
-        feedforward : numpy.ndarray, optional
-            Voltages added under control [V], shape (axes, n), NaN where there are none.
-
-        Returns
-        -------
-        Block
-            What happened.
-
-        Raises
-        ------
-        ModelError
-            Shapes do not fit, or a command is not finite.
-        """
+        """Let samples of the loop pass."""
         axes = len(self._parts)
         wanted = commands(command, axes)
         n = wanted.shape[1]
@@ -275,18 +195,7 @@ class PiezoStage:
         return Block(time=time, reading=reading, position=position, voltage=voltage, command=asked)
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        Blow
-            Force and response; the next blow differs from it.
-        """
+        """Strike the platform along an axis with a hammer, the drives taken out for it."""
         self._number(axis)
         if self._hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
@@ -322,24 +231,7 @@ class PiezoStage:
     def small_signal_response(
         self, axis: str, frequency_hz: ArrayLike, *, slope: float, read: str | None = None
     ) -> NDArray[np.complex128]:
-        """Return the response from the voltage asked for to the position, for small signals.
-
-        Parameters
-        ----------
-        axis : str
-            The axis that is driven.
-        frequency_hz : array_like
-            Frequencies [Hz], shape (n,).
-        slope : float
-            Slope of the stack about its working point, without creep [m/V].
-        read : str, optional
-            The axis that is read; the same where not given.
-
-        Returns
-        -------
-        numpy.ndarray
-            Position over voltage [m/V], shape (n,): without the sample that a reading takes.
-        """
+        """Return the response from the voltage asked for to the position, for small signals."""
         return sampled_response(
             self._modes, self._number(axis), self._number(read or axis), frequency_hz, self._rate,
             slope=slope, bandwidth_hz=self._bandwidth, creep=self._creep,

@@ -4,11 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Ramp"]
-
-Array = NDArray[np.float64]
+from flexstage.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,15 +15,6 @@ class Ramp:
     Every sample has a closed form in its number, so that it does not matter in which portions they
     are computed.
 
-    Parameters
-    ----------
-    first : int
-        Number of the sample with which it begins; that sample has made the first step already.
-    start, end : float
-        Both values [m, or V].
-    step : float
-        Largest change from one sample to the next [m, or V].
-
     Examples
     --------
     >>> Ramp(first=10, start=2.0, end=-1.0, step=1.25).values(9, 5)
@@ -34,24 +22,17 @@ class Ramp:
     """
 
     first: int
+    """Number of the sample with which it begins; that sample has made the first step already."""
     start: float
+    """Both values [m, or V]."""
     end: float
+    """Both values [m, or V]."""
     step: float
+    """Largest change from one sample to the next [m, or V]."""
 
     @classmethod
     def hold(cls, value: float) -> "Ramp":
-        """Return a ramp that has ended long ago.
-
-        Parameters
-        ----------
-        value : float
-            Its end [m, or V].
-
-        Returns
-        -------
-        Ramp
-            The ramp.
-        """
+        """Return a ramp that has ended long ago."""
         return cls(first=0, start=value, end=value, step=math.inf)
 
     @property
@@ -67,20 +48,7 @@ class Ramp:
         return self.first + max(count, 1) - 1
 
     def values(self, first: int, count: int) -> Array:
-        """Return samples.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of them.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values [m, or V], shape (count,).
-        """
+        """Return samples."""
         distance = abs(self.end - self.start)
         if distance == 0.0:
             return np.full(count, self.end)

@@ -4,16 +4,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.device import Device
 from flexstage.instruments.twin.errors_gcs import GcsError
-
-__all__ = ["RECORD_OPTIONS", "RecordOption", "RecordStore"]
-
-Array = NDArray[np.float64]
 
 #: Micrometres, and microradians, of the wire in SI.
 _MICRO = 1e-6
@@ -21,24 +17,16 @@ _MICRO = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordOption:
-    """Something that the data recorder offers.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the signal.
-    text : str
-        How it is listed.
-    source : {"axis", "output", "channel"}
-        What its source is a number of.
-    unit : str
-        SI unit; that of the sensor for a channel.
-    """
+    """Something that the data recorder offers."""
 
     kind: str
+    """Kind of the signal."""
     text: str
+    """How it is listed."""
     source: str
+    """What its source is a number of."""
     unit: str
+    """SI unit; that of the sensor for a channel."""
 
 
 #: What can be recorded, by number. From 200 on it is the simulated controller's own.
@@ -60,15 +48,7 @@ _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 
 
 class RecordStore:
-    """Tables of the recorder in the terms of the wire.
-
-    Parameters
-    ----------
-    device : Device
-        The device.
-    outputs : Mapping
-        Axis by output channel.
-    """
+    """Tables of the recorder in the terms of the wire."""
 
     def __init__(self, device: Device, outputs: Mapping[str, str]) -> None:
         self._device, self._outputs = device, outputs
@@ -82,49 +62,16 @@ class RecordStore:
         self._by_client = False
 
     def sources(self, option: RecordOption) -> Iterable[str]:
-        """Return what an option can be recorded of.
-
-        Parameters
-        ----------
-        option : RecordOption
-            The option.
-
-        Returns
-        -------
-        iterable of str
-            Axes or channels.
-        """
+        """Return what an option can be recorded of."""
         known = {"axis": self._device.axes, "output": self._outputs, "channel": self._units}
         return tuple(known[option.source])
 
     def choice(self, table: int) -> tuple[str, int]:
-        """Return what a table of the recorder records.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-
-        Returns
-        -------
-        tuple
-            Source and number of the option; ``"0"`` and 0 for nothing.
-        """
+        """Return what a table of the recorder records."""
         return self.source_and_option(self._device.record_signal(table))
 
     def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
-        """Return how a signal is chosen.
-
-        Parameters
-        ----------
-        signal : Signal or None
-            The signal; None for nothing.
-
-        Returns
-        -------
-        tuple
-            Source and number of the option.
-        """
+        """Return how a signal is chosen."""
         if signal is None:
             return "0", 0
         option = _OPTION_OF[signal.kind]
@@ -133,25 +80,7 @@ class RecordStore:
         return signal.source, option
 
     def signal(self, source: str, number: int) -> Signal | None:
-        """Return the signal of a source and an option.
-
-        Parameters
-        ----------
-        source : str
-            Axis or channel.
-        number : int
-            Number of the option.
-
-        Returns
-        -------
-        Signal or None
-            The signal; None for nothing.
-
-        Raises
-        ------
-        GcsError
-            There is no such option, or no such source.
-        """
+        """Return the signal of a source and an option."""
         if number == 0:
             return None
         option = RECORD_OPTIONS.get(number)
@@ -170,31 +99,13 @@ class RecordStore:
         """Choose what a table of the recorder records; what it has recorded is forgotten.
 
         A recording that runs ends, so that the next one records what was chosen in all tables.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-        signal : Signal or None
-            What it records; None for nothing.
         """
         self._device.arm_recorder("wave")
         self._device.set_record_signal(table, signal)
         self.kept.pop(table, None)
 
     def use(self, tables: int) -> None:
-        """Choose how many tables are in use; those behind them record nothing.
-
-        Parameters
-        ----------
-        tables : int
-            The number.
-
-        Raises
-        ------
-        GcsError
-            There are not so many.
-        """
+        """Choose how many tables are in use; those behind them record nothing."""
         if not 1 <= tables <= self._device.record_tables:
             raise GcsError(code.OUT_OF_RANGE)
         for table in range(tables + 1, self._device.record_tables + 1):
@@ -202,20 +113,7 @@ class RecordStore:
         self.tables = tables
 
     def column(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table of the recorder in the unit of the wire.
-
-        Parameters
-        ----------
-        table : int
-            The table, one of those in `kept`.
-        first, count : int
-            First sample, from 0, and how many.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples [um, urad, V, N, or what a blow is answered in], shape (count,).
-        """
+        """Return samples of a table of the recorder in the unit of the wire."""
         values = np.array(self._device.record(table, first, count), dtype=np.float64)
         if self.kept[table].unit in ("m", "rad"):
             values /= _MICRO
@@ -225,11 +123,6 @@ class RecordStore:
         """Command a motion, which starts the recorder where this is chosen.
 
         Each motion starts it anew, also while it still records the one before.
-
-        Parameters
-        ----------
-        command : callable
-            Commands it.
         """
         command()
         if self.trigger == 1:
@@ -239,11 +132,6 @@ class RecordStore:
         """Start a waveform, or strike a blow, which starts the recorder.
 
         A recording that a client started at a moment of its own is not interrupted.
-
-        Parameters
-        ----------
-        command : callable
-            Starts it.
         """
         armed = not (self._by_client and self._device.recording())
         if armed:
@@ -257,11 +145,6 @@ class RecordStore:
 
         What it has recorded can be read until the next start, unless a motion, a command, or this
         moment is to start it: then the tables are empty until it has, and none is taken for new.
-
-        Parameters
-        ----------
-        trigger : int
-            Number of the trigger; 4 starts at once.
         """
         self.trigger = trigger
         self._by_client = False
@@ -272,13 +155,7 @@ class RecordStore:
             self.now()
 
     def now(self, *, by_client: bool = True) -> None:
-        """Start the recorder.
-
-        Parameters
-        ----------
-        by_client : bool
-            Whether a client chose the moment.
-        """
+        """Start the recorder."""
         self._device.arm_recorder("now")
         self._keep(by_client=by_client)
 

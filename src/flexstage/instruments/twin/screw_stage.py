@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.virtual import GuideErrors
+from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
@@ -27,37 +27,23 @@ from flexstage.instruments.twin.sensors import Disturbances, SensorBench
 from flexstage.instruments.twin.stage import Block, Blow
 from flexstage.stage import Stage
 
-__all__ = ["ScrewAxis", "ScrewStage"]
-
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScrewAxis:
-    """One axis of a screw-driven stage as it was made.
-
-    Parameters
-    ----------
-    name : str
-        Name of the axis.
-    limits : AxisLimits
-        Range and largest speed of the advance of the screw.
-    smallest_step : float
-        Smallest step of the advance [m].
-    backlash : float
-        By how much the screw turns back before the stage follows, as its advance [m].
-    ratio : float
-        Motion of the platform over that of the screw [1].
-    guide : GuideErrors
-        What its guide does beside it, and what the position is off by.
-    """
+    """One axis of a screw-driven stage as it was made."""
 
     name: str
+    """Name of the axis."""
     limits: AxisLimits
+    """Range and largest speed of the advance of the screw."""
     smallest_step: float
+    """Smallest step of the advance [m]."""
     backlash: float
+    """By how much the screw turns back before the stage follows, as its advance [m]."""
     ratio: float
+    """Motion of the platform over that of the screw [1]."""
     guide: GuideErrors
+    """What its guide does beside it, and what the position is off by."""
 
     @property
     def low(self) -> float:
@@ -71,27 +57,6 @@ class ScrewStage:
     A screw turns towards what is commanded, in whole steps and no faster than it may; the stage
     follows behind its backlash. It has no position control: its position is the advance of the
     screw.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage as drawn.
-    axes : sequence of ScrewAxis
-        What drives and guides it.
-    sensors : SensorBench
-        Its sensors.
-    sample_rate_hz : float
-        Rate of samples [Hz].
-    seed : int
-        Seed of noise, drift and the gains of sensors.
-    quiet : bool
-        Whether to leave out noise, mains, drift, and the steps of the sensors.
-    scatter : bool
-        Whether the gains of the sensors are off.
-    hammer : Hammer, optional
-        What a blow does; none can be struck where not given.
-    notes : sequence of str
-        What was drawn and set.
 
     Notes
     -----
@@ -176,60 +141,16 @@ class ScrewStage:
         return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
-        """Refuse: a screw has no position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        ServoSettings
-            Never.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
+        """Refuse: a screw has no position control."""
         raise ModelError(f"axis '{axis}' is driven by a screw: it has no position control")
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Refuse: a screw has no position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        settings : ServoSettings
-            The settings.
-
-        Raises
-        ------
-        ModelError
-            Always.
-        """
+        """Refuse: a screw has no position control."""
         del settings
         self.servo_settings(axis)
 
     def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
-        """Let samples pass.
-
-        Parameters
-        ----------
-        command : numpy.ndarray
-            Advance wanted of each screw [m], shape (axes, n).
-        servo : sequence of bool
-            Not used: a screw is always led to its place.
-        feedforward : numpy.ndarray, optional
-            Not used: a screw has no voltage.
-
-        Returns
-        -------
-        Block
-            What happened; its command is the advance that each screw has.
-        """
+        """Let samples pass."""
         del servo, feedforward
         axes = len(self._parts)
         wanted = commands(command, axes)
@@ -249,18 +170,7 @@ class ScrewStage:
         )  # fmt: skip
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        Blow
-            Force and response; the next blow differs from it.
-        """
+        """Strike the platform along an axis with a hammer, the drives taken out for it."""
         if self._hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
         return self._hammer.strike(axis)

@@ -9,14 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
-
-__all__ = ["AxisSensor", "Disturbances", "SensorBench"]
-
-Array = NDArray[np.float64]
 
 _BLOCK = 4096
 #: Streams of one seed.
@@ -25,29 +21,16 @@ _NOISE, _ROOM, _FIXED = 0, 1, 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSensor:
-    """A kind of sensor.
-
-    Parameters
-    ----------
-    noise_rms : float
-        Rms of its white noise, in its unit.
-    mains_amplitude : float
-        Amplitude of what it picks up of the mains.
-    step : float
-        Its smallest step; 0 for none.
-    gain_scatter : float
-        Standard deviation of its gain [1].
-
-    Raises
-    ------
-    ModelError
-        A value is negative or not finite.
-    """
+    """A kind of sensor."""
 
     noise_rms: float = 5e-9
+    """Rms of its white noise, in its unit."""
     mains_amplitude: float = 10e-9
+    """Amplitude of what it picks up of the mains."""
     step: float = 1e-10
+    """Its smallest step; 0 for none."""
     gain_scatter: float = 5e-5
+    """Standard deviation of its gain [1]."""
 
     def __post_init__(self) -> None:
         for name in ("noise_rms", "mains_amplitude", "step", "gain_scatter"):
@@ -59,23 +42,6 @@ class AxisSensor:
 class SensorBench:
     """The sensors around a stage, and the room that it stands in.
 
-    Parameters
-    ----------
-    along : AxisSensor
-        Reads along an axis, and closes its loop.
-    beside : AxisSensor
-        Reads across it, in the plane and out of it.
-    angle : AxisSensor
-        Reads rotations [rad].
-    mains_frequency_hz : float
-        Frequency of the mains [Hz].
-    drift_rate : float
-        Rms rate of the platform's motion by the temperature of the room [m/s].
-    room_time, stage_time : float
-        Times in which the room forgets its temperature, and in which the stage follows it [s].
-    lever : float
-        Length over which the same drift is a rotation [m].
-
     Notes
     -----
     Validity: usual figures of capacitive sensors and an autocollimator in a quiet laboratory, and
@@ -83,39 +49,31 @@ class SensorBench:
     """
 
     along: AxisSensor = field(default_factory=AxisSensor)
+    """Reads along an axis, and closes its loop."""
     beside: AxisSensor = field(
         default_factory=lambda: AxisSensor(noise_rms=3e-9, mains_amplitude=6e-9, gain_scatter=2e-3)
     )
+    """Reads across it, in the plane and out of it."""
     angle: AxisSensor = field(
         default_factory=lambda: AxisSensor(
             noise_rms=5e-8, mains_amplitude=5e-8, step=1e-9, gain_scatter=2e-3
         )
     )
+    """Reads rotations [rad]."""
     mains_frequency_hz: float = 50.0
+    """Frequency of the mains [Hz]."""
     drift_rate: float = 10e-9 / 60.0
+    """Rms rate of the platform's motion by the temperature of the room [m/s]."""
     room_time: float = 600.0
+    """Times in which the room forgets its temperature, and in which the stage follows it [s]."""
     stage_time: float = 300.0
+    """Times in which the room forgets its temperature, and in which the stage follows it [s]."""
     lever: float = 50e-3
+    """Length over which the same drift is a rotation [m]."""
 
 
 class Disturbances:
-    """What is added to motions and readings, sample by sample.
-
-    Parameters
-    ----------
-    kinds : sequence of str
-        ``along``, ``beside`` or ``angle`` for each sensor.
-    bench : SensorBench
-        The sensors.
-    sample_rate_hz : float
-        Rate of samples [Hz].
-    seed : int
-        Seed of all draws.
-    quiet : bool
-        Whether there is neither noise nor mains, drift, or steps.
-    scatter : bool
-        Whether the gains of the sensors are drawn, or right.
-    """
+    """What is added to motions and readings, sample by sample."""
 
     def __init__(
         self,
@@ -147,20 +105,7 @@ class Disturbances:
         self._blocks: dict[int, tuple[Array, Array]] = {}
 
     def take(self, first: int, count: int) -> tuple[Array, Array]:
-        """Return what is added over some samples.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first sample, from 0.
-        count : int
-            Number of samples.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Drift of the motion, and noise with mains of the reading, each shape (sensors, count).
-        """
+        """Return what is added over some samples."""
         if self._quiet:
             return np.zeros((self._size, count)), np.zeros((self._size, count))
         drift, noise = np.empty((self._size, count)), np.empty((self._size, count))

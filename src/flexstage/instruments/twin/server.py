@@ -13,8 +13,6 @@ from typing import Final
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.session import Session
 
-__all__ = ["GcsServer", "reserve"]
-
 _log = logging.getLogger(__name__)
 
 _READ: Final = 1 << 16
@@ -40,27 +38,7 @@ class _Connection:
 
 
 def reserve(host: str, port: int) -> socket.socket:
-    """Take a port, and answer nobody there yet.
-
-    Parameters
-    ----------
-    host : str
-        Address to listen at.
-    port : int
-        Port; 0 for any that is free.
-
-    Returns
-    -------
-    socket.socket
-        Clients are refused until a server listens at it.
-
-    Raises
-    ------
-    OSError
-        The port cannot be had.
-    UnicodeError
-        The host has a name that no host can have.
-    """
+    """Take a port, and answer nobody there yet."""
     host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     taken = socket.socket(family, socket.SOCK_STREAM)
@@ -78,29 +56,6 @@ def reserve(host: str, port: int) -> socket.socket:
 
 class GcsServer:
     """Listens for clients of a GCS controller.
-
-    Parameters
-    ----------
-    interpreter : Interpreter
-        The controller.
-    host : str
-        Address to listen at. Whoever reaches it can move the stage; the default is reached from
-        this computer only.
-    port : int
-        Port; 0 for any that is free.
-    listener : socket.socket, optional
-        A socket that was reserved, in place of both; the server closes it.
-    clients : int
-        Largest number of clients at once; a further one is sent away.
-    patience : float
-        A client that does not take its answers for this time is sent away [s].
-    clock : callable, optional
-        Returns the time [s].
-
-    Raises
-    ------
-    OSError
-        The port cannot be had.
 
     Notes
     -----
@@ -146,13 +101,7 @@ class GcsServer:
         return len(self._connections)
 
     def start(self) -> None:
-        """Listen, in a thread; and let simulated time pass.
-
-        Raises
-        ------
-        OSError
-            The port cannot be had.
-        """
+        """Listen, in a thread; and let simulated time pass."""
         if self._thread is None:
             self._listener.listen(_WAITING)
             self._interpreter.pace.start()

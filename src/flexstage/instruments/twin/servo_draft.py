@@ -2,8 +2,6 @@
 
 from flexstage.instruments.servo import Notch, ServoSettings
 
-__all__ = ["NOTCHES", "ServoDraft"]
-
 #: Notches that a client can set.
 NOTCHES = 4
 
@@ -14,11 +12,6 @@ class ServoDraft:
     """Settings while they are changed one by one.
 
     A notch whose frequency is 0 is none; its other two numbers are kept for when it gets one.
-
-    Parameters
-    ----------
-    settings : ServoSettings
-        Where it begins.
 
     Notes
     -----
@@ -45,18 +38,7 @@ class ServoDraft:
         self._more = settings.notches[NOTCHES:]
 
     def settings(self) -> ServoSettings:
-        """Return the settings.
-
-        Returns
-        -------
-        ServoSettings
-            In SI.
-
-        Raises
-        ------
-        ModelError
-            A number is out of its range.
-        """
+        """Return the settings."""
         notches = [
             Notch(frequency_hz=f, zero_damping=0.5 * r * b, pole_damping=0.5 * b)
             for f, r, b in zip(self.frequency, self.rejection, self.bandwidth, strict=True)

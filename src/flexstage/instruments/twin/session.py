@@ -9,8 +9,6 @@ from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.command import Reply
 from flexstage.instruments.twin.interpreter import Interpreter
 
-__all__ = ["LONGEST_LINE", "Session"]
-
 #: Longest line [bytes]; of a longer one nothing is carried out.
 LONGEST_LINE: Final = 65536
 
@@ -30,11 +28,6 @@ class Session:
     it. Character 24 stops all axes before anything else that came with it: what
     was given earlier and not yet carried out starts no motion any more (error 10), and a line that
     was begun is dropped.
-
-    Parameters
-    ----------
-    interpreter : Interpreter
-        The controller.
 
     Examples
     --------
@@ -65,18 +58,7 @@ class Session:
         return self._backlog + 64 * len(self._waiting)
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes, and return all that is to be said to them.
-
-        Parameters
-        ----------
-        data : bytes
-            Bytes of the client, cut anywhere.
-
-        Returns
-        -------
-        bytes
-            Answers.
-        """
+        """Take bytes, and return all that is to be said to them."""
         self.push(data)
         answer = bytearray()
         while self.busy:
@@ -92,13 +74,7 @@ class Session:
         self._interpreter.stop(self)
 
     def push(self, data: bytes) -> None:
-        """Take bytes; a character 24 among them acts at once.
-
-        Parameters
-        ----------
-        data : bytes
-            Bytes of the client, cut anywhere.
-        """
+        """Take bytes; a character 24 among them acts at once."""
         at = data.rfind(_STOP)
         if at >= 0:
             self.stop()
@@ -110,20 +86,7 @@ class Session:
         self._take(data[at + 1 :])
 
     def pull(self, commands: int = 1000, size: int = 1 << 16) -> bytes:
-        """Carry out some of what was given.
-
-        Parameters
-        ----------
-        commands : int
-            At most so many commands.
-        size : int
-            No further one where so many bytes are to be sent already.
-
-        Returns
-        -------
-        bytes
-            What is to be sent.
-        """
+        """Carry out some of what was given."""
         answer = bytearray()
         for _ in range(commands):
             if self._pieces is not None:

@@ -13,16 +13,12 @@ lines between the samples, as in the loop itself.
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.chain import Creep
+from flexstage.arrays import Complex
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.instruments.twin.loop import ModeArrays
-
-__all__ = ["sampled_response"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def sampled_response(
@@ -36,32 +32,7 @@ def sampled_response(
     bandwidth_hz: float,
     creep: Creep | None,
 ) -> Complex:
-    """Return the response from the voltage asked for to the position, for small signals.
-
-    Parameters
-    ----------
-    modes : ModeArrays
-        Modes of the stage.
-    drive : int
-        Number of the axis whose stack is driven.
-    sensor : int
-        Number of the axis that is read.
-    frequency_hz : array_like
-        Frequencies [Hz], shape (n,).
-    sample_rate_hz : float
-        Rate of the loop [Hz].
-    slope : float
-        Slope of the stack, without creep [m/V].
-    bandwidth_hz : float
-        Bandwidth of the amplifier [Hz].
-    creep : Creep or None
-        Its creep.
-
-    Returns
-    -------
-    numpy.ndarray
-        Position over voltage [m/V], shape (n,).
-    """
+    """Return the response from the voltage asked for to the position, for small signals."""
     f = np.asarray(frequency_hz, dtype=np.float64)
     late = np.exp(-2j * np.pi * f / sample_rate_hz)
     d = math.exp(-2.0 * math.pi * bandwidth_hz / sample_rate_hz)

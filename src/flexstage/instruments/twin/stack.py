@@ -10,82 +10,56 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.chain import Creep
+from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.first_order import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.models.decay import saturating
 from flexstage.hysteresis.virtual_stack import VirtualStack
 from flexstage.instruments.twin.charge import ChargeDrive
 
-__all__ = [
-    "StackArrays",
-    "StackState",
-    "free_displacements",
-    "relaxed_stacks",
-    "stack_arrays",
-    "step_stack",
-]
-
-Array = NDArray[np.float64]
-
 
 class StackArrays(NamedTuple):
-    """Parameters of stacks, one row each.
-
-    Parameters
-    ----------
-    plays : numpy.ndarray
-        Gain [m/V], then slope and rate of the fading part: curve offset [m], curve slope [m/V],
-        tangent [m/V], rate [1/V], shape (axes, 5).
-    thresholds : numpy.ndarray
-        Half the gap of each play [V], infinite where there is none, shape (axes, m).
-    weights : numpy.ndarray
-        Their weights [m/V], shape (axes, m); m is a multiple of 8.
-    knots : numpy.ndarray
-        Where the line after the plays changes its slope [m], infinite where there is none,
-        shape (axes, c).
-    slopes : numpy.ndarray
-        Slopes of the line [1], shape (axes, c + 1).
-    offsets : numpy.ndarray
-        Its constants [m], shape (axes, c + 1).
-    charge : numpy.ndarray
-        Chord's offset [m] and slope [m/V], part of the hysteresis that is left [1], decay and ramp
-        share of the corner in a sample [1]; shape (axes, 5).
-    creep : numpy.ndarray
-        Gain of each lag [1], its decay and ramp share in a sample, shape (3, axes, lags).
-    """
+    """Parameters of stacks, one row each."""
 
     plays: Array
+    """Gain [m/V], then slope and rate of the fading part: curve offset [m], curve slope [m/V],
+    tangent [m/V], rate [1/V], shape (axes, 5).
+    """
     thresholds: Array
+    """Half the gap of each play [V], infinite where there is none, shape (axes, m)."""
     weights: Array
+    """Their weights [m/V], shape (axes, m); m is a multiple of 8."""
     knots: Array
+    """Where the line after the plays changes its slope [m], infinite where there is none, shape
+    (axes, c).
+    """
     slopes: Array
+    """Slopes of the line [1], shape (axes, c + 1)."""
     offsets: Array
+    """Its constants [m], shape (axes, c + 1)."""
     charge: Array
+    """Chord's offset [m] and slope [m/V], part of the hysteresis that is left [1], decay and ramp
+    share of the corner in a sample [1]; shape (axes, 5).
+    """
     creep: Array
+    """Gain of each lag [1], its decay and ramp share in a sample, shape (3, axes, lags)."""
 
 
 class StackState(NamedTuple):
-    """What stacks remember; changed in place.
-
-    Parameters
-    ----------
-    plays : numpy.ndarray
-        Outputs of the plays [V], shape (axes, m).
-    piece : numpy.ndarray
-        Piece of the line that was used last, shape (axes,).
-    last : numpy.ndarray
-        Last voltage [V], fading part [m], deviation from the chord [m], its slow part [m], and
-        displacement before creep [m], shape (axes, 5).
-    lags : numpy.ndarray
-        Lags of the creep [m], shape (axes, lags).
-    """
+    """What stacks remember; changed in place."""
 
     plays: Array
+    """Outputs of the plays [V], shape (axes, m)."""
     piece: NDArray[np.int64]
+    """Piece of the line that was used last, shape (axes,)."""
     last: Array
+    """Last voltage [V], fading part [m], deviation from the chord [m], its slow part [m], and
+    displacement before creep [m], shape (axes, 5).
+    """
     lags: Array
+    """Lags of the creep [m], shape (axes, lags)."""
 
 
 def stack_arrays(
@@ -95,29 +69,7 @@ def stack_arrays(
     creep: Creep | None = None,
     charge: ChargeDrive | None = None,
 ) -> StackArrays:
-    """Return the parameters of stacks as they are stepped.
-
-    Parameters
-    ----------
-    stacks : sequence of VirtualStack
-        The stacks; their fading part has a straight curve and a constant tangent.
-    sample_rate_hz : float
-        Rate of samples [Hz].
-    creep : Creep, optional
-        Creep of all of them; none where not given.
-    charge : ChargeDrive, optional
-        That they are driven by charge; by voltage where not given.
-
-    Returns
-    -------
-    StackArrays
-        The parameters.
-
-    Raises
-    ------
-    ModelError
-        A fading part is not straight.
-    """
+    """Return the parameters of stacks as they are stepped."""
     lines = [stack.bent.line() for stack in stacks]
     # rows of one length: a play that never moves has no weight, a knot at infinity is never passed
     most = max(stack.bent.thresholds.size for stack in stacks)
@@ -139,18 +91,7 @@ def stack_arrays(
 
 
 def relaxed_stacks(arrays: StackArrays) -> StackState:
-    """Return the state of stacks without history, at no voltage.
-
-    Parameters
-    ----------
-    arrays : StackArrays
-        The stacks.
-
-    Returns
-    -------
-    StackState
-        A state of their size.
-    """
+    """Return the state of stacks without history, at no voltage."""
     axes = arrays.plays.shape[0]
     state = StackState(
         plays=np.zeros_like(arrays.thresholds),
@@ -166,20 +107,6 @@ def relaxed_stacks(arrays: StackArrays) -> StackState:
 
 def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLike) -> Array:
     """Return the free displacements of stacks under sequences of voltages.
-
-    Parameters
-    ----------
-    arrays : StackArrays
-        The stacks.
-    state : StackState
-        What they remember; changed.
-    voltage : array_like
-        Voltages [V], shape (axes, n).
-
-    Returns
-    -------
-    numpy.ndarray
-        Displacements with creep [m], shape (axes, n).
 
     Examples
     --------
@@ -197,24 +124,7 @@ def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLik
 
 @compiled
 def step_stack(arrays: StackArrays, state: StackState, a: int, u: float) -> float:
-    """Step one stack to a voltage, on a straight line.
-
-    Parameters
-    ----------
-    arrays : StackArrays
-        The stacks.
-    state : StackState
-        What they remember; changed.
-    a : int
-        Number of the stack.
-    u : float
-        The voltage [V].
-
-    Returns
-    -------
-    float
-        Its free displacement, with creep [m].
-    """
+    """Step one stack to a voltage, on a straight line."""
     last = state.last[a]
     x = _memory(arrays, state, a, u, last)
     offset, slope, part, decay, ramp = arrays.charge[a]

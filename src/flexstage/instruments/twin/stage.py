@@ -4,17 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flexstage.arrays import Array
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
 from flexstage.stage import Stage
-
-__all__ = ["Block", "Blow", "VirtualStage"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,50 +17,37 @@ class Block:
 
     All values of a sample belong to its time: a reading is what the sensor sees then, though a loop
     gets it one sample later.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times since the stage was relaxed [s], shape (n,).
-    reading : numpy.ndarray
-        What each sensor reads [m, or rad], in the order of `VirtualStage.channels`,
-        shape (channels, n).
-    position : numpy.ndarray
-        True motion of the platform along each axis, from where it is relaxed [m], shape (axes, n).
-    voltage : numpy.ndarray
-        Voltage at each stack [V]; zeros for screws, shape (axes, n).
-    command : numpy.ndarray
-        What the drive is told: the voltage asked of each amplifier [V], after its range and its
-        steps; the advance that each screw has [m], shape (axes, n).
     """
 
     time: Array
+    """Times since the stage was relaxed [s], shape (n,)."""
     reading: Array
+    """What each sensor reads [m, or rad], in the order of `VirtualStage.channels`, shape (channels,
+    n).
+    """
     position: Array
+    """True motion of the platform along each axis, from where it is relaxed [m], shape (axes, n).
+    """
     voltage: Array
+    """Voltage at each stack [V]; zeros for screws, shape (axes, n)."""
     command: Array
+    """What the drive is told: the voltage asked of each amplifier [V], after its range and its
+    steps; the advance that each screw has [m], shape (axes, n).
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blow:
-    """One blow of a hammer on the platform, the drives taken out.
-
-    Parameters
-    ----------
-    time : numpy.ndarray
-        Times [s], shape (n,).
-    force : numpy.ndarray
-        Force of the hammer [N], shape (n,).
-    response : numpy.ndarray
-        Acceleration of the platform along the axis that was struck [m/s^2], shape (n,).
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    """
+    """One blow of a hammer on the platform, the drives taken out."""
 
     time: Array
+    """Times [s], shape (n,)."""
     force: Array
+    """Force of the hammer [N], shape (n,)."""
     response: Array
+    """Acceleration of the platform along the axis that was struck [m/s^2], shape (n,)."""
     sample_rate_hz: float
+    """Samples in a second [Hz]."""
 
 
 class VirtualStage(Protocol):
@@ -108,30 +89,11 @@ class VirtualStage(Protocol):
         ...
 
     def servo_settings(self, axis: str) -> ServoSettings:
-        """Return the settings of an axis's position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        ServoSettings
-            The settings; `ModelError` where the axis has no such control.
-        """
+        """Return the settings of an axis's position control."""
         ...
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change them; the filters keep their state where their number stays.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        settings : ServoSettings
-            The settings; `ModelError` where the axis has no such control.
-        """
+        """Change them; the filters keep their state where their number stays."""
         ...
 
     def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
@@ -139,38 +101,11 @@ class VirtualStage(Protocol):
 
         A run that is cut in two gives the same numbers. What is commanded at a sample is at the
         amplifier one sample later; what is read at a sample is two samples later in the voltage.
-
-        Parameters
-        ----------
-        command : numpy.ndarray
-            Where control is on the position wanted [m], else the voltage [V] of a stack; always the
-            advance [m] of a screw; shape (axes, n).
-        servo : sequence of bool
-            Whether control is on, by axis. Where it is switched on the voltage does not jump.
-        feedforward : numpy.ndarray, optional
-            Voltage added under control [V], shape (axes, n); NaN where there is none. Where it
-            begins and ends the integral takes over its value, so that the voltage does not jump.
-
-        Returns
-        -------
-        Block
-            What happened.
         """
         ...
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        Blow
-            Force and response; the next blow differs from it.
-        """
+        """Strike the platform along an axis with a hammer, the drives taken out for it."""
         ...
 
     def reset(self) -> None:

@@ -14,8 +14,6 @@ from flexstage.instruments.twin.record_store import RecordStore
 from flexstage.instruments.twin.servo_draft import ServoDraft
 from flexstage.instruments.twin.wave_store import WaveStore
 
-__all__ = ["MICRO", "ControllerState"]
-
 #: Micrometres, and microradians, of the wire in SI.
 MICRO = 1e-6
 
@@ -23,17 +21,7 @@ Range = tuple[float, float]
 
 
 class ControllerState:
-    """State of a controller that is shared by all its clients.
-
-    Parameters
-    ----------
-    device : Device
-        The device.
-    pace : Pace
-        How its time passes; its lock is held while this state is used.
-    model : ControllerModel
-        What it answers as.
-    """
+    """State of a controller that is shared by all its clients."""
 
     def __init__(self, device: Device, pace: Pace, model: ControllerModel = OWN) -> None:
         self.device, self.pace, self.model = device, pace, model
@@ -75,50 +63,15 @@ class ControllerState:
     # positions ------------------------------------------------------------------------------
 
     def position_range(self, axis: str) -> tuple[float, float]:
-        """Return the reachable positions of an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        tuple of float
-            Lowest and highest [m]; wide open for an axis that says none.
-        """
+        """Return the reachable positions of an axis."""
         return self.axes[axis].limits.position or (-1.0, 1.0)
 
     def voltage_range(self, axis: str) -> tuple[float, float]:
-        """Return the voltages of an axis.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        tuple of float
-            Lowest and highest [V]; both 0 for an axis without voltage.
-        """
+        """Return the voltages of an axis."""
         return self.axes[axis].limits.voltage or (0.0, 0.0)
 
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
-        """Refuse a motion of axes that take none, or beyond limits that clients have set.
-
-        Parameters
-        ----------
-        targets : Mapping
-            Positions [m], or voltages [V], by axis.
-        voltages : bool
-            Whether they are voltages.
-
-        Raises
-        ------
-        GcsError
-            An axis is switched off or not online, or a target is outside its limits.
-        """
+        """Refuse a motion of axes that take none, or beyond limits that clients have set."""
         limits = self.soft_voltages if voltages else self.soft_positions
         offline = {self.outputs[name] for name, on in self.online.items() if not on}
         for axis, value in targets.items():
@@ -133,33 +86,14 @@ class ControllerState:
     # position control -----------------------------------------------------------------------
 
     def servo_draft(self, axis: str) -> ServoDraft:
-        """Return the settings of an axis's position control as numbers that can be changed.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        ServoDraft
-            A draft of its own.
-        """
+        """Return the settings of an axis's position control as numbers that can be changed."""
         settings = self.device.servo(axis)
         draft, gave = self._drafts.get(axis, (None, None))
         # they may have been changed beside this conversation
         return ServoDraft(settings) if draft is None or gave != settings else copy.deepcopy(draft)
 
     def apply_draft(self, axis: str, draft: ServoDraft) -> None:
-        """Change the settings of an axis's position control.
-
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        draft : ServoDraft
-            The numbers.
-        """
+        """Change the settings of an axis's position control."""
         settings = draft.settings()
         settings.sections(self.device.sample_rate_hz)
         self.device.set_servo_settings(axis, settings)
@@ -168,18 +102,7 @@ class ControllerState:
     # time -----------------------------------------------------------------------------------
 
     def pass_time(self, seconds: float) -> Iterator[str]:
-        """Let simulated time pass in pieces, between which other clients are heard.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-
-        Yields
-        ------
-        str
-            Nothing to be sent.
-        """
+        """Let simulated time pass in pieces, between which other clients are heard."""
         left = seconds
         while left > 0.0:
             piece = min(left, 0.05)

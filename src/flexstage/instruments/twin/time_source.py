@@ -8,8 +8,6 @@ from typing import Protocol
 
 from flexstage.errors import ModelError
 
-__all__ = ["Clock", "RealClock", "StepClock", "duration"]
-
 
 class Clock(Protocol):
     """Tells the time, and waits."""
@@ -19,20 +17,7 @@ class Clock(Protocol):
         ...
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Wait some time, or until an event is set.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        ended : threading.Event
-            The event.
-
-        Returns
-        -------
-        bool
-            Whether it is set.
-        """
+        """Wait some time, or until an event is set."""
         ...
 
 
@@ -40,40 +25,16 @@ class RealClock:
     """The clock of the computer, which is never set back."""
 
     def now(self) -> float:
-        """Return the time from some moment on.
-
-        Returns
-        -------
-        float
-            Time [s].
-        """
+        """Return the time from some moment on."""
         return time.monotonic()
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Wait some time, or until an event is set.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        ended : threading.Event
-            The event.
-
-        Returns
-        -------
-        bool
-            Whether it is set.
-        """
+        """Wait some time, or until an event is set."""
         return ended.wait(seconds)
 
 
 class StepClock:
     """A clock that stands until it is told to go on.
-
-    Parameters
-    ----------
-    on_wait : callable, optional
-        Called with the seconds of each wait, before the clock goes on by them.
 
     Examples
     --------
@@ -88,40 +49,15 @@ class StepClock:
         self._on_wait = on_wait
 
     def now(self) -> float:
-        """Return the time from the start on.
-
-        Returns
-        -------
-        float
-            Time [s].
-        """
+        """Return the time from the start on."""
         return self._now
 
     def advance(self, seconds: float) -> None:
-        """Go on.
-
-        Parameters
-        ----------
-        seconds : float
-            By how much [s].
-        """
+        """Go on."""
         self._now += duration(seconds)
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Go on at once by the time that is waited for.
-
-        Parameters
-        ----------
-        seconds : float
-            How long [s].
-        ended : threading.Event
-            An event that would end it.
-
-        Returns
-        -------
-        bool
-            Whether it is set.
-        """
+        """Go on at once by the time that is waited for."""
         if self._on_wait is not None:
             self._on_wait(seconds)
         self.advance(seconds)
@@ -129,23 +65,7 @@ class StepClock:
 
 
 def duration(seconds: float) -> float:
-    """Refuse what is no time that can pass.
-
-    Parameters
-    ----------
-    seconds : float
-        A time [s].
-
-    Returns
-    -------
-    float
-        The same [s].
-
-    Raises
-    ------
-    ModelError
-        It is negative or not finite.
-    """
+    """Refuse what is no time that can pass."""
     if not 0.0 <= seconds < math.inf:
         raise ModelError(f"time passes by 0 s or more, got {seconds!r}")
     return seconds

@@ -5,14 +5,10 @@ taken as the end; a slope may pass its limit by a thousandth.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.twin.axis_state import AxisState
 from flexstage.instruments.twin.device import Refusal, RefusedError
-
-__all__ = ["check_feedforward", "check_wave", "require_within"]
-
-Array = NDArray[np.float64]
 
 _VALUE, _SLOPE = 1e-6, 1e-3
 
@@ -20,29 +16,7 @@ _VALUE, _SLOPE = 1e-6, 1e-3
 def require_within(
     axis: str, values: Array, bounds: tuple[float, float] | None, unit: str
 ) -> Array:
-    """Refuse values outside a range.
-
-    Parameters
-    ----------
-    axis : str
-        The axis, for the sentence.
-    values : numpy.ndarray
-        Values [m, or V], shape (n,).
-    bounds : tuple of float, optional
-        The range; nothing is refused where it is not known.
-    unit : {"m", "V"}
-        Their unit.
-
-    Returns
-    -------
-    numpy.ndarray
-        The values, those beyond an end by rounding led to it.
-
-    Raises
-    ------
-    RefusedError
-        A value is no number, or outside the range.
-    """
+    """Refuse values outside a range."""
     scale, shown = (1e6, "um") if unit == "m" else (1.0, unit)
     if not np.isfinite(values).all():
         raise RefusedError(Refusal.BAD_VALUE, f"axis '{axis}' cannot be sent to what is no number")
@@ -73,31 +47,6 @@ def check_wave(
 
     A step between samples of the table takes the time of one of them, that from where the axis
     stands to the first of them one sample of the loop, however slow the table is.
-
-    Parameters
-    ----------
-    state : AxisState
-        The axis.
-    samples : numpy.ndarray
-        The table [m, or V], shape (n,).
-    cycles : int
-        How often it runs; the step from its end to its start counts where that is not once.
-    divider : int
-        Samples of the loop for one of the table.
-    present : float
-        Where the axis stands [m, or V].
-    shift : float
-        How much further each cycle begins than the one before [m, or V].
-
-    Returns
-    -------
-    numpy.ndarray
-        What is to be run.
-
-    Raises
-    ------
-    RefusedError
-        A value, a slope or the first step is outside the limits.
     """
     axis, unit = state.description.name, "m" if state.servo else "V"
     limits = state.description.limits
@@ -127,32 +76,7 @@ def check_wave(
 def check_feedforward(
     state: AxisState, voltages: Array, size: int, cycles: int, divider: int
 ) -> Array:
-    """Check the voltages beside a waveform of positions.
-
-    Parameters
-    ----------
-    state : AxisState
-        The axis.
-    voltages : numpy.ndarray
-        The table [V], shape (n,).
-    size : int
-        Samples of the waveform.
-    cycles : int
-        How often it runs.
-    divider : int
-        Samples of the loop for one of the table.
-
-    Returns
-    -------
-    numpy.ndarray
-        What is to be added.
-
-    Raises
-    ------
-    RefusedError
-        There is no control beside it, the lengths differ, or a value or slope is outside the
-        limits.
-    """
+    """Check the voltages beside a waveform of positions."""
     axis = state.description.name
     if not state.servo:
         raise RefusedError(

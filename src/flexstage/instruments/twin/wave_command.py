@@ -10,15 +10,11 @@ end of a curve is the start of what follows, and a sine that is repeated has no 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.words import number, unsigned
-
-__all__ = ["segment"]
-
-Array = NDArray[np.float64]
 
 #: Words behind the kind of a segment.
 _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
@@ -26,27 +22,6 @@ _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
 
 def segment(kind: str, words: Sequence[str], *, held: int, room: int) -> Array:
     """Return the samples of a segment.
-
-    Parameters
-    ----------
-    kind : str
-        ``PNT``, ``SIN_P``, ``RAMP`` or ``LIN``.
-    words : sequence of str
-        What follows it in the command.
-    held : int
-        Samples that are in the table already, to which these are appended.
-    room : int
-        Largest number of samples.
-
-    Returns
-    -------
-    numpy.ndarray
-        Samples, in the unit of the command, shape (n,).
-
-    Raises
-    ------
-    GcsError
-        There is no such kind, words are missing, or they do not fit each other.
 
     Examples
     --------

@@ -3,15 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.device import Device
 from flexstage.instruments.twin.errors_gcs import GcsError
-
-__all__ = ["WaveStore"]
-
-Array = NDArray[np.float64]
 
 _MICRO = 1e-6
 
@@ -22,11 +18,6 @@ class WaveStore:
     What they are is known when an axis starts: under control, and of a screw, positions. So the
     device gets its tables only then. Parts that are appended are joined when they are asked for:
     a long table comes in thousands of lines.
-
-    Parameters
-    ----------
-    device : Device
-        The device.
     """
 
     def __init__(self, device: Device) -> None:
@@ -39,77 +30,27 @@ class WaveStore:
         self._given: dict[int, tuple[float, float]] = {}
 
     def size(self, table: int) -> int:
-        """Return the number of samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-
-        Returns
-        -------
-        int
-            The number, 0 for an empty table.
-        """
+        """Return the number of samples of a table."""
         return self._sizes.get(table, 0)
 
     def filled(self) -> list[int]:
-        """Return the tables that have samples.
-
-        Returns
-        -------
-        list of int
-            Their numbers, in ascending order.
-        """
+        """Return the tables that have samples."""
         return sorted(table for table, size in self._sizes.items() if size)
 
     def room(self, table: int) -> int:
-        """Return how many samples a table can have beside the others.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return how many samples a table can have beside the others."""
         others = sum(size for number, size in self._sizes.items() if number != table)
         return self._device.wave_capacity - others
 
     def samples(self, table: int) -> Array:
-        """Return the samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples in the unit of the wire, shape (n,).
-        """
+        """Return the samples of a table."""
         parts = self._parts.get(table, [])
         if len(parts) > 1:
             parts[:] = [np.concatenate(parts)]
         return parts[0] if parts else np.empty(0)
 
     def in_use(self, table: int) -> bool:
-        """Say whether an axis runs a table now.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-
-        Returns
-        -------
-        bool
-            Whether one does.
-        """
+        """Say whether an axis runs a table now."""
         return any(
             table in self._device.wave_choice(axis)
             for axis in self._device.axes
@@ -117,57 +58,19 @@ class WaveStore:
         )
 
     def replace(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-        samples : numpy.ndarray
-            Samples in the unit of the wire, shape (n,); none clears it.
-
-        Raises
-        ------
-        GcsError
-            The table runs.
-        """
+        """Replace the samples of a table."""
         self._change(table)
         self._parts[table] = [samples] if samples.size else []
         self._sizes[table] = samples.size
 
     def append(self, table: int, samples: Array) -> None:
-        """Append samples to a table.
-
-        Parameters
-        ----------
-        table : int
-            The table.
-        samples : numpy.ndarray
-            Samples in the unit of the wire, shape (n,).
-
-        Raises
-        ------
-        GcsError
-            The table runs.
-        """
+        """Append samples to a table."""
         self._change(table)
         self._parts.setdefault(table, []).append(samples)
         self._sizes[table] = self.size(table) + samples.size
 
     def give(self, axes: Sequence[str]) -> None:
-        """Give the device, in SI, the tables that some axes are about to run.
-
-        Parameters
-        ----------
-        axes : sequence of str
-            The axes.
-
-        Raises
-        ------
-        GcsError
-            No table is chosen, or an empty one; or two axes read it as different quantities, or
-            with different offsets.
-        """
+        """Give the device, in SI, the tables that some axes are about to run."""
         wanted: dict[int, tuple[float, float]] = {}
         for axis in axes:
             table, feedforward = self._device.wave_choice(axis)

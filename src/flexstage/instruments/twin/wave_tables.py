@@ -3,25 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.instruments.twin.device import Refusal, RefusedError
-
-__all__ = ["WaveRun", "WaveTables"]
-
-Array = NDArray[np.float64]
 
 
 class WaveTables:
-    """The memory of a wave generator.
-
-    Parameters
-    ----------
-    count : int
-        Number of tables.
-    capacity : int
-        Samples over all tables.
-    """
+    """The memory of a wave generator."""
 
     def __init__(self, count: int, capacity: int) -> None:
         self.count, self.capacity = count, capacity
@@ -32,23 +20,7 @@ class WaveTables:
         self._samples.clear()
 
     def known(self, table: int) -> int:
-        """Return the number of a table.
-
-        Parameters
-        ----------
-        table : int
-            Its number, from 1.
-
-        Returns
-        -------
-        int
-            The same.
-
-        Raises
-        ------
-        RefusedError
-            There is no such table.
-        """
+        """Return the number of a table."""
         if not 1 <= table <= self.count:
             raise RefusedError(
                 Refusal.UNKNOWN, f"there is no wave table {table}: they are 1 to {self.count}"
@@ -56,35 +28,11 @@ class WaveTables:
         return table
 
     def samples(self, table: int) -> Array:
-        """Return the samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            Its number, from 1.
-
-        Returns
-        -------
-        numpy.ndarray
-            Samples, not to be written to, shape (n,); n is 0 for an empty table.
-        """
+        """Return the samples of a table."""
         return self._samples.get(self.known(table), _EMPTY)
 
     def replace(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table.
-
-        Parameters
-        ----------
-        table : int
-            Its number, from 1.
-        samples : numpy.ndarray
-            Samples, shape (n,); none clear it.
-
-        Raises
-        ------
-        RefusedError
-            A sample is not finite, or there is no room.
-        """
+        """Replace the samples of a table."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
         bad = np.flatnonzero(~np.isfinite(new))
@@ -112,21 +60,6 @@ class WaveRun:
     its samples, and the last one to the first of the next cycle; the last cycle ends with its last
     sample, which is held.
 
-    Parameters
-    ----------
-    first : int
-        Number of the loop's sample with which it begins.
-    table : numpy.ndarray
-        Samples [m, or V], shape (L,).
-    divider : int
-        Samples of the loop for one of the table.
-    cycles : int
-        How often it runs; 0 for endlessly.
-    feedforward : numpy.ndarray, optional
-        Voltages beside it [V], shape (L,); they end with the waveform.
-    shift : float
-        How much further each cycle begins than the one before [m, or V].
-
     Examples
     --------
     >>> run = WaveRun(first=7, table=np.array([0.0, 1.0, 4.0]), divider=2, cycles=2)
@@ -137,11 +70,17 @@ class WaveRun:
     """
 
     first: int
+    """Number of the loop's sample with which it begins."""
     table: Array
+    """Samples [m, or V], shape (L,)."""
     divider: int
+    """Samples of the loop for one of the table."""
     cycles: int
+    """How often it runs; 0 for endlessly."""
     feedforward: Array | None = None
+    """Voltages beside it [V], shape (L,); they end with the waveform."""
     shift: float = 0.0
+    """How much further each cycle begins than the one before [m, or V]."""
 
     @property
     def end(self) -> float:
@@ -156,53 +95,16 @@ class WaveRun:
         return self.first + self.cycles * self.table.size * self.divider - 1
 
     def running(self, sample: int) -> bool:
-        """Say whether it still runs.
-
-        Parameters
-        ----------
-        sample : int
-            Number of the loop's latest sample.
-
-        Returns
-        -------
-        bool
-            Whether there are samples to come.
-        """
+        """Say whether it still runs."""
         last = self.last
         return last is None or sample < last
 
     def values(self, first: int, count: int) -> Array:
-        """Return samples of the waveform at the rate of the loop.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of them, not before the waveform's own.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            Values [m, or V], shape (count,).
-        """
+        """Return samples of the waveform at the rate of the loop."""
         return self._along(self.table, first, count, self.shift)
 
     def voltages(self, first: int, count: int) -> Array:
-        """Return samples of the feedforward at the rate of the loop.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first of them, not before the waveform's own.
-        count : int
-            How many.
-
-        Returns
-        -------
-        numpy.ndarray
-            Voltages [V], NaN where there are none, shape (count,).
-        """
+        """Return samples of the feedforward at the rate of the loop."""
         if self.feedforward is None:
             return np.full(count, np.nan)
         values = self._along(self.feedforward, first, count)

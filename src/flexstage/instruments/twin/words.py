@@ -7,18 +7,6 @@ from typing import TypeVar
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.errors_gcs import GcsError
 
-__all__ = [
-    "LARGEST",
-    "chosen",
-    "number",
-    "one",
-    "pairs",
-    "printed",
-    "switch",
-    "unsigned",
-    "unsigned_or_hex",
-]
-
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 _WHOLE = re.compile(r"[0-9]{1,10}")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
@@ -31,21 +19,6 @@ T = TypeVar("T")
 
 def number(word: str) -> float:
     """Return a number; what stands for none, ``nan`` and ``inf`` are refused.
-
-    Parameters
-    ----------
-    word : str
-        The word.
-
-    Returns
-    -------
-    float
-        Its value, at most 1e30.
-
-    Raises
-    ------
-    GcsError
-        It is no number, or too large.
 
     Examples
     --------
@@ -62,23 +35,7 @@ def number(word: str) -> float:
 
 
 def unsigned(word: str) -> int:
-    """Return a whole number from 0.
-
-    Parameters
-    ----------
-    word : str
-        The word.
-
-    Returns
-    -------
-    int
-        Its value.
-
-    Raises
-    ------
-    GcsError
-        It is no such number.
-    """
+    """Return a whole number from 0."""
     if _WHOLE.fullmatch(word) is None:
         raise GcsError(code.BAD_NUMBER)
     return int(word)
@@ -86,21 +43,6 @@ def unsigned(word: str) -> int:
 
 def unsigned_or_hex(word: str) -> int:
     """Return a whole number from 0 in decimal or hexadecimal digits.
-
-    Parameters
-    ----------
-    word : str
-        The word.
-
-    Returns
-    -------
-    int
-        Its value.
-
-    Raises
-    ------
-    GcsError
-        It is no such number.
 
     Examples
     --------
@@ -113,23 +55,7 @@ def unsigned_or_hex(word: str) -> int:
 
 
 def switch(word: str) -> bool:
-    """Return what 0 or 1 says.
-
-    Parameters
-    ----------
-    word : str
-        The word.
-
-    Returns
-    -------
-    bool
-        Whether it is 1.
-
-    Raises
-    ------
-    GcsError
-        It is neither.
-    """
+    """Return what 0 or 1 says."""
     value = unsigned(word)
     if value > 1:
         raise GcsError(code.OUT_OF_RANGE)
@@ -137,27 +63,7 @@ def switch(word: str) -> bool:
 
 
 def one(words: Sequence[str], known: Container[str], unknown: int = code.UNKNOWN_AXIS) -> str:
-    """Return the only word, an identifier.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The words.
-    known : container of str
-        The identifiers.
-    unknown : int
-        Number of the error of another one.
-
-    Returns
-    -------
-    str
-        The identifier.
-
-    Raises
-    ------
-    GcsError
-        There is not one word, or it is no identifier.
-    """
+    """Return the only word, an identifier."""
     if len(words) != 1:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
     if words[0] not in known:
@@ -166,27 +72,7 @@ def one(words: Sequence[str], known: Container[str], unknown: int = code.UNKNOWN
 
 
 def chosen(words: Sequence[str], known: Mapping[str, T], unknown: int) -> list[tuple[str, T]]:
-    """Return what identifiers stand for; everything where there are none.
-
-    Parameters
-    ----------
-    words : sequence of str
-        The identifiers.
-    known : Mapping
-        What they may be.
-    unknown : int
-        Number of the error of another one.
-
-    Returns
-    -------
-    list of tuple
-        Identifier and what it stands for.
-
-    Raises
-    ------
-    GcsError
-        A word is no identifier.
-    """
+    """Return what identifiers stand for; everything where there are none."""
     for word in words:
         if word not in known:
             raise GcsError(unknown)
@@ -194,27 +80,7 @@ def chosen(words: Sequence[str], known: Mapping[str, T], unknown: int) -> list[t
 
 
 def pairs(words: Sequence[str], known: Container[str], unknown: int) -> list[tuple[str, str]]:
-    """Return identifiers, each with the word behind it.
-
-    Parameters
-    ----------
-    words : sequence of str
-        Identifier, word, identifier, word, ...
-    known : container of str
-        The identifiers.
-    unknown : int
-        Number of the error of another one.
-
-    Returns
-    -------
-    list of tuple
-        Identifier and word.
-
-    Raises
-    ------
-    GcsError
-        A word is missing, no identifier, or there twice.
-    """
+    """Return identifiers, each with the word behind it."""
     if not words or len(words) % 2:
         raise GcsError(code.NUMBER_OF_PARAMETERS)
     names = words[::2]
@@ -228,16 +94,6 @@ def pairs(words: Sequence[str], known: Container[str], unknown: int) -> list[tup
 
 def printed(value: float) -> str:
     """Return a number as a controller prints it.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-
-    Returns
-    -------
-    str
-        Ten digits and an exponent.
 
     Examples
     --------

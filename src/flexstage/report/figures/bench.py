@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from flexstage.stage import Drive, Probe
 
-__all__ = ["draw_bench"]
-
 _MM = 1e3
 _DRIVE, _PROBE = CYCLE[1], CYCLE[2]
 _ALONG = 1e-9  # of a direction, less is across
@@ -22,17 +20,6 @@ _ALONG = 1e-9  # of a direction, less is across
 
 def draw_bench(stage: Stage) -> "Figure":
     """Draw the stage with its drives and a sensor in front of each probe.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A sketch: outlines, drives and probes where the stage has them; a sensor stands outside the
-        outline on the line of its probe.
 
     Examples
     --------

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_bode"]
-
 _PUBLISHED = {
     "published-analytic": (CYCLE[1], (0, (5, 2)), "analytic"),
     "published-fem": (CYCLE[2], (0, (2, 1.5)), "FEM"),
@@ -34,30 +32,7 @@ def draw_bode(
     conditions: Collection[str] | None = None,
     size: tuple[float, float] = (5.1, 5.0),
 ) -> "Figure":
-    """Draw the response of an axis to its drive: a column for each condition of the drives.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    axis : str
-        Name of the axis.
-    conditions : collection of str, optional
-        Conditions of the drives that are drawn; all where not given.
-    size : tuple of float
-        Width and height of a column [inch].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Magnitude above phase; published natural frequencies as dashed lines where the drives are
-        removed, which is what they belong to.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no response of this axis.
-    """
+    """Draw the response of an axis to its drive: a column for each condition of the drives."""
     port = next((a for a in analysis.axes if a.axis == axis), None)
     shown = [
         r

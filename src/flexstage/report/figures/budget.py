@@ -4,14 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.experiment.uncertainty import MonteCarlo, Propagated
+from flexstage.experiment.uncertainty.monte_carlo import MonteCarlo
+from flexstage.experiment.uncertainty.propagate import Propagated
 from flexstage.report.figures.style import CYCLE, GRID, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_budget"]
 
 _BINS = 80
 #: Lines of the budget that are drawn, at most; what is left is one bar.
@@ -26,27 +25,7 @@ def draw_budget(
     unit: str = "",
     factor: float = 1.0,
 ) -> "Figure":
-    """Draw the Monte Carlo trials with both intervals, and the shares of the influences.
-
-    Parameters
-    ----------
-    propagated : Propagated
-        The result to first order.
-    drawn : MonteCarlo
-        The same result, drawn at random.
-    quantity : str
-        What the result is called.
-    unit : str
-        Unit that it is drawn in.
-    factor : float
-        How many of the unit of the result one of those is.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Histogram with the normal or Student density of the first order at the left, the share of
-        each influence in the variance at the right.
-    """
+    """Draw the Monte Carlo trials with both intervals, and the shares of the influences."""
     count = min(len(propagated.lines), _LINES + 1)
     figure = new_figure(9.6, max(3.4, 1.3 + 0.28 * count))
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.centring import ARCSEC, HarmonicFit
+from flexstage.arrays import Array
+from flexstage.centring import ARCSEC
+from flexstage.centring.harmonic_fit import HarmonicFit
 from flexstage.errors import ModelError
 from flexstage.report.figures.style import (
     CYCLE,
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_polar"]
-
-Array = NDArray[np.float64]
-
 #: Samples that are drawn, at most.
 _POINTS = 3000
 #: Below this share of the largest error, the last one cannot be read beside it.
@@ -39,28 +36,7 @@ def draw_polar(
     angles: Sequence[Array],
     labels: Sequence[str] | None = None,
 ) -> "Figure":
-    """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics.
-
-    Parameters
-    ----------
-    fits : sequence of HarmonicFit
-        One record, or several one after the other: before and after. All in rad, or all in m.
-    angles : sequence of numpy.ndarray
-        Angles of the samples of each [rad].
-    labels : sequence of str, optional
-        What each is called; before, after, or before and their numbers where not given.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Errors about a dashed circle of none, outwards where the scale reads more; beside it the
-        harmonics, with their 95 % intervals.
-
-    Raises
-    ------
-    ModelError
-        There is no fit, not as many angles, or units differ.
-    """
+    """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics."""
     if not fits or len(fits) != len(angles) or len({f.unit for f in fits}) > 1:
         raise ModelError("a polar plot needs one fit or more, of one unit, each with its angles")
     names = _labels(len(fits)) if labels is None else list(labels)

@@ -12,26 +12,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_compensation", "draw_loop"]
-
 _UM = 1e6
 
 
 def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
-    """Draw the experiment of identification and compensation, a row for each axis.
-
-    Parameters
-    ----------
-    experiments : Mapping
-        Experiment by axis.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Simulated and modelled loop, with their difference; the loop over the reference without and
-        with the inverse; and
-        the difference from the reference over time.
-    """
+    """Draw the experiment of identification and compensation, a row for each axis."""
     figure = new_figure(10.6, 3.5 * len(experiments))
     grid = figure.add_gridspec(
         2 * len(experiments), 3, width_ratios=(1.0, 1.0, 1.15),
@@ -48,18 +33,7 @@ def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
 
 
 def draw_loop(made: AxisExperiment) -> "Figure":
-    """Draw the loop of one axis over its reference, without and with the inverse.
-
-    Parameters
-    ----------
-    made : AxisExperiment
-        The experiment.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The loops.
-    """
+    """Draw the loop of one axis over its reference, without and with the inverse."""
     figure = new_figure(5.0, 2.8)
     axes = figure.subplots()
     _over_reference(axes, made)

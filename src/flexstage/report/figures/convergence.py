@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
 from flexstage.report.quantities import display
 
@@ -16,32 +16,13 @@ if TYPE_CHECKING:
 
     from flexstage.fem import Refinement
 
-__all__ = ["changes", "draw_convergence"]
-
-Array = NDArray[np.float64]
-
 _SHOWN = ("natural_frequency_hz", "transmission_ratio", "max_stress")
 _DASHES = ("-", (0, (5, 2)), (0, (2, 1.5)), (0, (6, 2, 1, 2)))
 _MARKS = "osD^vP"
 
 
 def changes(refinement: "Refinement", quantity: str, axis: str) -> tuple[Array, Array]:
-    """Return how far a quantity was from its value on the last mesh.
-
-    Parameters
-    ----------
-    refinement : Refinement
-        The refinement.
-    quantity : str
-        The quantity.
-    axis : str
-        Its axis.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Unknowns of each mesh but the last, and the magnitude of the relative difference [1].
-    """
+    """Return how far a quantity was from its value on the last mesh."""
     key = (quantity, axis)
     last = refinement.steps[-1].values[key]
     steps = [s for s in refinement.steps[:-1] if key in s.values]
@@ -52,20 +33,7 @@ def changes(refinement: "Refinement", quantity: str, axis: str) -> tuple[Array, 
 
 
 def draw_convergence(refinement: "Refinement") -> "Figure":
-    """Draw how frequencies, ratios and stress settled.
-
-    Parameters
-    ----------
-    refinement : Refinement
-        The refinement.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        For each quantity a diagram, and in it a line for each axis: the relative difference to the
-        last mesh against unknowns. An open mark over the last mesh is the estimate of what its
-        value lacks; the level line is the accuracy that was asked for.
-    """
+    """Draw how frequencies, ratios and stress settled."""
     quantities = [q for q in dict.fromkeys((*_SHOWN, refinement.quantity)) if _axes(refinement, q)]
     figure = new_figure(3.4 * max(len(quantities), 1) + 0.4, 3.4)
     grid = figure.subplots(1, max(len(quantities), 1), sharex=True, sharey=True, squeeze=False)[0]

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.experiment.modal import RingDown
+from flexstage.experiment.modal.ring_down import RingDown
 from flexstage.records import Record
 from flexstage.report.figures.identification import scale
 from flexstage.report.figures.measured_response import shown_lines
@@ -13,27 +13,12 @@ from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figur
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_ring_down"]
-
 #: Channels that are drawn, at most.
 _CHANNELS = 4
 
 
 def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
-    """Draw a free decay, the damped sines that were fitted to it, and what they leave.
-
-    Parameters
-    ----------
-    fit : RingDown
-        The fit; its first four channels are drawn.
-    record : Record
-        The record that was fitted, for the units of its channels.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Measured and fitted samples over time, and below them measured less fitted.
-    """
+    """Draw a free decay, the damped sines that were fitted to it, and what they leave."""
     names = fit.channels[:_CHANNELS]
     figure = new_figure(8.6, 1.2 + 2.6 * len(names))
     panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))

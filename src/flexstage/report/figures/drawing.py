@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_stage", "fill_of"]
-
 _MM = 1e3
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
 #: Longer side of the drawing itself [inch], with a key beside it and alone.
@@ -36,18 +34,6 @@ _LONGEST, _ALONE = 7.2, 4.2
 
 def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     """Draw a stage to scale, in millimetres.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    key : bool
-        Whether bodies and hinges are numbered, with a key of the names of everything beside it.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The drawing.
 
     Examples
     --------
@@ -95,20 +81,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
 
 
 def fill_of(stage: Stage, name: str) -> str:
-    """Return the colour that a body is filled with, by what it is for.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    name : str
-        The body.
-
-    Returns
-    -------
-    str
-        A colour of `flexstage.report.figures.style`.
-    """
+    """Return the colour that a body is filled with, by what it is for."""
     if stage.body(name).fixed:
         return FIXED
     carries = [probe.body for probe in stage.probes] + [drive.reacts for drive in stage.drives]

@@ -4,8 +4,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.style import MUTED, dress, entitle, new_figure
 from flexstage.report.quantities import number
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from flexstage.fem import StageModel
     from flexstage.fem.sampling import Sample
 
-__all__ = ["draw_fe_modes", "out_of_plane"]
-
-Array = NDArray[np.float64]
-
 _MOST = 6
 _COLUMNS = 3
 _WIDTH = 3.3  # of a picture [inch]
@@ -33,20 +29,7 @@ _IN_PLANE, _OUT_OF_PLANE = "viridis", "RdBu_r"
 
 
 def out_of_plane(model: "StageModel", q: Array) -> bool:
-    """Tell whether a mode is one of motion out of the plane.
-
-    Parameters
-    ----------
-    model : StageModel
-        The model.
-    q : numpy.ndarray
-        The mode shape in its coordinates, shape (r,).
-
-    Returns
-    -------
-    bool
-        Whether more than half of its kinetic energy is motion out of the plane.
-    """
+    """Tell whether a mode is one of motion out of the plane."""
     # the coordinates of the two halves do not mix, and have unit mass
     energy = [float((q[half.basis.any(axis=0)] ** 2).sum()) for half in model.halves]
     out = sum(e for e, half in zip(energy, model.halves, strict=True) if half.out_of_plane)
@@ -60,26 +43,7 @@ def draw_fe_modes(
     drives: DriveCondition = "removed",
     most: int = _MOST,
 ) -> "Figure":
-    """Draw the lowest modes of a finite-element model.
-
-    Parameters
-    ----------
-    model : StageModel
-        The model.
-    analysis : Analysis
-        Its analysis.
-    drives : str
-        Condition of the drives.
-    most : int
-        How many modes, at most.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A picture for each mode: on the deformed shape the magnitude of the displacement as a part
-        of the largest; of a mode out of the plane the displacement out of it, with its sign, on the
-        middle plane, which such a mode leaves as it is. A thin line shows the stage at rest.
-    """
+    """Draw the lowest modes of a finite-element model."""
     from flexstage.fem.sampling import Sampler
 
     found = analysis.modes[drives]

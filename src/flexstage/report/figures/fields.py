@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Integers
 from flexstage.report.figures.style import BODY, INK, MUTED
 
 if TYPE_CHECKING:
@@ -13,11 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.path import Path
 
-__all__ = ["Bands", "add_bar", "fill", "frame", "place", "trace", "window"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Loops = Sequence[Indices]
+Loops = Sequence[Integers]
 
 _MM = 1e3
 # detail smaller than this part of a picture is left out of its lines
@@ -25,19 +21,7 @@ _RESOLUTION = 2000.0
 
 
 class Bands:
-    """Colours of a field, in bands of equal, round width.
-
-    Parameters
-    ----------
-    low, high : float
-        What the scale holds at least; what lies beyond has the colour of its end.
-    colours : str
-        Name of the colour map.
-    count : int
-        Largest number of bands.
-    clear : float
-        Part of the scale at its low end over which colour sets in, from clear [1].
-    """
+    """Colours of a field, in bands of equal, round width."""
 
     def __init__(
         self, low: float, high: float, colours: str, *, count: int = 14, clear: float = 0.0
@@ -60,25 +44,9 @@ class Bands:
 
 
 def fill(
-    axes: "Axes", points: Array, triangles: Indices, values: Array, loops: Loops, bands: Bands
+    axes: "Axes", points: Array, triangles: Integers, values: Array, loops: Loops, bands: Bands
 ) -> None:
-    """Fill triangles with the bands of a field, as a picture of pixels.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes, whose limits are set: what lies outside of them is left out.
-    points : numpy.ndarray
-        Corners [m], shape (n, 2).
-    triangles : numpy.ndarray
-        Corners of each triangle, shape (m, 3).
-    values : numpy.ndarray
-        The field at the corners, shape (n,).
-    loops : sequence of numpy.ndarray
-        Closed lines of corners that bound the triangles.
-    bands : Bands
-        The colours.
-    """
+    """Fill triangles with the bands of a field, as a picture of pixels."""
     from matplotlib.patches import PathPatch
     from matplotlib.tri import Triangulation
 
@@ -104,19 +72,7 @@ def fill(
 
 
 def trace(axes: "Axes", points: Array, loops: Loops, **look: Any) -> None:
-    """Draw the outline.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes, whose limits are set: what lies outside of them is left out.
-    points : numpy.ndarray
-        Corners [m], shape (n, 2).
-    loops : sequence of numpy.ndarray
-        Closed lines of corners.
-    **look
-        Properties of the line.
-    """
+    """Draw the outline."""
     from matplotlib.collections import LineCollection
 
     lines = _lines(axes, points * _MM, loops)
@@ -161,37 +117,14 @@ def _thinned(axes: "Axes", line: Array) -> Array:
 
 
 def window(points: Array, margin: float) -> tuple[float, float, float, float]:
-    """Return the rectangle about points.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        The points [m], shape (n, 2).
-    margin : float
-        Room about them, as a part of the larger side [1].
-
-    Returns
-    -------
-    tuple of float
-        Smallest x and y, largest x and y [m].
-    """
+    """Return the rectangle about points."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = margin * float((high - low).max())
     return (*map(float, low - room), *map(float, high + room))  # type: ignore[return-value]
 
 
 def frame(axes: "Axes", sight: tuple[float, float, float, float], *, ticks: bool) -> None:
-    """Set what axes show.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes.
-    sight : tuple of float
-        Smallest x and y, largest x and y [m].
-    ticks : bool
-        Whether coordinates stand at their sides.
-    """
+    """Set what axes show."""
     x0, y0, x1, y1 = (_MM * v for v in sight)
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
     axes.set_aspect("equal")
@@ -206,37 +139,13 @@ def place(figure: "Figure", left: float, top: float, width: float, height: float
     """Add axes at a place that is measured from the upper left corner.
 
     Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure, without a layout of its own.
-    left, top : float
-        Where the axes begin [inch].
-    width, height : float
-        Their size [inch].
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes.
     """
     wide, high = figure.get_size_inches()
     return figure.add_axes((left / wide, 1.0 - (top + height) / high, width / wide, height / high))
 
 
 def add_bar(axes: "Axes", bands: Bands, label: str) -> None:
-    """Draw a colour bar.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes of its own.
-    bands : Bands
-        The colours.
-    label : str
-        What is shown, with its unit.
-    """
+    """Draw a colour bar."""
     from matplotlib.cm import ScalarMappable
 
     scale = ScalarMappable(norm=bands.norm, cmap=bands.map)

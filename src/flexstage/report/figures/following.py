@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.plans.identify_step import SETTLED
-from flexstage.plans.results import FollowedRun, IdentifiedStep, VerifiedStep
+from flexstage.plans.results import IdentifiedStep, VerifiedStep
+from flexstage.plans.results_models import FollowedRun
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_drive_fit", "draw_following"]
-
-Array = NDArray[np.float64]
 
 _UM, _NM = 1e6, 1e9
 #: Colour of each way, the same in every figure.
@@ -31,19 +28,7 @@ _POINTS = 3000
 
 
 def draw_following(step: VerifiedStep) -> "Figure":
-    """Draw how a reference was followed in each way.
-
-    Parameters
-    ----------
-    step : VerifiedStep
-        The runs.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Output over reference; output less reference over time, without the open loop where there is
-        another way; and the error of each trial where something was learned.
-    """
+    """Draw how a reference was followed in each way."""
     learned = [run for run in step.runs if len(run.errors) > 1]
     figure = new_figure(10.6, 3.4)
     grid = figure.subplots(
@@ -110,18 +95,7 @@ def _trials(axes: "Axes", run: FollowedRun) -> None:
 
 
 def draw_drive_fit(step: IdentifiedStep) -> "Figure":
-    """Draw a record and the model that was identified from it.
-
-    Parameters
-    ----------
-    step : IdentifiedStep
-        The model and its record.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Reading and model over the voltage; reading less model over time.
-    """
+    """Draw a record and the model that was identified from it."""
     figure = new_figure(10.6, 3.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     at = _thin(step.time.size)

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.hysteresis.identification import Identification
+from flexstage.hysteresis.identification.identify import Identification
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_identification"]
 
 #: Points that a curve over time is drawn with, at most.
 _POINTS = 4000
@@ -27,22 +25,7 @@ _SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
 def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
-    """Draw measured and modelled loop of each record, and what the model leaves over time.
-
-    Parameters
-    ----------
-    found : Identification
-        The identification.
-    names : sequence of str
-        What each of its records is called; numbers from 1 where not given.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        For each of the first four records, the loop over the input, with the cycles and times that
-        are drawn; beside it output less model over time, with the noise of the output as a band and
-        those cycles shaded.
-    """
+    """Draw measured and modelled loop of each record, and what the model leaves over time."""
     sections = found.measurement.sections
     called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
     shown = min(len(sections), _RECORDS)
@@ -71,18 +54,7 @@ def _short(name: str) -> str:
 
 
 def scale(unit: str) -> tuple[str, float]:
-    """Return the unit that a quantity is drawn in, and how many of it one SI unit is.
-
-    Parameters
-    ----------
-    unit : str
-        Its SI unit; empty where nobody has said.
-
-    Returns
-    -------
-    tuple of str and float
-        Unit in brackets, with a space before it, and factor.
-    """
+    """Return the unit that a quantity is drawn in, and how many of it one SI unit is."""
     name, factor = _SCALES.get(unit, (unit, 1.0))
     return (f" [{name}]" if name else "", factor)
 

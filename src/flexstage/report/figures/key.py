@@ -9,8 +9,6 @@ from flexstage.report.figures.style import INK, MUTED, PAPER
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["COLUMN_WIDTH", "Entry", "arrange", "draw_key"]
-
 #: Width of one column of the key [inch].
 COLUMN_WIDTH = 1.45
 _ROW = 0.155  # height of a row [inch]
@@ -20,44 +18,22 @@ _MOST_COLUMNS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A row of the key.
-
-    Parameters
-    ----------
-    kind : str
-        ``heading``, ``disc`` (a number in a disc), ``number``, ``arrow``, ``swatch`` or ``gap``.
-    text : str
-        The name.
-    mark : str
-        The number that stands in the drawing.
-    detail : str
-        What stands at the right end of the row.
-    colour : str
-        Colour of the mark.
-    """
+    """A row of the key."""
 
     kind: Literal["heading", "disc", "number", "arrow", "swatch", "gap"]
+    """``heading``, ``disc`` (a number in a disc), ``number``, ``arrow``, ``swatch`` or ``gap``."""
     text: str = ""
+    """The name."""
     mark: str = ""
+    """The number that stands in the drawing."""
     detail: str = ""
+    """What stands at the right end of the row."""
     colour: str = INK
+    """Colour of the mark."""
 
 
 def arrange(entries: list[Entry], height: float) -> list[list[Entry]]:
-    """Break a key into columns.
-
-    Parameters
-    ----------
-    entries : list of Entry
-        All rows.
-    height : float
-        Height that a column has [inch].
-
-    Returns
-    -------
-    list of list of Entry
-        The columns; where there are too many rows the last one says how many are left out.
-    """
+    """Break a key into columns."""
     fit = max(int(height / _ROW), 8)
     columns = min(math.ceil(len(entries) / fit), _MOST_COLUMNS)
     if len(entries) > columns * fit:
@@ -74,17 +50,7 @@ def arrange(entries: list[Entry], height: float) -> list[list[Entry]]:
 
 
 def draw_key(axes: "Axes", columns: list[list[Entry]], height: float) -> None:
-    """Write the key.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes of its own; their frame is taken off.
-    columns : list of list of Entry
-        What `arrange` gives.
-    height : float
-        Height of the axes [inch].
-    """
+    """Write the key."""
     axes.set_axis_off()
     axes.set(xlim=(0.0, len(columns) * COLUMN_WIDTH), ylim=(-height, 0.0))
     for number, column in enumerate(columns):

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Placer"]
-
 # Every place that is tried: 16 directions, at first beside the point, then heights further away.
 _STEPS = np.repeat((0.0, 0.6, 1.2, 2.0, 3.0, 4.5), 16)
 _ALONG = np.tile(np.cos(np.pi / 8.0 * np.arange(16)), 6)
@@ -12,66 +10,24 @@ _UP = np.tile(np.sin(np.pi / 8.0 * np.arange(16)), 6)
 
 
 class Placer:
-    """Keeps track of what is taken, and gives each new label the best free place.
-
-    Parameters
-    ----------
-    bounds : tuple of float
-        Smallest x and y, largest x and y that a label may take.
-    """
+    """Keeps track of what is taken, and gives each new label the best free place."""
 
     def __init__(self, bounds: tuple[float, float, float, float]) -> None:
         self._bounds = bounds
         self._taken: list[tuple[float, float, float, float]] = []
 
     def take(self, x: float, y: float, width: float, height: float) -> None:
-        """Mark a rectangle as taken.
-
-        Parameters
-        ----------
-        x, y : float
-            Its centre.
-        width, height : float
-            Its size.
-        """
+        """Mark a rectangle as taken."""
         self._taken.append((x - width / 2, y - height / 2, x + width / 2, y + height / 2))
 
     def is_free(self, x: float, y: float, width: float, height: float) -> bool:
-        """Say whether a rectangle touches nothing that is taken.
-
-        Parameters
-        ----------
-        x, y : float
-            Its centre.
-        width, height : float
-            Its size.
-
-        Returns
-        -------
-        bool
-            Whether it is free.
-        """
+        """Say whether a rectangle touches nothing that is taken."""
         return bool(self._overlap(np.array([[x, y]]), width, height)[0] == 0.0)
 
     def place(
         self, x: float, y: float, width: float, height: float, *, nearest: float
     ) -> tuple[float, float]:
-        """Find a place for a label near a point, and take it.
-
-        Parameters
-        ----------
-        x, y : float
-            The point that is labelled.
-        width, height : float
-            Size of the label.
-        nearest : float
-            Smallest distance between the point and the edge of the label.
-
-        Returns
-        -------
-        tuple of float
-            Centre of the label.
-        """
+        """Find a place for a label near a point, and take it."""
         # the label's own half size in each direction, then the gap
         with np.errstate(divide="ignore"):
             reach = np.minimum(0.5 * width / abs(_ALONG), 0.5 * height / abs(_UP))

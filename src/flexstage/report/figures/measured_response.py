@@ -5,17 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array, Complex
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_response", "plot_magnitude", "plot_phase", "shown_lines"]
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 #: Lines that a curve is drawn with, about and at most.
 _POINTS = 3000
@@ -27,21 +23,7 @@ _BAND = 1.959964
 
 
 def draw_response(response: MeasuredResponse, *, fit: MeasuredResponse | None = None) -> "Figure":
-    """Draw magnitude, phase and coherence of a measured response.
-
-    Parameters
-    ----------
-    response : MeasuredResponse
-        The response; its first six curves are drawn.
-    fit : MeasuredResponse, optional
-        What a model gives for the same inputs and outputs, drawn as a line over the measurement.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Magnitude and phase over the frequency, with their 95 % bands where the variance is known,
-        and the coherence where that is.
-    """
+    """Draw magnitude, phase and coherence of a measured response."""
     coherent = response.coherence is not None
     figure = new_figure(8.6, 5.6 if coherent else 4.6)
     rows = 3 if coherent else 2
@@ -83,18 +65,7 @@ def draw_response(response: MeasuredResponse, *, fit: MeasuredResponse | None = 
 
 
 def shown_lines(values: Array) -> NDArray[np.intp]:
-    """Return the lines that a curve of many is drawn with: the ends of its range, piece by piece.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        The curve, shape (k,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Numbers of the lines, rising; all of them where there are few.
-    """
+    """The lines that a curve of many is drawn with: the ends of its range, piece by piece."""
     count = values.size
     if count <= _POINTS:
         return np.arange(count)
@@ -108,21 +79,7 @@ def shown_lines(values: Array) -> NDArray[np.intp]:
 def plot_magnitude(
     axes: "Axes", response: MeasuredResponse, output: int, given: int, *, colour: str, label: str
 ) -> None:
-    """Plot the magnitude of one response, with its 95 % band.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where to.
-    response : MeasuredResponse
-        The response.
-    output, given : int
-        Numbers of the output and of the input.
-    colour : str
-        Colour of the curve.
-    label : str
-        Its name in the legend.
-    """
+    """Plot the magnitude of one response, with its 95 % band."""
     size = np.abs(response.response[:, output, given])
     at = shown_lines(size)
     f, size = response.frequency_hz[at], size[at]
@@ -137,19 +94,7 @@ def plot_magnitude(
 def plot_phase(
     axes: "Axes", response: MeasuredResponse, output: int, given: int, *, colour: str
 ) -> None:
-    """Plot the phase of one response, with its 95 % band.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where to.
-    response : MeasuredResponse
-        The response.
-    output, given : int
-        Numbers of the output and of the input.
-    colour : str
-        Colour of the curve.
-    """
+    """Plot the phase of one response, with its 95 % band."""
     h = response.response[:, output, given]
     at = shown_lines(np.angle(h))
     f = response.frequency_hz[at]

@@ -12,8 +12,6 @@ from flexstage.report.quantities import number
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem
 
-__all__ = ["MOST_SHOWN", "body_symbols", "mode_cards", "mode_motion"]
-
 #: Modes that are drawn for each condition of the drives.
 MOST_SHOWN = 6
 _MM = 1e3
@@ -24,22 +22,7 @@ _SHOWN = 0.03
 def mode_motion(
     system: MechanicalSystem, shape: NDArray[np.float64], stage: Stage
 ) -> dict[str, tuple[float, float, float]]:
-    """Return the motion of every body in a mode, scaled so that the largest displacement is 1.
-
-    Parameters
-    ----------
-    system : MechanicalSystem
-        The system.
-    shape : numpy.ndarray
-        The mode shape, shape (n,).
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    dict
-        Displacement x, y of the body's centre [1] and rotation [1/m] by body.
-    """
+    """Return the motion of every body in a mode, scaled so that the largest displacement is 1."""
     ports = {port.name: port for port in system.bodies}
     motion: dict[str, tuple[float, float, float]] = {}
     largest = 0.0
@@ -58,18 +41,7 @@ def mode_motion(
 
 
 def body_symbols(stage: Stage) -> str:
-    """Return every body once, as an SVG symbol that the cards refer to.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element that takes no room.
-    """
+    """Return every body once, as an SVG symbol that the cards refer to."""
     paths = "".join(
         f'<path id="body-{i}" vector-effect="non-scaling-stroke" d="{shape.svg_path(_MM)}"/>'
         for i, shape in enumerate(body_shapes(stage))
@@ -83,16 +55,6 @@ def mode_cards(analysis: Analysis) -> Mapping[str, str]:
     A card is a still picture of the mode at full amplitude; each body carries its motion in data
     attributes (``data-motion``: displacement x and y in mm and rotation in degrees about
     ``data-centre``), by which the page moves it.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-
-    Returns
-    -------
-    Mapping
-        HTML by condition of the drives.
     """
     shapes = body_shapes(analysis.stage)
     cards: dict[str, str] = {}

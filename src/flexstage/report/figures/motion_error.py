@@ -3,10 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.experiment.motion import MotionCurve, Workspace
+from flexstage.arrays import Array
 from flexstage.experiment.motion.curve_extremes import Line, line_weights
+from flexstage.experiment.motion.motion_curve import MotionCurve
+from flexstage.experiment.motion.workspace import Workspace
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 from flexstage.report.quantities import number, prefixed
 
@@ -15,10 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from flexstage.estimate import Estimate
-
-__all__ = ["draw_motion_error", "draw_workspace"]
-
-Array = NDArray[np.float64]
 
 
 def draw_motion_error(
@@ -30,26 +27,7 @@ def draw_motion_error(
     line: Line = "least_squares",
     legend: bool = True,
 ) -> "Figure":
-    """Draw a measured error over the stroke, forward and backward, with its 95 % band.
-
-    Parameters
-    ----------
-    curve : MotionCurve
-        The reading over the stroke.
-    title : str
-        Title of the figure.
-    position_label, label : str
-        What is on the axes, without unit.
-    line : {"none", "least_squares", "terminal", "zero"}
-        Straight line of the mean of both runs that is taken off.
-    legend : bool
-        Whether to name the curves.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The two curves, each in its band.
-    """
+    """Draw a measured error over the stroke, forward and backward, with its 95 % band."""
     x = curve.grid()
     off = line_weights(x, line)
     mean = curve.rows(x, "mean")
@@ -90,20 +68,7 @@ def draw_motion_error(
 
 
 def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
-    """Draw the area that a stage reached, with corners, sides and diagonals.
-
-    Parameters
-    ----------
-    found : Workspace
-        The workspace.
-    title : str
-        Title of the figure; the area where not given.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The outline in micrometres.
-    """
+    """Draw the area that a stage reached, with corners, sides and diagonals."""
     figure = new_figure(5.0, 4.7)
     axes = figure.subplots()
     dress(axes)

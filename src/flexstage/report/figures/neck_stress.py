@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.labels import Placer
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from flexstage.fem import StageModel
     from flexstage.fem.sampling import Sample, Sampler
 
-__all__ = ["Neck", "draw_neck_stress", "neck_sampler", "worst_necks"]
-
-Array = NDArray[np.float64]
-
 _MM, _MPA = 1e3, 1e-6
 _COLOURS = "YlOrRd"
 _MOST = 4  # necks that are shown
@@ -39,43 +35,20 @@ _OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room a
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neck:
-    """A neck that stands for those like it.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        Its hinge.
-    number : int
-        The number of the hinge in the drawing.
-    stress : float
-        Largest equivalent stress on its surface [Pa].
-    alike : int
-        Number of hinges of the same profile and stress, itself included.
-    """
+    """A neck that stands for those like it."""
 
     hinge: Hinge
+    """Its hinge."""
     number: int
+    """The number of the hinge in the drawing."""
     stress: float
+    """Largest equivalent stress on its surface [Pa]."""
     alike: int
+    """Number of hinges of the same profile and stress, itself included."""
 
 
 def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck, ...]:
-    """Return the most stressed necks, one for all of the same profile and stress.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    axis : str
-        Name of the axis whose drive is at full stroke.
-    most : int
-        How many.
-
-    Returns
-    -------
-    tuple of Neck
-        The most stressed one first; none where no hinge bears stress.
-    """
+    """Return the most stressed necks, one for all of the same profile and stress."""
     stress = analysis.hinge_stress[axis]
     hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
     largest = max(stress.values(), default=0.0)
@@ -105,18 +78,7 @@ def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck,
 
 
 def neck_sampler(model: "StageModel") -> "Sampler":
-    """Return what reads the fields of a model, finely enough for a picture of a neck.
-
-    Parameters
-    ----------
-    model : StageModel
-        The finite-element model.
-
-    Returns
-    -------
-    Sampler
-        In the plane, or on the middle plane.
-    """
+    """Return what reads the fields of a model, finely enough for a picture of a neck."""
     from flexstage.fem.sampling import Sampler
 
     return Sampler(model=model, divisions=_DIVISIONS)
@@ -125,31 +87,7 @@ def neck_sampler(model: "StageModel") -> "Sampler":
 def draw_neck_stress(
     model: "StageModel", analysis: Analysis, axis: str, *, sampler: "Sampler | None" = None
 ) -> "Figure":
-    """Draw the stress of the whole stage and about its most stressed necks.
-
-    Parameters
-    ----------
-    model : StageModel
-        The finite-element model.
-    analysis : Analysis
-        Its analysis.
-    axis : str
-        Name of the axis whose drive is at full stroke, the others removed.
-    sampler : Sampler, optional
-        What reads fields of this model, where several figures share it.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The equivalent stress of von Mises, in three dimensions on the middle plane, on the shape
-        that is deformed by a factor that each title tells; a neck stays in the middle of its
-        picture. The ring marks where the surface of the notch bears most.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no such axis, or no hinge bears stress.
-    """
+    """Draw the stress of the whole stage and about its most stressed necks."""
     result = next((a for a in analysis.axes if a.axis == axis), None)
     if result is None:
         raise ModelError(f"the analysis has no axis '{axis}'")

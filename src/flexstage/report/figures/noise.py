@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.experiment.noise import AllanDeviation, HoldNoise, Staircase
+from flexstage.experiment.noise.allan import AllanDeviation
+from flexstage.experiment.noise.hold import HoldNoise
+from flexstage.experiment.noise.staircase import Staircase
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_hold", "draw_staircase"]
 
 #: Points of a trace that are drawn at most; more are drawn as the band between their extremes.
 _POINTS = 4000
@@ -21,28 +21,7 @@ _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
 def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Figure":
-    """Draw a reading while the stage is held, its spectral density, and its Allan deviation.
-
-    Parameters
-    ----------
-    values : array_like
-        The readings, shape (n,).
-    noise : HoldNoise
-        What `hold_noise` finds in them.
-    allan : AllanDeviation
-        What `allan_deviation` finds in them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Time trace with its drift, density with its 95 % interval and mains lines, Allan deviation
-        with its interval.
-
-    Raises
-    ------
-    ModelError
-        There are fewer than two readings.
-    """
+    """Draw a reading while the stage is held, its spectral density, and its Allan deviation."""
     y = np.asarray(values, dtype=np.float64)
     if y.ndim != 1 or y.size < 2:
         raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
@@ -59,30 +38,7 @@ def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Fi
 def draw_staircase(
     values: ArrayLike, sample_rate_hz: float, found: Staircase, *, unit: str = "m"
 ) -> "Figure":
-    """Draw a staircase with its levels, and its steps against the resolution.
-
-    Parameters
-    ----------
-    values : array_like
-        The readings, shape (n,).
-    sample_rate_hz : float
-        Readings in a second [Hz].
-    found : Staircase
-        What `staircase` finds in them.
-    unit : str
-        Unit of the readings.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The readings with the parts that the levels are the means of, and each step with its 95 %
-        interval beside the step that is told from none.
-
-    Raises
-    ------
-    ModelError
-        There are fewer than two readings.
-    """
+    """Draw a staircase with its levels, and its steps against the resolution."""
     y = np.asarray(values, dtype=np.float64)
     if y.ndim != 1 or y.size < 2:
         raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")

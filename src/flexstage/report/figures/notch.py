@@ -9,24 +9,11 @@ from flexstage.report.figures.style import BODY, INK, dress, entitle, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_notch"]
-
 _MM = 1e3
 
 
 def draw_notch(profile: Profile) -> "Figure":
-    """Draw the contour of a notch to scale, in millimetres.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The material about the neck, which is in the middle.
-    """
+    """Draw the contour of a notch to scale, in millimetres."""
     half = 0.5 * profile.neck_thickness
     right = [(x * _MM, depth * _MM) for x, depth in notch_contour(profile)]
     edge = [(-x, depth) for x, depth in reversed(right)] + right

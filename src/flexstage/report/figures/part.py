@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from flexstage.arrays import Array, Integers
 from flexstage.fem.part import Part
 from flexstage.fem.part_surface import PartSurface, part_surface
 from flexstage.report.figures.style import (
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_part"]
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 _PIXELS = 900  # longer side of a view
 _WIDE = 11.0  # of the figure [inch]
 _TYPE = 6.5  # [pt]
@@ -54,7 +51,7 @@ class _View:
     """What is seen from one side: colours, and the number of the face at each pixel, or -1."""
 
     image: Array
-    face: Numbers
+    face: Integers
     axes: Array  # rows: to the right, upwards, towards who looks
 
 
@@ -110,21 +107,7 @@ def _within(corners: Array, x: Array, y: Array) -> tuple[NDArray[np.bool_], Arra
 
 
 def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()) -> "Figure":
-    """Draw a part from four sides, each face named where most of it is seen.
-
-    Parameters
-    ----------
-    part : Part
-        The part.
-    held, moved : sequence of str
-        Names of faces to be set off by colour.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure. Faces between two solids, and others that are seen from nowhere, are listed
-        below.
-    """
+    """Draw a part from four sides, each face named where most of it is seen."""
     surface = part_surface(part)
     outer = np.array([len(f.bodies) == 1 for f in part.faces])
     shown = PartSurface(

@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.experiment.motion import Positioning
+from flexstage.arrays import Array
+from flexstage.experiment.motion.positioning import Positioning
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
 from flexstage.report.quantities import number, prefixed
 
@@ -13,31 +13,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_positioning"]
-
-Array = NDArray[np.float64]
-
 _UP, _DOWN, _MEAN = CYCLE[0], CYCLE[1], CYCLE[2]
 #: Of the range of the targets: from the last one to the first dimension, and between two of them.
 _GAP, _PITCH = 0.05, 0.085
 
 
 def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
-    """Draw deviations over the targets, with the figures of the axis as dimensions.
-
-    Parameters
-    ----------
-    found : Positioning
-        The figures.
-    title : str
-        Title of the figure; the accuracy where not given.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Mean deviation upward, downward and of both, two standard deviations about each of the
-        former; A, E and M beside them, R and B at the targets where they are.
-    """
+    """Draw deviations over the targets, with the figures of the axis as dimensions."""
     figure = new_figure(7.2, 4.0)
     axes = figure.subplots()
     dress(axes)

@@ -13,29 +13,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_prediction"]
-
 #: Points that a curve is drawn with, at most.
 _POINTS = 6000
 
 
 def draw_prediction(found: Prediction, model: DriveModel, band: float | None = None) -> "Figure":
-    """Draw the measured and the predicted loop, and the error as predicted over time.
-
-    Parameters
-    ----------
-    found : Prediction
-        The prediction.
-    model : DriveModel
-        The model.
-    band : float, optional
-        Half the width of the model's band of confidence, over the stroke [%].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The loop over the input; beside it measured less predicted, with the band and the constant.
-    """
+    """Draw the measured and the predicted loop, and the error as predicted over time."""
     figure = new_figure(9.6, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     at = _thin(np.arange(found.warm_up, found.time.size))

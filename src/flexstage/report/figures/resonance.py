@@ -5,14 +5,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.estimate import Estimate
-from flexstage.experiment.modal import ModalFit
+from flexstage.experiment.modal.result import ModalFit
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 from flexstage.report.quantities import beside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["draw_resonance", "strongest_output"]
 
 
 def draw_resonance(
@@ -23,26 +21,7 @@ def draw_resonance(
     frequency_hz: Estimate | None = None,
     published_hz: float | None = None,
 ) -> "Figure":
-    """Draw the magnitude of a response with its strongest mode.
-
-    Parameters
-    ----------
-    fit : ModalFit
-        The fit.
-    axis : str
-        The axis.
-    label : str
-        What the points are.
-    frequency_hz : Estimate, optional
-        The natural frequency, with all that is uncertain in it [Hz].
-    published_hz : float, optional
-        A published natural frequency, drawn as an upright line [Hz].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The response of the output that the first input moves most, its fit, and the line.
-    """
+    """Draw the magnitude of a response with its strongest mode."""
     output = strongest_output(fit)
     one = fit.fitted[0].measured
     f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
@@ -69,17 +48,6 @@ def draw_resonance(
 
 
 def strongest_output(fit: ModalFit) -> int:
-    """Return the output that the first input moves most.
-
-    Parameters
-    ----------
-    fit : ModalFit
-        The fit.
-
-    Returns
-    -------
-    int
-        Its number.
-    """
+    """Return the output that the first input moves most."""
     measured = fit.fitted[0].measured.response[:, :, 0]
     return int(np.argmax(np.abs(measured).max(axis=0)))

@@ -14,8 +14,6 @@ from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 if TYPE_CHECKING:
     from matplotlib.path import Path
 
-__all__ = ["BodyShape", "body_shapes", "extent", "notch_contour"]
-
 # Chords may leave their arcs by this much [m]: a tenth of a pixel of a large drawing.
 _TOLERANCE = 10e-6
 # A half notch is drawn this far into its body [m], so that the two merge without a seam.
@@ -24,38 +22,19 @@ _OVERLAP = 20e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyShape:
-    """A body as it is drawn.
-
-    Parameters
-    ----------
-    body : Body
-        The body.
-    loops : tuple of numpy.ndarray
-        Closed polygons [m], each of shape (n, 2): outer ones to the left, holes to the right.
-    label_at : tuple of float
-        A point well inside it [m].
-    room : float
-        Distance of that point from the nearest edge [m].
-    """
+    """A body as it is drawn."""
 
     body: Body
+    """The body."""
     loops: tuple[NDArray[np.float64], ...]
+    """Closed polygons [m], each of shape (n, 2): outer ones to the left, holes to the right."""
     label_at: tuple[float, float]
+    """A point well inside it [m]."""
     room: float
+    """Distance of that point from the nearest edge [m]."""
 
     def path(self, scale: float = 1e3) -> "Path":
-        """Return it as a path for drawing.
-
-        Parameters
-        ----------
-        scale : float
-            Drawing units in a metre [1/m].
-
-        Returns
-        -------
-        matplotlib.path.Path
-            All loops in one path.
-        """
+        """Return it as a path for drawing."""
         from matplotlib.path import Path
 
         return Path.make_compound_path(
@@ -63,18 +42,7 @@ class BodyShape:
         )
 
     def svg_path(self, scale: float = 1e3) -> str:
-        """Return it as the ``d`` of an SVG path; y points down there.
-
-        Parameters
-        ----------
-        scale : float
-            Drawing units in a metre [1/m].
-
-        Returns
-        -------
-        str
-            Path data, two decimals.
-        """
+        """Return it as the ``d`` of an SVG path; y points down there."""
         parts = []
         for loop in self.loops:
             corners = [f"{x * scale:.2f} {-y * scale:.2f}" for x, y in loop]
@@ -84,34 +52,12 @@ class BodyShape:
 
 @lru_cache(maxsize=8)
 def body_shapes(stage: Stage) -> tuple[BodyShape, ...]:
-    """Return the shape of every body, in the order of the stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    tuple of BodyShape
-        One for each body.
-    """
+    """Return the shape of every body, in the order of the stage."""
     return tuple(_shape(stage, body) for body in stage.bodies)
 
 
 def extent(shapes: tuple[BodyShape, ...]) -> tuple[float, float, float, float]:
-    """Return the rectangle about all bodies.
-
-    Parameters
-    ----------
-    shapes : tuple of BodyShape
-        The bodies.
-
-    Returns
-    -------
-    tuple of float
-        Smallest x and y, largest x and y [m].
-    """
+    """Return the rectangle about all bodies."""
     points = np.vstack([loop for shape in shapes for loop in shape.loops])
     return (*map(float, points.min(axis=0)), *map(float, points.max(axis=0)))  # type: ignore[return-value]
 
@@ -158,18 +104,7 @@ def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
 
 
 def notch_contour(profile: Profile) -> list[tuple[float, float]]:
-    """Return the contour of a notch as a polygon.
-
-    Parameters
-    ----------
-    profile : Profile
-        The notch.
-
-    Returns
-    -------
-    list of tuple of float
-        Distance from the neck, and depth [m], from the neck to the root; arcs as chords.
-    """
+    """Return the contour of a notch as a polygon."""
     vertices = profile.contour()
     points: list[tuple[float, float]] = []
     for start, end in itertools.pairwise(vertices):

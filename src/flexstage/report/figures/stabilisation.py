@@ -3,19 +3,15 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.experiment.modal import ModalFit
+from flexstage.experiment.modal.result import ModalFit
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["draw_modal_fit", "draw_stabilisation"]
-
-Array = NDArray[np.float64]
 
 # half width of a 95 % interval of a normal distribution
 _NORMAL = 1.959964
@@ -26,26 +22,7 @@ _POINTS = 1500
 
 
 def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
-    """Draw the poles of each order over the magnitude of the response.
-
-    Parameters
-    ----------
-    fit : ModalFit
-        The fit.
-    number : int
-        Which of the responses that were fitted together gives the magnitude.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Poles by frequency and order, marked by what is stable, over the root mean square of all
-        outputs and inputs; the modes of the fit as upright lines.
-
-    Raises
-    ------
-    ModelError
-        There is no such response, or the fit has no stabilisation diagram.
-    """
+    """Draw the poles of each order over the magnitude of the response."""
     diagram = fit.stabilisation
     if diagram is None or not 0 <= number < len(fit.fitted):
         raise ModelError(f"there is no stabilisation diagram of response {number}")
@@ -98,27 +75,7 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
 def draw_modal_fit(
     fit: ModalFit, number: int = 0, *, output: int = 0, input_number: int = 0
 ) -> "Figure":
-    """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
-
-    Parameters
-    ----------
-    fit : ModalFit
-        The fit.
-    number : int
-        Which of the responses that were fitted together.
-    output, input_number : int
-        Which output and input of it.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Magnitude above, with the residual and the noise that the fit finds; phase below.
-
-    Raises
-    ------
-    ModelError
-        There is no such response, output or input.
-    """
+    """Draw a measured response, its fit with the 95 % band, and what the fit leaves."""
     if not 0 <= number < len(fit.fitted):
         raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
     one = fit.fitted[number]

@@ -4,8 +4,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import FIXED, INK, MUTED, dress, entitle, new_figure
@@ -16,29 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_static_shape", "exaggeration"]
-
 _MM = 1e3
 _COLOURS = "viridis"
 # the largest motion is drawn as about this part of the size of the stage
 _SHOWN = 0.02
-Array = NDArray[np.float64]
 
 
 def exaggeration(size: float, motion: float) -> float:
     """Return a round factor by which motion is drawn larger than it is.
-
-    Parameters
-    ----------
-    size : float
-        Size of what is drawn [m].
-    motion : float
-        Largest displacement [m].
-
-    Returns
-    -------
-    float
-        1, 2 or 5 times a power of ten [1]; 1 where nothing moves.
 
     Examples
     --------
@@ -53,26 +38,7 @@ def exaggeration(size: float, motion: float) -> float:
 
 
 def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
-    """Draw the stage with one drive at full stroke and the others removed.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-    axis : str
-        Name of the axis whose drive pushes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Each body where it goes to, motion magnified by the factor in the title; its place at rest
-        as a thin line.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no such axis.
-    """
+    """Draw the stage with one drive at full stroke and the others removed."""
     result = next((a for a in analysis.axes if a.axis == axis), None)
     if result is None:
         raise ModelError(f"the analysis has no axis '{axis}'")

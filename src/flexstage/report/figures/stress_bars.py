@@ -6,12 +6,11 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, new_figure
-from flexstage.system import Analysis, pulsating_limit
+from flexstage.system import Analysis
+from flexstage.system.characteristics import pulsating_limit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["draw_stress"]
 
 _MPA = 1e-6
 _NOTHING = 0.01  # less than this part of the largest stress is not drawn
@@ -19,23 +18,7 @@ _MOST = 48  # bars beyond this are too thin to read
 
 
 def draw_stress(analysis: Analysis) -> "Figure":
-    """Draw a bar for every hinge and axis, the most stressed hinge first.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        The analysis.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The bars; hinges carry the numbers of the drawing.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no axes or no stress.
-    """
+    """Draw a bar for every hinge and axis, the most stressed hinge first."""
     from matplotlib.patches import Patch
 
     stress = {axis: values for axis, values in analysis.hinge_stress.items() if values}

@@ -5,39 +5,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.lumped import StrokePath
+from flexstage.lumped.stroke import StrokePath
 from flexstage.report.figures.style import CYCLE, INK, dress, new_figure
 from flexstage.report.quantities import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_stroke"]
-
 # metres and radians below this are rounding of the solution
 _NOTHING = 1e-13
 
 
 def draw_stroke(path: StrokePath, axis: str) -> "Figure":
-    """Draw how far an axis is from the straight line of its first-order model.
-
-    Parameters
-    ----------
-    path : StrokePath
-        The motion.
-    axis : str
-        Name of the axis.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Deviation along the axis, across it, and rotation, over the elongation of the drive.
-
-    Raises
-    ------
-    ModelError
-        The path has fewer than three states.
-    """
+    """Draw how far an axis is from the straight line of its first-order model."""
     if path.displacement.size < 3:
         raise ModelError("a path needs at least three states to be drawn")
     x = path.displacement

@@ -12,28 +12,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "BODY",
-    "CYCLE",
-    "DRIVEN",
-    "FIXED",
-    "FORMATS",
-    "GRID",
-    "HATCH",
-    "INK",
-    "MUTED",
-    "PAPER",
-    "PLATFORM",
-    "css_name",
-    "css_variables",
-    "dress",
-    "encode",
-    "entitle",
-    "inline_svg",
-    "new_figure",
-    "svg_text",
-]
-
 # Neutral colours. Inline in a page every colour becomes a CSS variable, so the page can be dark.
 INK = "#1b1f24"
 MUTED = "#5a6472"
@@ -80,45 +58,17 @@ _SETTINGS: dict[str, Any] = {
 
 
 def css_name(colour: str) -> str:
-    """Return the CSS variable that a colour becomes in a page.
-
-    Parameters
-    ----------
-    colour : str
-        One of the colours of this module.
-
-    Returns
-    -------
-    str
-        Name of the variable.
-    """
+    """Return the CSS variable that a colour becomes in a page."""
     return _VARIABLES[colour]
 
 
 def css_variables() -> str:
-    """Return the colours as CSS variables, for a page on white.
-
-    Returns
-    -------
-    str
-        CSS declarations.
-    """
+    """Return the colours as CSS variables, for a page on white."""
     return " ".join(f"{name}: {colour};" for colour, name in _VARIABLES.items())
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Start a figure that no global state knows of.
-
-    Parameters
-    ----------
-    width, height : float
-        Its size [inch].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        An empty figure.
-    """
+    """Start a figure that no global state knows of."""
     return _figure_class()(figsize=(width, height), facecolor=PAPER, layout="constrained")
 
 
@@ -136,15 +86,7 @@ def _figure_class() -> type["Figure"]:
 
 
 def dress(axes: "Axes", *, grid: bool = True) -> None:
-    """Give axes the common look.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes.
-    grid : bool
-        Whether to draw a grid.
-    """
+    """Give axes the common look."""
     axes.set_facecolor(PAPER)
     for side, spine in axes.spines.items():
         spine.set_color(MUTED)
@@ -159,41 +101,13 @@ def dress(axes: "Axes", *, grid: bool = True) -> None:
 
 
 def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
-    """Put a title over axes, at the left.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The axes.
-    text : str
-        The title.
-    size : float
-        Size of the type [pt].
-    """
+    """Put a title over axes, at the left."""
     # a dollar sign in a name is no formula
     axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
 
 
 def encode(figure: "Figure", kind: str) -> bytes:
-    """Turn a figure into the bytes of a file, the same for the same figure.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    kind : str
-        One of `FORMATS`.
-
-    Returns
-    -------
-    bytes
-        Content of the file.
-
-    Raises
-    ------
-    ModelError
-        The format is not one of `FORMATS`.
-    """
+    """Turn a figure into the bytes of a file, the same for the same figure."""
     import matplotlib as mpl
 
     if kind not in FORMATS:
@@ -211,18 +125,7 @@ def encode(figure: "Figure", kind: str) -> bytes:
 
 
 def svg_text(figure: "Figure") -> str:
-    """Turn a figure into one SVG element.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element with its own colours and size.
-    """
+    """Turn a figure into one SVG element."""
     text = encode(figure, "svg").decode("utf-8")
     return text[text.index("<svg") :]
 
@@ -232,20 +135,6 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
 
     Neutral colours become CSS variables, names of parts are made unique in the page, and what only
     a file of its own needs is left out.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    name : str
-        Word, unique in the page, that is put before every id.
-    title : str
-        What the figure shows, for readers who do not see it.
-
-    Returns
-    -------
-    str
-        An ``<svg>`` element.
     """
     text = svg_text(figure)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -7,8 +7,6 @@ from typing import Literal, NamedTuple
 
 from flexstage.stage import Loop
 
-__all__ = ["MEDIUM", "THICK", "THIN", "Box", "Canvas", "text_width"]
-
 Pair = tuple[float, float]
 
 #: Widths of lines on technical drawings [mm].
@@ -20,34 +18,19 @@ _NARROW, _WIDE = set("iljtfrI.,:;'|!()[]/ -"), set("mwMW%@")
 
 
 class Box(NamedTuple):
-    """A rectangle on the sheet, y downwards [mm].
-
-    Parameters
-    ----------
-    left, top, right, bottom : float
-        Its edges [mm].
-    """
+    """A rectangle on the sheet, y downwards [mm]."""
 
     left: float
+    """Its edges [mm]."""
     top: float
+    """Its edges [mm]."""
     right: float
+    """Its edges [mm]."""
     bottom: float
+    """Its edges [mm]."""
 
     def meets(self, other: "Box", gap: float = 0.0) -> bool:
-        """Tell whether two boxes overlap, or come nearer than a gap.
-
-        Parameters
-        ----------
-        other : Box
-            The other one.
-        gap : float
-            The gap [mm].
-
-        Returns
-        -------
-        bool
-            Whether they do.
-        """
+        """Tell whether two boxes overlap, or come nearer than a gap."""
         return (
             self.left < other.right + gap
             and other.left < self.right + gap
@@ -58,18 +41,6 @@ class Box(NamedTuple):
 
 def text_width(text: str, size: float) -> float:
     """Return about how wide a line of text is in a sans-serif face, rather too much.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    size : float
-        Font size [mm].
-
-    Returns
-    -------
-    float
-        Its width [mm].
 
     Examples
     --------
@@ -82,13 +53,7 @@ def text_width(text: str, size: float) -> float:
 
 
 class Canvas:
-    """Collects the elements of a drawing; y points down, lengths in millimetres.
-
-    Parameters
-    ----------
-    width, height : float
-        Size of the sheet [mm].
-    """
+    """Collects the elements of a drawing; y points down, lengths in millimetres."""
 
     def __init__(self, width: float, height: float) -> None:
         self.width, self.height = width, height
@@ -98,19 +63,7 @@ class Canvas:
     def line(
         self, a: Pair, b: Pair, width: float = THIN, *, colour: str = "#000", dash: str = ""
     ) -> None:
-        """Draw a straight line.
-
-        Parameters
-        ----------
-        a, b : tuple of float
-            Its ends [mm].
-        width : float
-            Its width [mm].
-        colour : str
-            Its colour.
-        dash : str
-            Lengths of dashes and gaps [mm], with spaces between.
-        """
+        """Draw a straight line."""
         dashed = f' stroke-dasharray="{dash}"' if dash else ""
         self._parts.append(
             f'<line x1="{_n(a[0])}" y1="{_n(a[1])}" x2="{_n(b[0])}" y2="{_n(b[1])}" '
@@ -120,19 +73,7 @@ class Canvas:
     def circle(
         self, centre: Pair, radius: float, width: float = THIN, *, fill: str = "none"
     ) -> None:
-        """Draw a circle.
-
-        Parameters
-        ----------
-        centre : tuple of float
-            Its centre [mm].
-        radius : float
-            Its radius [mm].
-        width : float
-            Width of the line [mm].
-        fill : str
-            Colour of its inside.
-        """
+        """Draw a circle."""
         self._parts.append(
             f'<circle cx="{_n(centre[0])}" cy="{_n(centre[1])}" r="{_n(radius)}" fill="{fill}" '
             f'stroke="#000" stroke-width="{width}"/>'
@@ -146,20 +87,7 @@ class Canvas:
         *,
         fill: str = "none",
     ) -> None:
-        """Draw lines of segments and arcs as one shape; holes in it stay empty.
-
-        Parameters
-        ----------
-        loops : iterable of tuple
-            Each a loop, y upwards, and whether it is closed; the last segment of an open one is
-            left out.
-        place : callable
-            Maps their points to the sheet, which turns y over.
-        width : float
-            Width of the line [mm]; 0 for none.
-        fill : str
-            Colour of the inside.
-        """
+        """Draw lines of segments and arcs as one shape; holes in it stay empty."""
         d = " ".join(_path(loop, place, closed) for loop, closed in loops)
         stroke = f'stroke="#000" stroke-width="{width}"' if width else 'stroke="none"'
         self._parts.append(
@@ -167,19 +95,7 @@ class Canvas:
         )
 
     def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
-        """Draw the head of an arrow.
-
-        Parameters
-        ----------
-        tip : tuple of float
-            Its tip [mm].
-        towards : tuple of float
-            Direction in which it points, of any length.
-        size : float
-            Its length [mm].
-        colour : str
-            Its colour.
-        """
+        """Draw the head of an arrow."""
         length = math.hypot(*towards)
         ux, uy = towards[0] / length, towards[1] / length
         back = (tip[0] - size * ux, tip[1] - size * uy)
@@ -199,30 +115,7 @@ class Canvas:
         bold: bool = False,
         colour: str = "#000",
     ) -> Box:
-        """Write a line of text.
-
-        Parameters
-        ----------
-        at : tuple of float
-            Where its baseline begins, has its middle or ends [mm].
-        text : str
-            The text.
-        size : float
-            Font size [mm].
-        anchor : str
-            What of the text is at that point.
-        upright : bool
-            Whether it is turned to be read from the right.
-        bold : bool
-            Whether it is bold.
-        colour : str
-            Its colour.
-
-        Returns
-        -------
-        Box
-            The room that it takes, which is remembered in `boxes`.
-        """
+        """Write a line of text."""
         box = self.text_box(at, text, size, anchor=anchor, upright=upright)
         if not text:
             return box
@@ -239,26 +132,7 @@ class Canvas:
     def text_box(
         self, at: Pair, text: str, size: float, *, anchor: str = "start", upright: bool = False
     ) -> Box:
-        """Return the room that a line of text would take.
-
-        Parameters
-        ----------
-        at : tuple of float
-            Where its baseline begins, has its middle or ends [mm].
-        text : str
-            The text.
-        size : float
-            Font size [mm].
-        anchor : str
-            What of the text is at that point.
-        upright : bool
-            Whether it is turned to be read from the right.
-
-        Returns
-        -------
-        Box
-            The room.
-        """
+        """Return the room that a line of text would take."""
         width = text_width(text, size)
         before = {"start": 0.0, "middle": 0.5 * width, "end": width}[anchor]
         x, y = at
@@ -267,20 +141,7 @@ class Canvas:
         return Box(x - before, y - _RISE * size, x - before + width, y + _FALL * size)
 
     def svg(self, title: str, description: str) -> bytes:
-        """Return the drawing.
-
-        Parameters
-        ----------
-        title : str
-            Its title.
-        description : str
-            What it is and where it comes from.
-
-        Returns
-        -------
-        bytes
-            An SVG document.
-        """
+        """Return the drawing."""
         w, h = _n(self.width), _n(self.height)
         head = (
             '<?xml version="1.0" encoding="UTF-8"?>\n'

@@ -19,8 +19,6 @@ from flexstage.export.drawing.sheet.view import (
 from flexstage.export.drawing.smooth import smooth_notches
 from flexstage.stage import Stage
 
-__all__ = ["drawing_svg"]
-
 _MARGIN = 8.0  # between the edge of the sheet and its frame [mm]
 _GAP = 4.0  # between blocks [mm]
 _COLUMN = 2.0 * CELL[0] + _GAP  # width of the column of details and tables [mm]
@@ -62,21 +60,6 @@ def drawing_svg(stage: Stage) -> bytes:
     The plate to scale with its overall dimensions, drives, probes and the origin; every kind of
     notch enlarged, with neck, length, height and radius; tables of all notches, hinges, holes,
     drives and probes; scale bar, notes and title block. Lengths are in millimetres.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    bytes
-        An SVG document, of the smallest sheet from A3 to A0 on which everything has room.
-
-    Raises
-    ------
-    StageError
-        The plate is not of one piece.
 
     Notes
     -----

@@ -15,8 +15,6 @@ from flexstage.hinges import Profile
 from flexstage.stage import Hinge, Loop, Stage
 from flexstage.units import DIMENSIONS
 
-__all__ = ["CELL", "NotchKind", "draw_detail", "notch_kinds", "ratio", "step_scale"]
-
 Pair = tuple[float, float]
 
 #: Room of a detail on the sheet: width and height [mm].
@@ -38,21 +36,14 @@ _BODY = 3.0  # how much of the bodies is shown about it [mm]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotchKind:
-    """Hinges whose notches are alike.
-
-    Parameters
-    ----------
-    letter : str
-        What the drawing calls them.
-    profile : Profile
-        The shape of their notch.
-    hinges : tuple of Hinge
-        The hinges.
-    """
+    """Hinges whose notches are alike."""
 
     letter: str
+    """What the drawing calls them."""
     profile: Profile
+    """The shape of their notch."""
     hinges: tuple[Hinge, ...]
+    """The hinges."""
 
     @property
     def dimensions(self) -> str:
@@ -78,16 +69,6 @@ class NotchKind:
 
 def notch_kinds(stage: Stage) -> tuple[NotchKind, ...]:
     """Return the kinds of notches of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-
-    Returns
-    -------
-    tuple of NotchKind
-        In the order in which they first occur.
 
     Examples
     --------
@@ -117,16 +98,6 @@ def _letter(k: int) -> str:
 def step_scale(limit: float) -> float:
     """Return the largest usual scale that is not over a limit.
 
-    Parameters
-    ----------
-    limit : float
-        Largest length on paper by length of the part [1].
-
-    Returns
-    -------
-    float
-        One of 1, 2 and 5 times a power of ten, or one over such a number.
-
     Examples
     --------
     >>> step_scale(7.3), step_scale(0.3)
@@ -138,33 +109,12 @@ def step_scale(limit: float) -> float:
 
 
 def ratio(scale: float) -> str:
-    """Return a scale in words.
-
-    Parameters
-    ----------
-    scale : float
-        Length on paper by length of the part [1].
-
-    Returns
-    -------
-    str
-        Such as ``5:1`` or ``1:2``.
-    """
+    """Return a scale in words."""
     return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
 
 
 def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
-    """Draw one kind of notch with neck, length, height at the root, and radius if it has one.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    corner : tuple of float
-        Upper left corner of its cell [mm].
-    kind : NotchKind
-        The notch.
-    """
+    """Draw one kind of notch with neck, length, height at the root, and radius if it has one."""
     profile = kind.profile
     length, height = profile.length * 1e3, profile.root_height * 1e3
     scale = step_scale(min(_LARGEST[0] / length, _LARGEST[1] / height))

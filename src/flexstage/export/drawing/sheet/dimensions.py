@@ -2,8 +2,6 @@
 
 from flexstage.export.drawing.sheet.canvas import THIN, Canvas, text_width
 
-__all__ = ["horizontal", "vertical"]
-
 Pair = tuple[float, float]
 
 _PAST = 1.5  # how far an extension line goes on past the dimension line [mm]
@@ -12,21 +10,7 @@ _TAIL = 5.0  # tail of an arrow that stands outside [mm]
 
 
 def horizontal(canvas: Canvas, a: Pair, b: Pair, y: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along x.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    a, b : tuple of float
-        The points, a on the left [mm].
-    y : float
-        Where the dimension line lies [mm].
-    text : str
-        The number.
-    size : float
-        Font size [mm].
-    """
+    """Draw the distance of two points along x."""
     for x, from_y in (a, b):
         sign = 1.0 if y > from_y else -1.0
         canvas.line((x, from_y + _OFF * sign), (x, y + _PAST * sign))
@@ -41,21 +25,7 @@ def horizontal(canvas: Canvas, a: Pair, b: Pair, y: float, text: str, size: floa
 
 
 def vertical(canvas: Canvas, a: Pair, b: Pair, x: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along y.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    a, b : tuple of float
-        The points, a above [mm].
-    x : float
-        Where the dimension line lies [mm].
-    text : str
-        The number.
-    size : float
-        Font size [mm].
-    """
+    """Draw the distance of two points along y."""
     for from_x, y in (a, b):
         if x != from_x:
             sign = 1.0 if x > from_x else -1.0

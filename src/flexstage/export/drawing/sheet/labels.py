@@ -6,8 +6,6 @@ from typing import Any, NamedTuple
 
 from flexstage.export.drawing.sheet.canvas import THIN, Box, Canvas, text_width
 
-__all__ = ["Label", "Surroundings", "place_labels"]
-
 Pair = tuple[float, float]
 
 _DISTANCES = (
@@ -28,38 +26,20 @@ _GAP = 0.5  # between labels [mm]
 
 
 class Label(NamedTuple):
-    """A word at a thing.
-
-    Parameters
-    ----------
-    at : tuple of float
-        The thing [mm].
-    text : str
-        The word.
-    colour : str
-        Its colour.
-    radius : float
-        Size of the thing, which the label keeps off [mm].
-    """
+    """A word at a thing."""
 
     at: Pair
+    """The thing [mm]."""
     text: str
+    """The word."""
     colour: str = "#000"
+    """Its colour."""
     radius: float = 0.0
+    """Size of the thing, which the label keeps off [mm]."""
 
 
 class Surroundings:
-    """What labels avoid.
-
-    Parameters
-    ----------
-    lines : sequence of shapely.Geometry
-        Lines of the drawing [mm]; a label may cross them where it must.
-    area : Box
-        Where labels may stand [mm].
-    taken : iterable of Box
-        Where something is written already [mm].
-    """
+    """What labels avoid."""
 
     def __init__(self, lines: Sequence[Any], area: Box, taken: Iterable[Box]) -> None:
         from shapely import STRtree
@@ -71,20 +51,7 @@ class Surroundings:
         self.leaders: list[Any] = []
 
     def cost(self, box: Box, leader: Any) -> float | None:
-        """Return how bad a place is.
-
-        Parameters
-        ----------
-        box : Box
-            Room of the label [mm].
-        leader : shapely.LineString or None
-            The line to its thing.
-
-        Returns
-        -------
-        float or None
-            Lines that run through it, as a distance [mm]; None where it must not stand.
-        """
+        """Return how bad a place is."""
         from shapely import box as rectangle
 
         a = self.area
@@ -108,19 +75,7 @@ class Surroundings:
 def place_labels(
     canvas: Canvas, labels: Iterable[Label], around: Surroundings, size: float
 ) -> None:
-    """Write labels, each near its thing, none over another word.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    labels : iterable of Label
-        The labels.
-    around : Surroundings
-        What they avoid; it learns where they stand.
-    size : float
-        Font size [mm].
-    """
+    """Write labels, each near its thing, none over another word."""
     from shapely import LineString
 
     for label in labels:

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 from flexstage.export.drawing.sheet.canvas import MEDIUM, THIN, Canvas, text_width
 
-__all__ = ["ROW", "SIZE", "fits", "table", "table_height", "wrapped"]
-
 #: Height of a row, and font size [mm].
 ROW, SIZE = 4.0, 2.6
 _PAD = 0.6
@@ -13,20 +11,7 @@ _TITLE = 5.5
 
 
 def table_height(rows: int, blocks: int = 1) -> float:
-    """Return how high a table is.
-
-    Parameters
-    ----------
-    rows : int
-        Its rows.
-    blocks : int
-        How many blocks they are dealt out to, side by side.
-
-    Returns
-    -------
-    float
-        Its height with title and gap [mm].
-    """
+    """Return how high a table is."""
     return _TITLE + ROW * (1 + -(-rows // blocks)) + 3.0
 
 
@@ -38,28 +23,7 @@ def table(
     rows: Sequence[Sequence[str]],
     blocks: int = 1,
 ) -> float:
-    """Draw a table.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    at : tuple of float
-        Its upper left corner [mm].
-    title : str
-        What stands above it.
-    columns : sequence of tuple
-        Heading and width [mm] of each column.
-    rows : sequence of sequence of str
-        The cells; those too long for their column are cut off, with an ellipsis.
-    blocks : int
-        How many blocks the rows are dealt out to, side by side.
-
-    Returns
-    -------
-    float
-        Where it ends, with a gap [mm].
-    """
+    """Draw a table."""
     x0, y0 = at
     canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
     width = sum(w for _, w in columns)
@@ -87,20 +51,7 @@ def table(
 
 
 def fits(text: str, width: float) -> bool:
-    """Tell whether a text has room in a column.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    width : float
-        Width of the column [mm].
-
-    Returns
-    -------
-    bool
-        Whether it has.
-    """
+    """Tell whether a text has room in a column."""
     return text_width(text, SIZE) <= width - 2.0 * _PAD
 
 
@@ -114,22 +65,7 @@ def _fitting(text: str, width: float) -> str:
 
 
 def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
-    """Break a text into lines.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    width : float
-        Longest line [mm].
-    size : float
-        Font size [mm].
-
-    Returns
-    -------
-    list of str
-        The lines; a word longer than a line is broken.
-    """
+    """Break a text into lines."""
     lines: list[str] = []
     line = ""
     for word in text.split():

@@ -12,8 +12,6 @@ from flexstage.export.drawing.sheet.dimensions import horizontal, vertical
 from flexstage.export.drawing.sheet.labels import Label, Surroundings, place_labels
 from flexstage.stage import Circle, Loop, Stage
 
-__all__ = ["ARROW", "LEFT", "View", "draw_view", "hinge_marks", "round_openings", "scale_bar"]
-
 Pair = tuple[float, float]
 
 #: Room beside the view for dimensions: on the left and below [mm].
@@ -30,54 +28,23 @@ _CHORD = 5e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """How the plate lies on the sheet.
-
-    Parameters
-    ----------
-    scale : float
-        Length on paper by length of the part [1].
-    origin : tuple of float
-        Where the point (0, 0) of the stage lies on the sheet [mm].
-    bounds : tuple of float
-        Least x and y, greatest x and y of the plate [m].
-    """
+    """How the plate lies on the sheet."""
 
     scale: float
+    """Length on paper by length of the part [1]."""
     origin: Pair
+    """Where the point (0, 0) of the stage lies on the sheet [mm]."""
     bounds: tuple[float, float, float, float]
+    """Least x and y, greatest x and y of the plate [m]."""
 
     def place(self, p: Pair) -> Pair:
-        """Map a point of the stage to the sheet.
-
-        Parameters
-        ----------
-        p : tuple of float
-            The point [m].
-
-        Returns
-        -------
-        tuple of float
-            Its place [mm], y down.
-        """
+        """Map a point of the stage to the sheet."""
         k = 1e3 * self.scale
         return self.origin[0] + k * p[0], self.origin[1] - k * p[1]
 
     @classmethod
     def fitted(cls, plate: PlateContours, room: Box) -> "View":
-        """Return the view of a plate at the largest usual scale that fits.
-
-        Parameters
-        ----------
-        plate : PlateContours
-            The plate.
-        room : Box
-            The room, dimensions included [mm].
-
-        Returns
-        -------
-        View
-            The view, in the middle of the room.
-        """
+        """Return the view of a plate at the largest usual scale that fits."""
         points = plate.outline.loop.polyline(_CHORD)
         (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         width = room.right - room.left - LEFT - 2.0 * _AROUND
@@ -91,37 +58,13 @@ class View:
 
 
 def hinge_marks(stage: Stage, kinds: tuple[NotchKind, ...]) -> dict[str, str]:
-    """Return what the drawing calls each hinge: the letter of its notch and its row in the table.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    kinds : tuple of NotchKind
-        The kinds of its notches.
-
-    Returns
-    -------
-    dict of str to str
-        The mark by name of hinge.
-    """
+    """Return what a drawing calls each hinge: the letter of its notch and its row in the table."""
     letters = {h.name: kind.letter for kind in kinds for h in kind.hinges}
     return {h.name: f"{letters[h.name]}{k}" for k, h in enumerate(stage.hinges, start=1)}
 
 
 def round_openings(plate: PlateContours) -> list[tuple[str, Circle, str]]:
-    """Return the circles of a plate.
-
-    Parameters
-    ----------
-    plate : PlateContours
-        The plate.
-
-    Returns
-    -------
-    list of tuple
-        Mark, circle, and what it is.
-    """
+    """Return the circles of a plate."""
     found = [(c.circle, "mounting hole") for c in plate.holes]
     found += [(c.circle, "opening") for c in plate.slots if c.circle is not None]
     return [(f"H{k}", c, what) for k, (c, what) in enumerate(found, start=1) if c is not None]
@@ -130,21 +73,7 @@ def round_openings(plate: PlateContours) -> list[tuple[str, Circle, str]]:
 def draw_view(
     canvas: Canvas, view: View, stage: Stage, plate: PlateContours, marks: dict[str, str]
 ) -> None:
-    """Draw the plate with its dimensions and labels.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    view : View
-        How the plate lies on it.
-    stage : Stage
-        The stage.
-    plate : PlateContours
-        Its contours.
-    marks : dict of str to str
-        What the hinges are called.
-    """
+    """Draw the plate with its dimensions and labels."""
     loops = [c.loop for c in plate.contours]
     canvas.loops([(loop, True) for loop in loops], view.place, THICK, fill="#f1f1f1")
     x0, y0, x1, y1 = view.bounds
@@ -251,17 +180,7 @@ def _centre_lines(
 
 
 def scale_bar(canvas: Canvas, at: Pair, scale: float) -> None:
-    """Draw a bar of a round length.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The sheet.
-    at : tuple of float
-        Its left end [mm].
-    scale : float
-        Length on paper by length of the part [1].
-    """
+    """Draw a bar of a round length."""
     length = step_scale(50.0 / scale)
     x, y = at
     for k in range(5):

@@ -21,8 +21,6 @@ from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
 )
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 
-__all__ = ["FAMILIES", "Family"]
-
 #: Families by the name of their model, from few parameters to many.
 FAMILIES: Mapping[str, Family] = {
     family.kind: family

@@ -5,16 +5,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.bouc_wen import shape_at
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen import BoucWen
-
-__all__ = ["AsymmetricBoucWenFamily"]
-
-Array = NDArray[np.float64]
 
 
 class AsymmetricBoucWenFamily(SearchFamily):
@@ -26,64 +23,19 @@ class AsymmetricBoucWenFamily(SearchFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return 6
 
     def free(self, data: Data) -> NDArray[np.bool_]:
-        """Return which linear parameters may be negative.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (4,).
-        """
         del data
         return np.array([False, True, True, False])
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
-        """Return three powers of the input, and the hysteretic part of unit gain, sign turned.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (2,).
-        data : Data
-            The data, for what belongs to all sections.
-
-        Returns
-        -------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, 4).
-        """
         beta, gamma = shape_at(place, data.input_scale)
         unit = BoucWen(gain=0.0, hysteresis_gain=1.0, beta=beta, gamma=gamma)
         u = section.u
         return np.column_stack((u, u**2, u**3, unit.simulate(u).values))
 
     def build(self, place: Array, coefficients: Array, data: Data) -> AsymmetricBoucWen:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (2,).
-        coefficients : numpy.ndarray
-            The linear parameters, shape (4,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        AsymmetricBoucWen
-            The model.
-        """
         beta, gamma = shape_at(place, data.input_scale)
         low, high = data.measurement.input_range
         least = 1e-12 * data.measurement.stroke / data.input_scale

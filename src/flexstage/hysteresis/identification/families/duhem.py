@@ -5,14 +5,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.search import SearchFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.models.duhem import Duhem, duhem_columns
-
-__all__ = ["DuhemFamily"]
-
-Array = NDArray[np.float64]
 
 #: Range of alpha times the range of the input, in powers of ten.
 _RATE = (-0.5, 2.0)
@@ -32,77 +29,20 @@ class DuhemFamily(SearchFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return 1 + _CURVE + _TANGENT
 
     def free(self, data: Data) -> NDArray[np.bool_]:
-        """Return which linear parameters may be negative.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (6,).
-        """
         del data
         return np.array([True] * (_CURVE + _TANGENT))
 
     def penalty(self, data: Data) -> Array:
-        """Return the penalty on the constant of f.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Matrix of a quadratic form of the linear parameters, per sample, shape (6, 6).
-        """
         del data
         return np.diag([_CONSTANT, *[0.0] * (_CURVE + _TANGENT - 1)])
 
     def columns(self, section: Section, place: Array, data: Data) -> Array:
-        """Return the output for each coefficient of f, then for each of g.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (1,).
-        data : Data
-            The data, for what belongs to all sections.
-
-        Returns
-        -------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, 6).
-        """
         return duhem_columns(section.u, _rate(place, data), _CURVE, _TANGENT)
 
     def build(self, place: Array, coefficients: Array, data: Data) -> Duhem:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (1,).
-        coefficients : numpy.ndarray
-            The linear parameters, shape (6,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        Duhem
-            The model.
-        """
         return _model(place, coefficients, data)
 
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
 from flexstage.hysteresis.identification.measurement import Measurement
@@ -19,10 +20,6 @@ from flexstage.hysteresis.identification.projection import (
 )
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["Data", "Family", "Fit", "behind_chain", "coarse", "equations", "residual", "runs"]
-
-Array = NDArray[np.float64]
-
 #: Samples and rows that a search begins with, and how much more than elsewhere means may miss.
 _COARSE_SAMPLES = 5000
 _COARSE_ROWS = 2500
@@ -31,27 +28,18 @@ _COARSE_LOOSE = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Data:
-    """What a family fits: a measurement behind a known chain, some samples of it.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        The measurement.
-    chain : ChainValues
-        The chain behind the hysteresis.
-    rows : tuple of Rows
-        Samples of each section that are looked at.
-    use : tuple of numpy.ndarray
-        Which of them are fitted, shape (r,); the others are held out.
-    memo : dict
-        What families have worked out for all the rows, kept for the next choice of `use`.
-    """
+    """What a family fits: a measurement behind a known chain, some samples of it."""
 
     measurement: Measurement
+    """The measurement."""
     chain: ChainValues
+    """The chain behind the hysteresis."""
     rows: tuple[Rows, ...]
+    """Samples of each section that are looked at."""
     use: tuple[NDArray[np.bool_], ...]
+    """Which of them are fitted, shape (r,); the others are held out."""
     memo: dict[str, Any] = field(default_factory=dict)
+    """What families have worked out for all the rows, kept for the next choice of `use`."""
 
     @property
     def input_scale(self) -> float:
@@ -60,33 +48,11 @@ class Data:
         return high - low
 
     def with_use(self, use: tuple[NDArray[np.bool_], ...]) -> "Data":
-        """Return the same data with other samples held out.
-
-        Parameters
-        ----------
-        use : tuple of numpy.ndarray
-            Which samples of each section are fitted, shape (r,).
-
-        Returns
-        -------
-        Data
-            The data.
-        """
+        """Return the same data with other samples held out."""
         return replace(self, use=use)
 
     def with_output(self, output: list[Array]) -> "Data":
-        """Return the same data with another output.
-
-        Parameters
-        ----------
-        output : list of numpy.ndarray
-            Output at the rows of each section, shape (r,).
-
-        Returns
-        -------
-        Data
-            The data.
-        """
+        """Return the same data with another output."""
         made = []
         for s, r, values in zip(self.measurement.sections, self.rows, output, strict=True):
             y = s.y.copy()
@@ -97,30 +63,20 @@ class Data:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted model.
-
-    Parameters
-    ----------
-    model : HysteresisModel
-        The model.
-    search : numpy.ndarray
-        Where the search over nonlinear parameters ended, shape (s,).
-    names : tuple of str
-        Names of the parameters that have an uncertainty.
-    values : numpy.ndarray
-        Their values, shape (k,).
-    notes : tuple of str
-        What a reader should know.
-    jacobian : numpy.ndarray or None
-        Change of the output with each of them at all rows that are fitted, shape (r, k).
-    """
+    """A fitted model."""
 
     model: HysteresisModel
+    """The model."""
     search: Array = field(default_factory=lambda: np.zeros(0))
+    """Where the search over nonlinear parameters ended, shape (s,)."""
     names: tuple[str, ...] = ()
+    """Names of the parameters that have an uncertainty."""
     values: Array = field(default_factory=lambda: np.zeros(0))
+    """Their values, shape (k,)."""
     notes: tuple[str, ...] = ()
+    """What a reader should know."""
     jacobian: Array | None = None
+    """Change of the output with each of them at all rows that are fitted, shape (r, k)."""
 
 
 class Family(ABC):
@@ -133,37 +89,10 @@ class Family(ABC):
 
     @abstractmethod
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Fit the model.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        start : numpy.ndarray, optional
-            Where the search over nonlinear parameters begins, shape (s,); a grid over all of their
-            range where not given.
-
-        Returns
-        -------
-        Fit
-            The fitted model.
-        """
+        """Fit the model."""
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples, from the optimum of more of them, which is near.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        optimum : numpy.ndarray
-            Where the search over nonlinear parameters ended for more samples, shape (s,).
-
-        Returns
-        -------
-        Fit
-            The fitted model, without what standard errors need.
-        """
+        """Fit fewer samples, from the optimum of more of them, which is near."""
         return self.fit(data, optimum if optimum.size else None)
 
     @property
@@ -173,20 +102,7 @@ class Family(ABC):
 
 
 def behind_chain(columns: list[Array], data: Data) -> list[Array]:
-    """Pass columns through the chain.
-
-    Parameters
-    ----------
-    columns : list of numpy.ndarray
-        Quasi-static columns at every sample of each section, shape (n, m).
-    data : Data
-        The data.
-
-    Returns
-    -------
-    list of numpy.ndarray
-        The columns at the rows of each section, shape (r, m).
-    """
+    """Pass columns through the chain."""
     return [
         filtered(c, s, r, data.chain)
         for c, s, r in zip(columns, data.measurement.sections, data.rows, strict=True)
@@ -194,23 +110,7 @@ def behind_chain(columns: list[Array], data: Data) -> list[Array]:
 
 
 def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
-    """Form the normal equations of the samples in use.
-
-    Parameters
-    ----------
-    behind : list of numpy.ndarray
-        Columns behind the chain at the rows of each section, shape (r, m).
-    data : Data
-        The data.
-    key : str
-        A name that belongs to these columns alone: sums over all samples are then formed once, and
-        where a part of them is held out it is taken off. Empty where nothing is to be kept.
-
-    Returns
-    -------
-    Normal
-        The equations.
-    """
+    """Form the normal equations of the samples in use."""
     if not key:
         return _summed(behind, data)
     name = f"{key} equations"
@@ -235,36 +135,13 @@ def _summed(behind: list[Array], data: Data) -> Normal:
 
 
 def runs(use: NDArray[np.bool_]) -> list[slice]:
-    """Return the runs of samples in use.
-
-    Parameters
-    ----------
-    use : numpy.ndarray
-        Which samples are in use, shape (r,).
-
-    Returns
-    -------
-    list of slice
-        The runs.
-    """
+    """Return the runs of samples in use."""
     ends = np.flatnonzero(np.diff(use, prepend=False, append=False))
     return [slice(a, b) for a, b in ends.reshape(-1, 2).tolist()]
 
 
 def coarse(data: Data) -> Data:
-    """Return the data of a shorter record, to begin a search with that is ended on all of it.
-
-    Parameters
-    ----------
-    data : Data
-        The data.
-
-    Returns
-    -------
-    Data
-        Means of neighbouring samples, and few rows of them; those that hold any sample which is
-        held out are held out. What families begin with is that of all samples.
-    """
+    """Return the data of a shorter record, to begin a search with that is ended on all of it."""
     if "coarse" not in data.memo:
         share = _COARSE_SAMPLES // len(data.measurement.sections)
         sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.measurement.sections)
@@ -292,22 +169,7 @@ def _within(
 
 
 def residual(behind: list[Array], solution: Solution, data: Data) -> Array:
-    """Return what a solution leaves of the output, at the samples in use.
-
-    Parameters
-    ----------
-    behind : list of numpy.ndarray
-        Columns behind the chain at the rows of each section, shape (r, m).
-    solution : Solution
-        Their coefficients, and those of the nuisance columns, section by section.
-    data : Data
-        The data.
-
-    Returns
-    -------
-    numpy.ndarray
-        Output less model, shape (all rows in use,).
-    """
+    """Return what a solution leaves of the output, at the samples in use."""
     left, first = [], 0
     for c, s, r, use in zip(behind, data.measurement.sections, data.rows, data.use, strict=True):
         count = s.nuisance.shape[1]

@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from flexstage.hysteresis.identification.families.family import Data
 
-__all__ = ["folds_of"]
-
 #: Parts that the cycles are divided into, each held out once.
 _FOLDS = 5
 #: Runs of neighbouring cycles in each part.
@@ -20,22 +18,6 @@ def folds_of(
 
     With two runs of neighbours in each part, far from one another, drift is not extrapolated, and
     slow cycles and fast ones are in every part of a record of both.
-
-    Parameters
-    ----------
-    data : Data
-        The data.
-    count : int
-        Number of parts, at most; less where there are fewer cycles.
-    runs : int
-        Runs of neighbours in each part, at most. With one, a part that goes further than the others
-        asks a model to extrapolate.
-
-    Returns
-    -------
-    list of tuple of numpy.ndarray
-        Which rows of each section belong to each part. Rows before the first and after the last
-        cycle belong to its neighbour.
     """
     section, cycle, size = [], [], []
     for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True)):

@@ -3,17 +3,13 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.bouc_wen import BoucWenFamily
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.generalised_bouc_wen import GeneralisedBoucWen
-
-__all__ = ["GeneralisedBoucWenFamily"]
-
-Array = NDArray[np.float64]
 
 #: Signs of the rate, and of the input about the centre, in the four regions of loading.
 _BY_RATE = np.array([-1.0, -1.0, 1.0, 1.0])
@@ -37,22 +33,9 @@ class GeneralisedBoucWenFamily(RefinedFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return 8
 
     def begin(self, data: Data) -> Array:
-        """Return the parameters that the search begins with.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            The two gains, the shape function where loaded, two differences; shape (8,).
-        """
         key = f"{self.kind} start"
         if key not in data.memo:
             found = BoucWenFamily().fit(data).model
@@ -64,18 +47,6 @@ class GeneralisedBoucWenFamily(RefinedFamily):
         return data.memo[key][0].copy()
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return the lower bounds of the parameters, and by how much each may change at once.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Lowest values, minus infinity for none, and scales; shape (8,) each.
-        """
         slope = data.measurement.stroke / data.input_scale
         low = np.full(8, -np.inf)
         low[:2] = 0.0, 1e-6 * slope
@@ -85,20 +56,6 @@ class GeneralisedBoucWenFamily(RefinedFamily):
         return low, scale
 
     def build(self, parameters: Array, data: Data) -> GeneralisedBoucWen:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        parameters : numpy.ndarray
-            The two gains, the shape function where loaded, two differences; shape (8,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        GeneralisedBoucWen
-            The model.
-        """
         low, high = data.measurement.input_range
         return GeneralisedBoucWen(
             gain=float(parameters[0]),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Family,
@@ -18,10 +19,6 @@ from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
 
-__all__ = ["LinearFamily", "moves"]
-
-Array = NDArray[np.float64]
-
 #: Columns behind the chain that change by less than this, over the largest change, stand still.
 _ROUNDING = 1e-9
 
@@ -31,87 +28,22 @@ class LinearFamily(Family):
 
     @abstractmethod
     def columns(self, section: Section, data: Data) -> Iterator[Array]:
-        """Give the output per unit of each parameter, some parameters at a time.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        data : Data
-            The data, for what belongs to all sections.
-
-        Yields
-        ------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, some of m).
-        """
+        """Give the output per unit of each parameter, some parameters at a time."""
 
     @abstractmethod
     def build(self, coefficients: Array, data: Data) -> HysteresisModel:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        coefficients : numpy.ndarray
-            The parameters, shape (m,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        HysteresisModel
-            The model.
-        """
+        """Return the model that some parameters make."""
 
     def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
-        """Return what is added to the products of the columns.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        moving : numpy.ndarray
-            Which columns move in the records, shape (m,); the others get nothing.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Matrix of a penalty on parameters that differ from their neighbours, per sample and per
-            square of the input's range, shape (m, m); None for none.
-        """
+        """Return what is added to the products of the columns."""
         del data, moving
         return None
 
     @abstractmethod
     def names(self, data: Data) -> tuple[str, ...]:
-        """Return what each parameter is called.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of str
-            Names, shape (m,).
-        """
+        """Return what each parameter is called."""
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Find the global optimum.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        start : numpy.ndarray, optional
-            Not used: there is nothing to search for.
-
-        Returns
-        -------
-        Fit
-            The fitted model.
-        """
         del start
         made = self.refit(data, np.zeros(0))
         behind, moving = self.moving(data)
@@ -121,20 +53,6 @@ class LinearFamily(Family):
         return replace(made, jacobian=np.concatenate(used))
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        optimum : numpy.ndarray
-            Not used: there is nothing to search for.
-
-        Returns
-        -------
-        Fit
-            The fitted model, without what standard errors need.
-        """
         del optimum
         behind, moving = self.moving(data)
         x = np.zeros(moving.size)
@@ -146,20 +64,7 @@ class LinearFamily(Family):
         )
 
     def solution(self, normal: Normal, data: Data) -> Solution:
-        """Solve the normal equations.
-
-        Parameters
-        ----------
-        normal : Normal
-            Equations of the samples that are fitted, of the columns that move.
-        data : Data
-            The data.
-
-        Returns
-        -------
-        Solution
-            The parameters of the columns that move, and the nuisance.
-        """
+        """Solve the normal equations."""
         _, moving = self.moving(data)
         penalty = self.smoothing(data, moving)
         if penalty is not None:
@@ -170,16 +75,6 @@ class LinearFamily(Family):
         """Give the columns that move, behind the chain at the rows, worked out once.
 
         One that stands still cannot be told from the offset, and is none of this model.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        list of numpy.ndarray and numpy.ndarray
-            Columns of each section, shape (r, some of m); and which of all they are, shape (m,).
         """
         if self.kind not in data.memo:
             parts, moving = [], []
@@ -199,19 +94,6 @@ class LinearFamily(Family):
 
 
 def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
-    """Return which columns change anywhere.
-
-    Parameters
-    ----------
-    columns : sequence of numpy.ndarray
-        Columns of each section, shape (n, m).
-    share : float
-        Change that does not count, over the largest one.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (m,).
-    """
+    """Return which columns change anywhere."""
     spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
     return spread > share * np.max(spread, initial=0.0)

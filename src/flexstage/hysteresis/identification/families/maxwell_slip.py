@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.modified_prandtl_ishlinskii import (
@@ -20,10 +20,6 @@ from flexstage.hysteresis.models.maxwell_slip import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
-__all__ = ["MaxwellSlipFamily"]
-
-Array = NDArray[np.float64]
-
 #: Weight of the penalty on second differences against the misfit.
 _SMOOTHING = 3e-4
 #: Smallest slope after a turn of the plays that the search begins with, over the mean slope.
@@ -31,17 +27,7 @@ _FLATTEST = 0.05
 
 
 class MaxwellSlipFamily(RefinedFamily):
-    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
-
-    Parameters
-    ----------
-    elements : int
-        Number of sliders.
-    kinks : int
-        Number of kinks of the spring that never slides.
-    smoothing : float
-        Weight of the penalty on second differences of stiffnesses and kinks.
-    """
+    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone."""
 
     kind: ClassVar[str] = "maxwell-slip"
     title: ClassVar[str] = "generalised Maxwell-slip"
@@ -51,38 +37,13 @@ class MaxwellSlipFamily(RefinedFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return 1 + self._elements + self._kinks
 
     def begin(self, data: Data) -> Array:
-        """Return the parameters that the search begins with.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
-        """
         stiffness, _, elements, _ = self._cached(data)
         return np.concatenate((stiffness, elements, np.zeros(self._kinks)))
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return the lower bounds of the parameters, and by how much each may change at once.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Lowest values, minus infinity for none, and scales; shape (k,) each.
-        """
         slope = data.input_scale / data.measurement.stroke
         low = np.zeros(1 + self._elements + self._kinks)
         low[0] = 1e-3 * slope
@@ -90,36 +51,10 @@ class MaxwellSlipFamily(RefinedFamily):
         return low, np.full(low.size, slope)
 
     def penalty(self, data: Data) -> Array:
-        """Return the penalty on stiffnesses and kinks that differ from their neighbours.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Matrix over the parameters, shape (k, k).
-        """
         del data
         return self._smoothing * roughness(1, self._elements, self._kinks)
 
     def build(self, parameters: Array, data: Data) -> GeneralisedMaxwellSlip:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        parameters : numpy.ndarray
-            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        GeneralisedMaxwellSlip
-            The model.
-        """
         _, thresholds, _, kinks = self._cached(data)
         return GeneralisedMaxwellSlip(
             stiffness=float(parameters[0]),
@@ -130,28 +65,6 @@ class MaxwellSlipFamily(RefinedFamily):
         )
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
-        """Return the change of the output with each parameter, in closed form.
-
-        The voltage is given, so that what a parameter adds to it the displacement y takes away
-        again, by the slope of all springs at y less that of the sliders that slide. Those that
-        stick keep the change that they had where they last slid.
-
-        Parameters
-        ----------
-        p : numpy.ndarray
-            Stiffness, those of the elements, then the kinks of the spring; shape (k,).
-        scale : numpy.ndarray
-            By how much each may change at once, shape (k,).
-        section : Section
-            The section.
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Change of the quasi-static output with each parameter over its scale, shape (n, k).
-        """
         model = self.build(p, data)
         y = model.simulate(section.u).values
         sliders = play_columns(y, model.thresholds)

@@ -4,8 +4,8 @@ import itertools
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.prandtl_ishlinskii import (
     PrandtlIshlinskiiFamily,
@@ -16,10 +16,6 @@ from flexstage.hysteresis.models.modified_prandtl_ishlinskii import ModifiedPran
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
-__all__ = ["ModifiedPrandtlIshlinskiiFamily", "interior_kinks"]
-
-Array = NDArray[np.float64]
-
 #: Smallest slope of the line behind the plays, over the mean slope: it must be invertible.
 _FLATTEST = 0.05
 #: Weight of the penalty on second differences against the misfit.
@@ -27,22 +23,7 @@ _SMOOTHING = 3e-4
 
 
 def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
-    """Return where a line behind plays may bend: evenly over the output, and not at zero.
-
-    Parameters
-    ----------
-    data : Data
-        The data.
-    plays : PrandtlIshlinskii
-        The plays.
-    count : int
-        Number of kinks.
-
-    Returns
-    -------
-    numpy.ndarray
-        Kinks in the unit of the output, rising, shape (count,).
-    """
+    """Return where a line behind plays may bend: evenly over the output, and not at zero."""
     ends = [plays.simulate(s.u).values[s.warm_up :] for s in data.measurement.sections]
     low, high = min(e.min() for e in ends), max(e.max() for e in ends)
     kinks = np.linspace(low, high, count + 2)[1:-1]
@@ -52,17 +33,7 @@ def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
 
 
 class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
-    """Plays, and the slopes of the line behind them; begun from plays alone.
-
-    Parameters
-    ----------
-    plays : int
-        Number of plays.
-    kinks : int
-        Number of kinks of the line.
-    smoothing : float
-        Weight of the penalty on second differences of weights and slopes.
-    """
+    """Plays, and the slopes of the line behind them; begun from plays alone."""
 
     kind: ClassVar[str] = "modified-prandtl-ishlinskii"
     title: ClassVar[str] = "modified Prandtl-Ishlinskii"
@@ -72,7 +43,6 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return 1 + self._plays + self._kinks
 
     def _start(self, data: Data) -> tuple[PrandtlIshlinskii, Array]:
@@ -82,34 +52,10 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         return model, interior_kinks(data, model, self._kinks)
 
     def begin(self, data: Data) -> Array:
-        """Return the parameters that the search begins with.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Gain, weights of plays, then the slopes of the line; shape (k,).
-        """
         model, kinks = self._cached(data)
         return np.concatenate(([model.gain], model.weights, np.ones(kinks.size + 1)))
 
     def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return the lower bounds of the parameters, and by how much each may change at once.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Lowest values and scales; shape (k,) each.
-        """
         slope = data.measurement.stroke / data.input_scale
         low = np.zeros(2 + self._plays + self._kinks)
         low[0] = 1e-3 * slope
@@ -119,36 +65,10 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         return low, scale
 
     def penalty(self, data: Data) -> Array:
-        """Return the penalty on weights and slopes that differ from their neighbours.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Matrix over the parameters, shape (k, k).
-        """
         del data
         return self._smoothing * roughness(1, self._plays, self._kinks + 1)
 
     def build(self, parameters: Array, data: Data) -> ModifiedPrandtlIshlinskii:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        parameters : numpy.ndarray
-            Gain, weights of plays, then the slopes of the line; shape (k,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        ModifiedPrandtlIshlinskii
-            The model, with the slope of its line about zero made one.
-        """
         start, kinks = self._cached(data)
         gain, weights = parameters[0], parameters[1 : 1 + self._plays]
         slopes = parameters[1 + self._plays :]
@@ -163,27 +83,6 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         )
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
-        """Return the change of the output with each parameter, in closed form.
-
-        With v the sum of the plays and S the line behind them, the output S(v) changes by S'(v)
-        with what a play adds to v, and by the way from 0 to v within an interval with its slope.
-
-        Parameters
-        ----------
-        p : numpy.ndarray
-            Gain, weights of plays, then the slopes of the line; shape (k,).
-        scale : numpy.ndarray
-            By how much each may change at once, shape (k,).
-        section : Section
-            The section.
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Change of the quasi-static output with each parameter over its scale, shape (n, k).
-        """
         start, kinks = self._cached(data)
         slopes = p[1 + self._plays :]
         columns = play_columns(section.u, start.thresholds)

@@ -4,48 +4,24 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
-__all__ = ["PrandtlIshlinskiiFamily", "play_thresholds"]
-
-Array = NDArray[np.float64]
-
 
 def play_thresholds(data: Data, count: int) -> Array:
-    """Return thresholds of plays that are spread over all that the input can tell apart.
-
-    Parameters
-    ----------
-    data : Data
-        The data.
-    count : int
-        Number of plays.
-
-    Returns
-    -------
-    numpy.ndarray
-        Thresholds in the unit of the input, none zero, shape (count,). Small loops need more of
-        them than large ones, so their distance grows.
-    """
+    """Return thresholds of plays that are spread over all that the input can tell apart."""
     # a play of more than half of the range moves once, on the way out of rest
     share = np.arange(1, count + 1) / (count + 1)
     return 0.5 * data.input_scale * share**1.5
 
 
 class PrandtlIshlinskiiFamily(LinearFamily):
-    """Weights of plays that are not negative.
-
-    Parameters
-    ----------
-    plays : int
-        Number of plays.
-    """
+    """Weights of plays that are not negative."""
 
     kind: ClassVar[str] = "prandtl-ishlinskii"
     title: ClassVar[str] = "Prandtl-Ishlinskii"
@@ -55,42 +31,13 @@ class PrandtlIshlinskiiFamily(LinearFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return self._plays + 1
 
     def columns(self, section: Section, data: Data) -> Iterator[Array]:
-        """Give the input, then each play.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        data : Data
-            The data, for what belongs to all sections.
-
-        Yields
-        ------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, some of m).
-        """
         plays = play_columns(section.u, play_thresholds(data, self._plays))
         yield np.column_stack((section.u, plays))
 
     def build(self, coefficients: Array, data: Data) -> PrandtlIshlinskii:
-        """Return the model that some weights make.
-
-        Parameters
-        ----------
-        coefficients : numpy.ndarray
-            The gain, then the weights, shape (m,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        PrandtlIshlinskii
-            The model.
-        """
         return PrandtlIshlinskii(
             gain=float(coefficients[0]),
             thresholds=play_thresholds(data, self._plays),
@@ -98,17 +45,5 @@ class PrandtlIshlinskiiFamily(LinearFamily):
         )
 
     def names(self, data: Data) -> tuple[str, ...]:
-        """Return what each parameter is called.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of str
-            The gain and the weights.
-        """
         del data
         return ("gain", *(f"weights[{i}]" for i in range(self._plays)))

@@ -6,16 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import Data, Fit, equations
 from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, square_left
 from flexstage.hysteresis.models.preisach import Preisach, preisach_columns
-
-__all__ = ["PreisachFamily"]
-
-Array = NDArray[np.float64]
 
 #: Weights of the penalty on second differences of the density that are tried: for records with
 #: little noise, and with much.
@@ -25,18 +22,7 @@ _PARTS = 4
 
 
 class PreisachFamily(LinearFamily):
-    """A density of relays on a grid of thresholds and means, smooth and not negative.
-
-    Parameters
-    ----------
-    thresholds : int
-        Number of thresholds of plays.
-    means : int
-        Number of intervals of their outputs.
-    smoothing : float, optional
-        Weight of the penalty on second differences of the density; the one that predicts cycles
-        best which were not fitted, where not given.
-    """
+    """A density of relays on a grid of thresholds and means, smooth and not negative."""
 
     kind: ClassVar[str] = "preisach"
     title: ClassVar[str] = "Preisach"
@@ -48,7 +34,6 @@ class PreisachFamily(LinearFamily):
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
         return self._thresholds * self._means
 
     def _grid(self, data: Data) -> tuple[Array, Array]:
@@ -58,78 +43,22 @@ class PreisachFamily(LinearFamily):
         return thresholds, np.linspace(low, high, self._means + 1)
 
     def columns(self, section: Section, data: Data) -> Iterator[Array]:
-        """Give the output per unit of each slope, play by play.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        data : Data
-            The data, for what belongs to all sections.
-
-        Yields
-        ------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, some of m).
-        """
         thresholds, knots = self._grid(data)
         for threshold in thresholds:
             yield preisach_columns(section.u, [threshold], knots)
 
     def build(self, coefficients: Array, data: Data) -> Preisach:
-        """Return the model that some slopes make.
-
-        Parameters
-        ----------
-        coefficients : numpy.ndarray
-            The slopes, shape (m,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        Preisach
-            The model.
-        """
         thresholds, knots = self._grid(data)
         slopes = coefficients.reshape(self._thresholds, self._means)
         return Preisach(thresholds=thresholds, knots=knots, slopes=slopes)
 
     def names(self, data: Data) -> tuple[str, ...]:
-        """Return what each parameter is called.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of str
-            The slopes, play by play.
-        """
         del data
         return tuple(
             f"slopes[{i},{j}]" for i in range(self._thresholds) for j in range(self._means)
         )
 
     def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
-        """Return the penalty on second differences along thresholds and along means.
-
-        The first threshold, zero, is a gain without memory and no neighbour of the others.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        moving : numpy.ndarray
-            Which columns move in the records, shape (m,).
-
-        Returns
-        -------
-        numpy.ndarray
-            The matrix, shape (m, m).
-        """
         m, p = self._thresholds, self._means
         along = np.kron(np.eye(m), _second_difference(p))
         skip = np.zeros((m - 1, m))
@@ -141,20 +70,6 @@ class PreisachFamily(LinearFamily):
         return self._weight(data) * (rows.T @ rows)
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Find the global optimum, with the smoothing that predicts best.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        start : numpy.ndarray, optional
-            Not used: there is nothing to search for.
-
-        Returns
-        -------
-        Fit
-            The fitted model.
-        """
         key = f"{self.kind} smoothing"
         if self._given is None and key not in data.memo:
             data.memo[key] = [np.array(self._best_weight(data))]

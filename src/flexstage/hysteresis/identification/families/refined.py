@@ -4,8 +4,8 @@ from abc import abstractmethod
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.identification.families.family import (
     Data,
@@ -18,10 +18,6 @@ from flexstage.hysteresis.identification.families.family import (
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Solution, solve
 from flexstage.hysteresis.model import HysteresisModel
-
-__all__ = ["RefinedFamily", "roughness"]
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 25
 #: The search has ended when a step takes less than this share of the sum of squares away.
@@ -42,88 +38,22 @@ class RefinedFamily(Family):
 
     @abstractmethod
     def begin(self, data: Data) -> Array:
-        """Return the parameters that the search begins with.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            The parameters, shape (k,).
-        """
+        """Return the parameters that the search begins with."""
 
     @abstractmethod
     def build(self, parameters: Array, data: Data) -> HysteresisModel:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        parameters : numpy.ndarray
-            The parameters, shape (k,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        HysteresisModel
-            The model.
-
-        Raises
-        ------
-        ModelError
-            They make none.
-        """
+        """Return the model that some parameters make."""
 
     @abstractmethod
     def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return the lower bounds of the parameters, and by how much each may change at once.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Lowest values, minus infinity for none, and scales; shape (k,) each.
-        """
+        """Return the lower bounds of the parameters, and by how much each may change at once."""
 
     def penalty(self, data: Data) -> Array | None:
-        """Return the penalty on parameters that differ from their neighbours.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Matrix of a quadratic form of the parameters over their scales, per sample and per
-            square of the stroke, shape (k, k); None for none.
-        """
+        """Return the penalty on parameters that differ from their neighbours."""
         del data
         return None
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Find the optimum next to the start.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        start : numpy.ndarray, optional
-            Where the search begins, shape (k,); `begin` where not given.
-
-        Returns
-        -------
-        Fit
-            The fitted model.
-        """
         begin = self.begin(data) if start is None else np.asarray(start)
         begin, _ = self._descended(begin, coarse(data), None)
         p, J = self._descended(begin, data, self._kept(begin, data))
@@ -132,20 +62,6 @@ class RefinedFamily(Family):
         return Fit(model=self.build(p, data), search=p, jacobian=self._active(J, p, low, data))
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples, from the optimum of more of them, which is near.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        optimum : numpy.ndarray
-            Where the search ended for more samples, shape (k,).
-
-        Returns
-        -------
-        Fit
-            The fitted model, without what standard errors need.
-        """
         p, _ = self._descended(optimum, data, self._kept(optimum, data))
         return Fit(model=self.build(p, data), search=p)
 
@@ -211,24 +127,7 @@ class RefinedFamily(Family):
         return behind_chain(quasi, data)
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
-        """Return the change of the output with each parameter, by differences where not overridden.
-
-        Parameters
-        ----------
-        p : numpy.ndarray
-            The parameters, shape (k,).
-        scale : numpy.ndarray
-            By how much each may change at once, shape (k,).
-        section : Section
-            The section.
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray
-            Change of the quasi-static output with each parameter over its scale, shape (n, k).
-        """
+        """Return the change of the output with each parameter, here by differences."""
         base = self.build(p, data).simulate(section.u).values
         made = np.empty((section.u.size, p.size), order="F")
         for j in range(p.size):
@@ -287,18 +186,7 @@ def _step(
 
 
 def roughness(*groups: int) -> Array:
-    """Return the quadratic form of second differences within groups of neighbours.
-
-    Parameters
-    ----------
-    *groups : int
-        Number of parameters of each group.
-
-    Returns
-    -------
-    numpy.ndarray
-        The matrix, shape (k, k), where k is their sum.
-    """
+    """Return the quadratic form of second differences within groups of neighbours."""
     made, first = np.zeros((sum(groups), sum(groups))), 0
     for count in groups:
         own = np.diff(np.eye(count), 2, axis=0) if count > 2 else np.zeros((0, count))

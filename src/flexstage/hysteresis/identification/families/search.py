@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from flexstage.arrays import Array
 from flexstage.hysteresis.identification.families.family import (
     Data,
     Family,
@@ -27,10 +28,6 @@ from flexstage.hysteresis.identification.projection import (
     square_left,
 )
 from flexstage.hysteresis.model import HysteresisModel
-
-__all__ = ["SearchFamily"]
-
-Array = NDArray[np.float64]
 
 #: Points of the coarse search that are followed to their minimum.
 _FOLLOWED = 3
@@ -57,107 +54,30 @@ class SearchFamily(Family):
 
     @abstractmethod
     def columns(self, section: Section, place: Array, data: Data) -> Array:
-        """Return the output per unit of each linear parameter.
-
-        Parameters
-        ----------
-        section : Section
-            The section.
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (s,).
-        data : Data
-            The data, for what belongs to all sections.
-
-        Returns
-        -------
-        numpy.ndarray
-            Quasi-static columns at every sample, shape (n, m).
-        """
+        """Return the output per unit of each linear parameter."""
 
     @abstractmethod
     def build(self, place: Array, coefficients: Array, data: Data) -> HysteresisModel:
-        """Return the model that some parameters make.
-
-        Parameters
-        ----------
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (s,).
-        coefficients : numpy.ndarray
-            The linear parameters, shape (m,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        HysteresisModel
-            The model.
-        """
+        """Return the model that some parameters make."""
 
     def free(self, data: Data) -> NDArray[np.bool_] | None:
-        """Return which linear parameters may be negative.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Shape (m,); None where none may be.
-        """
+        """Return which linear parameters may be negative."""
         del data
         return None
 
     def penalty(self, data: Data) -> Array | None:
-        """Return the penalty on linear parameters.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            Matrix of a quadratic form of them, per sample, shape (m, m); None for none.
-        """
+        """Return the penalty on linear parameters."""
         del data
         return None
 
     def starts(self, data: Data) -> list[Array]:
-        """Return the points of the coarse search.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-
-        Returns
-        -------
-        list of numpy.ndarray
-            Points, each of shape (s,).
-        """
+        """Return the points of the coarse search."""
         del data
         lines = [(np.arange(n) + 0.5) / n for n in self.grid]
         return [np.array(point) for point in itertools.product(*lines)]
 
     def project(self, place: Array, data: Data) -> tuple[Solution, list[Array], Array]:
-        """Find the linear parameters that belong to some searched ones.
-
-        Parameters
-        ----------
-        place : numpy.ndarray
-            The searched parameters, each from 0 to 1, shape (s,).
-        data : Data
-            The data.
-
-        Returns
-        -------
-        Solution, list of numpy.ndarray and numpy.ndarray
-            The linear parameters, their columns behind the chain, and what is left of the output
-            over the stroke.
-        """
+        """Find the linear parameters that belong to some searched ones."""
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
         solution = self._solved(equations(behind, data), data)
@@ -169,21 +89,6 @@ class SearchFamily(Family):
         return solve(normal, free=self.free(data), smoothing=smoothing)
 
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Find the optimum.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        start : numpy.ndarray, optional
-            Where the search begins, shape (s,), each from 0 to 1; the best points of a grid over
-            all of their range where not given.
-
-        Returns
-        -------
-        Fit
-            The fitted model.
-        """
         place = self._found(data) if start is None else self._followed([np.asarray(start)], data)
         model = self.build(place, self.project(place, data)[0].coefficients, data)
         names, values, jacobian = _sensitivities(model, data)
@@ -214,20 +119,6 @@ class SearchFamily(Family):
         return self._minimise(best, data, 1e-9)
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples, from the optimum of more of them, which is near.
-
-        Parameters
-        ----------
-        data : Data
-            The data.
-        optimum : numpy.ndarray
-            Where the search ended for more samples, shape (s,).
-
-        Returns
-        -------
-        Fit
-            The fitted model, without what standard errors need.
-        """
         place, solution = self._moved(optimum, data)
         return Fit(model=self.build(place, solution.coefficients, data), search=place)
 
