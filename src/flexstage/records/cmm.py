@@ -8,8 +8,8 @@ import numpy as np
 from flexstage.errors import RecordError
 from flexstage.records.cmm_report import has_report, read_report
 from flexstage.records.cmm_table import find_table, read_table
-from flexstage.records.cmm_words import ANGLES, AXES, Reading
-from flexstage.records.columns import Column, Columns
+from flexstage.records.cmm_words import ANGLES, AXES, CoordinateReading
+from flexstage.records.columns import Column, FileColumns
 from flexstage.records.text_lines import text_lines
 
 
@@ -35,7 +35,7 @@ def read_coordinates(
     skip_lines: int = 0,
     delimiter: str | None = None,
     decimal: str | None = None,
-) -> Columns:
+) -> FileColumns:
     r"""Read a report of a coordinate measuring machine: a table, or the text that PC-DMIS writes.
 
     Each feature and axis is two columns, ``SPH1.X`` and ``SPH1.X nominal``. Row k is the k-th
@@ -77,7 +77,7 @@ def read_coordinates(
     if left_out:
         notes.append(f"rows left out, as they are no coordinates: {', '.join(left_out)}")
     lengths = [i for i, c in enumerate(columns) if _axis(c) not in ANGLES]
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         notes=tuple(notes),
         attributes={"features": ", ".join(dict.fromkeys(_feature(c) for c in columns))},
@@ -86,7 +86,7 @@ def read_coordinates(
     )
 
 
-def _chosen(readings: Sequence[Reading], dataset: str | None) -> list[Reading]:
+def _chosen(readings: Sequence[CoordinateReading], dataset: str | None) -> list[CoordinateReading]:
     if dataset is None:
         return list(readings)
     wanted = [word.strip() for word in dataset.split(",")]
@@ -99,9 +99,9 @@ def _chosen(readings: Sequence[Reading], dataset: str | None) -> list[Reading]:
     return [r for r in readings if r.feature in wanted]
 
 
-def _columns(readings: Sequence[Reading]) -> tuple[list[Column], list[str]]:
+def _columns(readings: Sequence[CoordinateReading]) -> tuple[list[Column], list[str]]:
     """Return measured and nominal values of each feature and axis, row by row."""
-    series: dict[tuple[str, str], list[Reading]] = {}
+    series: dict[tuple[str, str], list[CoordinateReading]] = {}
     for reading in readings:
         if reading.axis not in AXES:
             raise RecordError(
@@ -122,7 +122,7 @@ def _columns(readings: Sequence[Reading]) -> tuple[list[Column], list[str]]:
     return columns, [f"{len(series)} coordinates, each measured {count} times"]
 
 
-def _require_equal(series: dict[tuple[str, str], list[Reading]]) -> None:
+def _require_equal(series: dict[tuple[str, str], list[CoordinateReading]]) -> None:
     counts = {key: len(found) for key, found in series.items()}
     (first, usual), *others = counts.items()
     for key, count in others:
@@ -139,7 +139,7 @@ def _require_equal(series: dict[tuple[str, str], list[Reading]]) -> None:
         )
 
 
-def _unit(feature: str, axis: str, found: Sequence[Reading]) -> str:
+def _unit(feature: str, axis: str, found: Sequence[CoordinateReading]) -> str:
     units = {r.unit for r in found}
     if len(units) > 1:
         raise RecordError(

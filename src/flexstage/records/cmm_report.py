@@ -9,7 +9,7 @@ from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_n
 from flexstage.records.cmm_words import (
     AXES,
     LEFT_OUT,
-    Reading,
+    CoordinateReading,
     axis_name,
     printed_unit,
     role,
@@ -80,7 +80,9 @@ def _heading(line: str) -> _Heading | None:
     return _Heading(roles=tuple(roles[1:]), ends=tuple(token.end() for token in tokens[1:]))
 
 
-def read_report(lines: Sequence[str], decimal: str | None) -> tuple[list[Reading], tuple[str, ...]]:
+def read_report(
+    lines: Sequence[str], decimal: str | None
+) -> tuple[list[CoordinateReading], tuple[str, ...]]:
     """Read the tables of a report."""
     rows, left_out = _rows(lines)
     if not rows:
@@ -222,7 +224,7 @@ def _aligned(number: int, ends: Sequence[int], heading: _Heading) -> list[int]:
     return places
 
 
-def _reading(row: _Row, sign: str) -> Reading:
+def _reading(row: _Row, sign: str) -> CoordinateReading:
     where = f"line {row.line}"
     nominal, measured = (
         printed_number(row.values[name], sign, where) for name in ("nominal", "measured")
@@ -242,6 +244,6 @@ def _reading(row: _Row, sign: str) -> Reading:
             f"line {row.dimension.line}: it is not clear of which feature dimension "
             f"'{row.dimension.name}' is: print the report in English, or export it as a table"
         )
-    return Reading(
+    return CoordinateReading(
         feature=feature, axis=row.axis, nominal=nominal, measured=measured, unit=row.dimension.unit
     )

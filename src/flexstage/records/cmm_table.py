@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flexstage.errors import RecordError
 from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_number
-from flexstage.records.cmm_words import Reading, axis_name, printed_unit, role
+from flexstage.records.cmm_words import CoordinateReading, axis_name, printed_unit, role
 from flexstage.records.text_heading import split_line
 
 _NEEDED = ("feature", "axis", "nominal", "measured")
@@ -18,7 +18,7 @@ _LONGEST_TITLE = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class ReportTable:
     """Where a table is in a text, and what its columns are."""
 
     line: int
@@ -33,7 +33,7 @@ class Table:
     """Unit in the heading of each role."""
 
 
-def find_table(lines: Sequence[str], delimiter: str | None = None) -> Table | None:
+def find_table(lines: Sequence[str], delimiter: str | None = None) -> ReportTable | None:
     """Return where a table of features, axes, nominal and measured values begins."""
     wanted = _DELIMITERS if delimiter is None else (delimiter,)
     for number, line in enumerate(lines[:_LONGEST_TITLE]):
@@ -46,7 +46,7 @@ def find_table(lines: Sequence[str], delimiter: str | None = None) -> Table | No
     return None
 
 
-def _table(line: str, number: int, delimiter: str | None) -> Table | None:
+def _table(line: str, number: int, delimiter: str | None) -> ReportTable | None:
     headings = split_line(line, delimiter)
     while headings and not headings[-1]:
         headings.pop()
@@ -64,7 +64,7 @@ def _table(line: str, number: int, delimiter: str | None) -> Table | None:
             raise RecordError(
                 f"line {number + 1}: the columns {listed} are both {name}: leave one out"
             )
-    return Table(
+    return ReportTable(
         line=number,
         delimiter=delimiter,
         width=len(headings),
@@ -82,7 +82,9 @@ def _split(heading: str) -> tuple[str, str]:
     return found[1], printed_unit(found[2] or found[3])
 
 
-def read_table(lines: Sequence[str], table: Table, decimal: str | None) -> list[Reading]:
+def read_table(
+    lines: Sequence[str], table: ReportTable, decimal: str | None
+) -> list[CoordinateReading]:
     """Read the rows of a table."""
     rows = _rows(lines, table)
     values = ("nominal", "measured", "deviation")
@@ -91,7 +93,7 @@ def read_table(lines: Sequence[str], table: Table, decimal: str | None) -> list[
     return [_reading(number, row, table, sign) for number, row in rows]
 
 
-def _rows(lines: Sequence[str], table: Table) -> list[tuple[int, list[str]]]:
+def _rows(lines: Sequence[str], table: ReportTable) -> list[tuple[int, list[str]]]:
     rows = []
     for number, line in enumerate(lines[table.line + 1 :], start=table.line + 2):
         fields = split_line(line, table.delimiter)
@@ -117,7 +119,7 @@ def _rows(lines: Sequence[str], table: Table) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _reading(number: int, row: Sequence[str], table: Table, sign: str) -> Reading:
+def _reading(number: int, row: Sequence[str], table: ReportTable, sign: str) -> CoordinateReading:
     place = table.places
     where = f"line {number}"
     feature, axis = row[place["feature"]], row[place["axis"]]
@@ -141,7 +143,7 @@ def _reading(number: int, row: Sequence[str], table: Table, sign: str) -> Readin
             f"{where}: nominal and measured value are in different units ({', '.join(units)}): "
             "export them in one"
         )
-    return Reading(
+    return CoordinateReading(
         feature=" ".join(feature.split()),
         axis=axis_name(axis),
         nominal=nominal,

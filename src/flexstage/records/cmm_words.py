@@ -56,7 +56,7 @@ _UNITS = {"mm": "mm", "in": "inch", "inch": "inch", "inches": "inch", "cm": "cm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class CoordinateReading:
     """One value that a measuring machine reports."""
 
     feature: str

@@ -47,7 +47,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Columns:
+class FileColumns:
     """Equally long columns of one file."""
 
     columns: tuple[Column, ...]
@@ -74,7 +74,7 @@ class Columns:
     """The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
     """
 
-    def renamed(self, names: Sequence[str]) -> "Columns":
+    def renamed(self, names: Sequence[str]) -> "FileColumns":
         """Return the same columns with other names."""
         if len(names) != len(self.columns):
             raise RecordError(
@@ -87,7 +87,7 @@ class Columns:
         )
         return replace(self, columns=tuple(named))
 
-    def part(self, rows: slice) -> "Columns":
+    def part(self, rows: slice) -> "FileColumns":
         """Return some of the rows."""
         first = rows.indices(self.columns[0].values.size)[0]
         return replace(
@@ -105,7 +105,7 @@ class Columns:
             lines=None if self.lines is None else self.lines[rows],
         )
 
-    def numbered(self, number: int) -> "Columns":
+    def numbered(self, number: int) -> "FileColumns":
         """Return the same columns with the texts of one numbered as they first appear."""
         column = self.columns[number]
         if column.words is None or not (column.words != "").any():

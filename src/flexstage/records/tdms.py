@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
-from flexstage.records.datasets import Leaf, Tree, chosen_columns
+from flexstage.records.columns import FileColumns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
 
-def read_tdms(path: Path, dataset: str | None = None) -> Columns:
+def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of a TDMS file."""
     from nptdms import TdmsFile
 
@@ -60,10 +60,10 @@ def _tree(file: Any, file_size: int) -> Tree:
     return Tree(leaves=tuple(leaves), texts=texts, file_size=file_size)
 
 
-def _leaf(group: str, channel: Any) -> Leaf:
+def _leaf(group: str, channel: Any) -> StoredArray:
     properties = channel.properties
     interval = _number(properties.get("wf_increment"))
-    return Leaf(
+    return StoredArray(
         parent=group,
         name=channel.name,
         shape=(len(channel),),

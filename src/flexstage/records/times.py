@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
+from flexstage.records.columns import FileColumns
 from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
 from flexstage.records.text_heading import X_VALUE
@@ -18,7 +18,7 @@ _SAME_RATE = 0.01
 
 
 def timed(
-    raw: Columns,
+    raw: FileColumns,
     channels: list[Channel],
     wanted: str | int | None,
     rate: float | None,
@@ -81,7 +81,7 @@ def _own_time(names: Sequence[str], sure: Sequence[int]) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
-def _no_time(raw: Columns, names: Sequence[str], called: Sequence[int]) -> str:
+def _no_time(raw: FileColumns, names: Sequence[str], called: Sequence[int]) -> str:
     hint = raw.hint
     several = [name for name in names if name.startswith(f"{X_VALUE} of ")]
     if several:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, complex_parts
+from flexstage.records.columns import Column, FileColumns, complex_parts
 from flexstage.records.text_lines import text_lines
 
 _OPTIONS = re.compile(
@@ -47,7 +47,7 @@ def from_polar(
     return np.asarray(size * np.exp(1j * phase), dtype=np.complex128)
 
 
-def read_touchstone(path: Path) -> Columns:
+def read_touchstone(path: Path) -> FileColumns:
     r"""Read the responses of a Touchstone file, version 1.
 
     Examples
@@ -90,7 +90,7 @@ def read_touchstone(path: Path) -> Columns:
         notes.append(f"its {kind} parameters are read as they stand, over the reference")
     if np.any(np.diff(table[:, 0]) <= 0.0):
         raise RecordError("its frequencies must rise: sort the lines, or leave repeated ones out")
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         notes=tuple(notes),
         attributes={"heading": options[0].strip()} if options else {},

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns
+from flexstage.records.columns import Column, FileColumns
 from flexstage.records.universal_sets import KINDS, Function, read_sets
 from flexstage.records.universal_units import axis_unit, function_units
 
@@ -25,7 +25,7 @@ _UNNAMED = frozenset((1, 4))
 _SAME = 2e-6
 
 
-def read_universal(path: Path, dataset: str | None = None) -> Columns:
+def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     r"""Read functions of a universal file, data sets 58 as text or binary.
 
     A function of complex values is two columns, ``NAME real`` and ``NAME imaginary``. The name is
@@ -80,7 +80,7 @@ def read_universal(path: Path, dataset: str | None = None) -> Columns:
     step = float(axis[1] - axis[0])
     if domain == "time" and not even:
         columns.append(Column(name="time", values=axis, unit="s"))
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         sample_rate_hz=1.0 / step if domain == "time" and even else None,
         start=float(axis[0]) if domain == "time" and even else 0.0,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.universal_values import Layout, binary_end, decoded_values
+from flexstage.records.universal_values import ValueLayout, binary_end, decoded_values
 
 #: What a function is, by its number.
 KINDS = (
@@ -37,7 +37,7 @@ _LONGEST = 160
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
+class FunctionAxis:
     """What is on an axis of a function."""
 
     quantity: int
@@ -72,17 +72,17 @@ class Function:
     """Point and direction, ``12:+z``; empty where there is none."""
     reference: str
     """Point and direction, ``12:+z``; empty where there is none."""
-    abscissa: Axis
+    abscissa: FunctionAxis
     """What is on its axes; the denominator is that of the ordinate."""
-    ordinate: Axis
+    ordinate: FunctionAxis
     """What is on its axes; the denominator is that of the ordinate."""
-    denominator: Axis
+    denominator: FunctionAxis
     """What is on its axes; the denominator is that of the ordinate."""
     start: float
     """First abscissa, and the step, where the samples are even."""
     step: float
     """First abscissa, and the step, where the samples are even."""
-    layout: Layout
+    layout: ValueLayout
     """How its values are stored."""
     content: bytes
     """Its values."""
@@ -234,7 +234,7 @@ def _text(line: str) -> str:
     return "" if line.upper() == "NONE" else line
 
 
-def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
+def _layout(identity: bytes, line: str) -> tuple[ValueLayout, float, float]:
     """Return how the values are stored, the first abscissa, and its step."""
     words = _fields(line, (10, 10, 10, 13, 13, 13))
     if not all(_is_count(word) for word in words[:3]):
@@ -261,7 +261,7 @@ def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
             )
         order = "<" if method[0] == "1" else ">"
     return (
-        Layout(
+        ValueLayout(
             count=count,
             double=kind in (4, 6),
             is_complex=kind in (5, 6),
@@ -274,16 +274,16 @@ def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
     )
 
 
-def _axis(line: str) -> Axis:
+def _axis(line: str) -> FunctionAxis:
     words = _fields(line, (10, 5, 5, 5, 21, 21))
     if not _is_count(words[0]):
         raise RecordError(f"what is on an axis is not understood: '{_plain(line.encode())[:60]}'")
-    return Axis(quantity=int(words[0]), label=_text(words[5]))
+    return FunctionAxis(quantity=int(words[0]), label=_text(words[5]))
 
 
-def _turned(axis: Axis, direction: int) -> Axis:
+def _turned(axis: FunctionAxis, direction: int) -> FunctionAxis:
     rotational = abs(direction) > 3
-    return Axis(quantity=axis.quantity, label=axis.label, rotational=rotational)
+    return FunctionAxis(quantity=axis.quantity, label=axis.label, rotational=rotational)
 
 
 def _direction(text: str) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from flexstage.errors import UnitError
 from flexstage.records.columns import GRAVITY, measured_unit
-from flexstage.records.universal_sets import Axis, Function, UnitSystem
+from flexstage.records.universal_sets import Function, FunctionAxis, UnitSystem
 
 _ACCELERATION = 12
 # kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
@@ -39,12 +39,12 @@ class FunctionUnits:
     """What a reader should know."""
 
 
-def axis_unit(axis: Axis, system: UnitSystem | None) -> tuple[float, str] | None:
+def axis_unit(axis: FunctionAxis, system: UnitSystem | None) -> tuple[float, str] | None:
     """Return what the unit of an axis is in SI.
 
     Examples
     --------
-    >>> axis_unit(Axis(quantity=12, label="g"), None), axis_unit(Axis(quantity=12), None)
+    >>> axis_unit(FunctionAxis(quantity=12, label="g"), None), axis_unit(FunctionAxis(quantity=12), None)
     ((9.80665, 'm/s^2'), None)
     """
     if axis.label in GRAVITY:
@@ -105,7 +105,9 @@ def _ratio(function: Function, numerator: tuple[float, str] | None) -> FunctionU
     )
 
 
-def _is_whole(above: Axis, unit: str, below: Axis, denominator: tuple[float, str] | None) -> bool:
+def _is_whole(
+    above: FunctionAxis, unit: str, below: FunctionAxis, denominator: tuple[float, str] | None
+) -> bool:
     """Say whether the label of the ordinate is that of the quotient already."""
     kinds = _BY_SYSTEM.get(above.quantity)
     plain = kinds[int(above.rotational)][2] if kinds else ""
@@ -121,5 +123,5 @@ def _quotient(above: str, below: str) -> str:
     return f"{above}/({below})" if "/" in below else f"{above}/{below}"
 
 
-def _unknown(axis: Axis, unit: tuple[float, str] | None) -> str:
+def _unknown(axis: FunctionAxis, unit: tuple[float, str] | None) -> str:
     return f"'{axis.label}' is no known unit" if axis.label and unit is None else ""
