@@ -8,8 +8,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.centring.polar import length_estimate
 from flexstage.centring.turns import find_turns
+from flexstage.centring.vector_interval import length_estimate
 from flexstage.estimate import Estimate
 
 #: Times that a part may make the eccentricity more uncertain before it is left out.

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
-from flexstage.centring.harmonic_problem import HarmonicProblem
-from flexstage.centring.normal_equations import NormalEquations
+from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations
 from flexstage.centring.outliers import Outlier
-from flexstage.centring.polar import direction_estimate, length_estimate
 from flexstage.centring.residual_noise import from_spectrum, from_turns
 from flexstage.centring.turns import Turns
+from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 

@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.centring.polar import direction_estimate, length_estimate
+from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.estimate import Component, Estimate
 
 

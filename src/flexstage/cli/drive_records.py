@@ -78,7 +78,7 @@ def read_drive(
 
 def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
     """Return the samples to fit as they are counted in the records that were read."""
-    from flexstage.records.rows import row_range
+    from flexstage.records.sampling import row_range
 
     given = row_range(text, "--train")
     if given is None:

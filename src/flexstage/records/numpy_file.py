@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns
-from flexstage.records.unpacked import require_unpacked
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, require_unpacked
 
 
 def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:

@@ -78,9 +78,9 @@ def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     """Centre a scale with the virtual stage on a virtual table."""
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
+    from flexstage.centring.rotary_table import VirtualBench
     from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
     try:
