@@ -36,7 +36,11 @@ def described(
     turns: Turns,
     unit: str,
 ) -> HarmonicFit:
-    """Return the harmonics of one column, with uncertainty and notes."""
+    """Return the harmonics of one column, with uncertainty and notes.
+
+    `c` are its coefficients, shape (p,), `residual` what they leave of all samples, shape (n,), and
+    `keep` which samples were kept, all where None.
+    """
     kept = residual if keep is None else residual[keep]
     w = None if weights is None else (weights if keep is None else weights[keep])
     free = kept.size - c.size
@@ -84,7 +88,7 @@ def described(
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
-    """Return a fit whose intervals cover that of all samples as well."""
+    """Return a fit without outliers, whose intervals cover that of all samples as well."""
     covariance = fit.covariance.copy()
     harmonics = []
     for i, (own, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):

@@ -88,7 +88,7 @@ class HarmonicFit:
         )
 
     def evaluate(self, angle: ArrayLike) -> Array:
-        """Return offset and harmonics, without drift, at other angles."""
+        """Return offset and harmonics, without drift, at other angles [rad]."""
         turns = np.atleast_1d(np.asarray(angle, dtype=np.float64)) / _TURN
         parts = [p for h in self.harmonics for p in (h.cosine.value, h.sine.value)]
         c = np.array([self.offset.value, *parts])[:, None]
@@ -99,6 +99,8 @@ def scale_harmonic(
     fits: Sequence[HarmonicFit], angles: NDArray[np.float64], order: int
 ) -> Harmonic:
     """Return the mean of the harmonics of several heads, over the angle in the scale.
+
+    The heads stand at `angles` [rad]; their harmonics are over the angle of the table.
 
     Each head at alpha sees the scale at theta + alpha: its harmonic is turned by n alpha.
 

@@ -40,6 +40,10 @@ def accumulated(
 ) -> NormalEquations:
     """Sum over samples what the fit of harmonics needs.
 
+    `turns` is the angle of each sample [turn], `values` columns over it, shape (n, m). A weight of
+    zero leaves a sample out. `bounds` are the first sample of each group and the number of samples;
+    all are one group without it.
+
     Products of cosines are cosines of sums and differences of orders: not the products of all pairs
     of functions are summed, but cosines and sines up to twice the highest order, each found from
     the two before it.
@@ -72,7 +76,7 @@ def accumulated(
 
 
 def evaluated(turns: Array, coefficients: Array, orders: Sequence[int], *, drift: bool) -> Array:
-    """Return the sum of the fitted functions."""
+    """Return the sum of the functions, in the order of `NormalEquations`, shape (n, m)."""
     # each column in one piece, as what comes after goes through columns
     out = np.empty((coefficients.shape[1], turns.size)).T
     first = 2 if drift else 1
@@ -172,7 +176,7 @@ class HarmonicProblem:
         )
 
     def residual(self, coefficients: Array) -> Array:
-        """Return what coefficients leave of the values."""
+        """Return what coefficients, shape (p, m), leave of the values, shape (n, m)."""
         fitted = evaluated(self.u, coefficients, self.orders, drift=self.drift)
         return np.subtract(self.y, fitted, out=fitted)
 
@@ -183,7 +187,7 @@ class HarmonicProblem:
 
 
 def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
-    """Return the coefficients."""
+    """Return the coefficients, shape (p, m); `orders` are for the message."""
     gram = equations.gram.sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     if np.linalg.cond(gram * np.outer(scale, scale)) > _WORST_CONDITION:

@@ -39,7 +39,7 @@ class CentreReading:
         )
 
     def covers(self, vector: ArrayLike) -> bool:
-        """Say whether the 95 % region of the centre holds a point.
+        """Say whether the 95 % region of the centre holds a point, x and y [m].
 
         It is the ellipse of Hotelling (1931, Annals of Mathematical Statistics 2), of known shape.
         """
@@ -79,6 +79,8 @@ def centre_reading(found: Eccentricity) -> CentreReading:
 
 def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
     r"""Return the eccentricity that the first order of a table of errors stands for.
+
+    `radius` is that at which the scale is read [m].
 
     .. math:: e_x = R\, b_1, \quad e_y = -R\, a_1
 

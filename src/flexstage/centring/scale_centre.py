@@ -81,7 +81,12 @@ def centre_from(
     *,
     radial: bool = False,
 ) -> Eccentricity:
-    """Return the eccentricity that once-per-turn harmonics stand for."""
+    """Return the eccentricity that once-per-turn harmonics stand for.
+
+    It is read at `radius` [m]. `given` are standard uncertainties: of the scale's once-per-turn
+    error [rad], or of the rim's [m], of the radius [m], and of the angle of the heads [rad].
+    Harmonics of indicators are `radial`, displacements [m] and not angles.
+    """
     graduation, own_radius, turned = given
     factor = 1.0 if radial else radius
     v = factor * found.vector

@@ -36,7 +36,7 @@ class ScaleErrors:
             )
 
     def at(self, angle: ArrayLike) -> Array:
-        """Return the errors at some lines."""
+        """Return the errors at lines of the scale [rad]: reading less angle."""
         s = np.asarray(angle, dtype=np.float64)
         out = np.zeros_like(s)
         for n, a, b in zip(self.orders, self.cosine, self.sine, strict=True):

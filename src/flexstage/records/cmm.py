@@ -33,6 +33,8 @@ _LONGEST_TITLE = 60
 def is_coordinate_report(head: str) -> bool:
     r"""Say whether a text begins as a report of a coordinate measuring machine does.
 
+    It has a heading over features, axes, nominal and measured values, or a table of PC-DMIS.
+
     Examples
     --------
     >>> is_coordinate_report("Merkmal;Achse;Sollwert;Istwert\nSPH1;X;10,0;10,0012")
@@ -54,6 +56,10 @@ def read_coordinates(
     decimal: str | None = None,
 ) -> FileColumns:
     r"""Read a report of a coordinate measuring machine: a table, or the text that PC-DMIS writes.
+
+    `dataset` names features, with commas between; delimiter and decimal sign are found where not
+    given. Angles are in degrees; the unit of lengths is that of the report, and the group
+    ``length`` stands for all of them.
 
     Each feature and axis is two columns, ``SPH1.X`` and ``SPH1.X nominal``. Row k is the k-th
     measurement of all features, as at successive positions of a stage. Distances and errors of form

@@ -62,7 +62,7 @@ class _Row:
 
 
 def has_report(lines: Sequence[str]) -> bool:
-    """Say whether a text has a table as PC-DMIS writes it.
+    """Say whether a text has a table as PC-DMIS writes it, by its heading.
 
     Examples
     --------
@@ -83,7 +83,10 @@ def _heading(line: str) -> _Heading | None:
 def read_report(
     lines: Sequence[str], decimal: str | None
 ) -> tuple[list[CoordinateReading], tuple[str, ...]]:
-    """Read the tables of a report."""
+    """Read the tables of a report: the values, and the kinds of rows that are no coordinates.
+
+    Values go by the name of the feature, distances and errors of form (M) by that of the dimension.
+    """
     rows, left_out = _rows(lines)
     if not rows:
         raise RecordError("there is no row of an axis in its tables: print the report again")

@@ -106,7 +106,7 @@ class FileColumns:
         )
 
     def numbered(self, number: int) -> "FileColumns":
-        """Return the same columns with the texts of one numbered as they first appear."""
+        """Return the same columns, any texts of one numbered as they first appear."""
         column = self.columns[number]
         if column.words is None or not (column.words != "").any():
             return self
@@ -135,7 +135,7 @@ class FileColumns:
 
 @lru_cache(maxsize=256)
 def measured_unit(text: str) -> tuple[float, str]:
-    """Return what a unit is in SI, of a quantity or of one quantity over another.
+    """Return what a unit, of a quantity or of one over another, is in SI: factor and SI unit.
 
     Examples
     --------
@@ -223,6 +223,9 @@ def is_acceleration(name: str) -> bool:
 def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
     """Return what a unit is in SI that means the acceleration of gravity, and no gram.
 
+    In a column whose name is of no acceleration, ``g_n`` and a unit over a force are it, ``g``
+    alone is not.
+
     Examples
     --------
     >>> gravity_unit("g", "ax"), gravity_unit("g", "load"), gravity_unit("g/N", "H")
@@ -253,7 +256,10 @@ def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Colum
 
 
 def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
-    """Return an array of a file as floats, or say why that would not be the same numbers."""
+    """Return an array of a file as floats, or say why that would not be the same numbers.
+
+    Dates become seconds after the first. Integers that a float would round are refused.
+    """
     kind = values.dtype.kind
     if kind in "Mm":
         return _seconds(values, what)

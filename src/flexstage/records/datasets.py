@@ -90,6 +90,8 @@ class Tree:
 def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:
     """Return the columns of a file: those that were asked for, or the only ones there are.
 
+    `dataset` is the path of a group or an array, or of several arrays with commas between.
+
     Arrays in one group that have as many samples as each other belong together; so do the columns
     of a matrix, whose samples run along its longer side.
     """

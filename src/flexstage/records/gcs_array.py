@@ -31,6 +31,9 @@ def is_gcs_array(head: str) -> bool:
 def read_gcs_array(path: Path) -> FileColumns:
     r"""Read the columns of an array file of a GCS controller.
 
+    Columns go by their ``NAME``, ``SAMPLE_TIME`` gives the sample rate. Units are not part of the
+    format.
+
     Examples
     --------
     >>> import tempfile

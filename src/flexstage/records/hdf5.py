@@ -16,7 +16,11 @@ _MOST = 20_000
 
 
 def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
-    """Read the columns of an HDF5 file."""
+    """Read the columns of an HDF5 file.
+
+    `dataset` is a group, ``run1``, or datasets, ``run1/u,run1/y``. Attributes ``unit`` and ``name``
+    of a dataset are its unit and heading.
+    """
     import h5py
 
     try:

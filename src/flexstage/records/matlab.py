@@ -18,7 +18,10 @@ _MOST_ITEMS = 200
 
 
 def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
-    """Read the columns of a MATLAB file, of any version."""
+    """Read the columns of a MATLAB file, of any version.
+
+    `dataset` is variables, ``data.u,data.y``, or a structure, ``data``.
+    """
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5 in (head[:8], head[512:520]):

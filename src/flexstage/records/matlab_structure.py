@@ -21,7 +21,10 @@ _DEEPEST = 40
 
 
 def require_sound(data: bytes) -> None:
-    """Refuse a MATLAB 5 file whose tags contradict each other."""
+    """Refuse a MATLAB 5 file whose tags contradict each other.
+
+    A ValueError says what is cut short or damaged.
+    """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("its heading is damaged")

@@ -14,6 +14,9 @@ from flexstage.records.datasets import StoredArray, Tree, chosen_columns, requir
 def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of a NumPy file, ``.npy`` or ``.npz``.
 
+    `dataset` names arrays of an archive, ``u,y``. The fields of a structured array are columns with
+    their names.
+
     Pickled objects are never loaded, as that would run what the file says.
     """
     try:

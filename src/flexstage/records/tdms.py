@@ -17,7 +17,11 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
 
 def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
-    """Read the columns of a TDMS file."""
+    """Read the columns of a TDMS file.
+
+    `dataset` is a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
+    ``wf_increment`` and ``wf_start_offset`` give the times.
+    """
     from nptdms import TdmsFile
 
     try:

@@ -47,7 +47,11 @@ def read_text(
     delimiter: str | None = None,
     decimal: str | None = None,
 ) -> FileColumns:
-    """Read the columns of a text file."""
+    """Read the columns of a text file.
+
+    Delimiter (also as tab, comma, semicolon, space) and decimal sign are found where not given. An
+    empty field is not a number (NaN), nor is text, which is kept beside.
+    """
     if decimal not in (None, ".", ","):
         raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
     if skip_lines < 0:

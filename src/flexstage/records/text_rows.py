@@ -62,7 +62,7 @@ def is_missing(field: str) -> bool:
 
 
 def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
-    """Return the fields of a row, and the remark at its end."""
+    """Return the fields of a line, and what stands behind the mark of a remark, if any."""
     if '"' not in line and delimiter not in COMMENT_MARKS[:2]:
         found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
         if found is not None:
@@ -71,7 +71,10 @@ def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
 
 
 def day(field: str) -> int:
-    """Return the number of the day of a date."""
+    """Return the number of the day of a date.
+
+    0 for a time alone, -1 for a date that is none.
+    """
     if len(field) < 10 or field[4] != "-":
         return 0
     try:

@@ -24,7 +24,11 @@ def timed(
     rate: float | None,
     largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
-    """Return the times, and the channels with the column of time in seconds."""
+    """Return the times, and the channels with the column of time in seconds.
+
+    The channel that is chosen as time is replaced by one in seconds. `largest_step` is the longest
+    step that is no gap, over the median one. The strings say where the times come from.
+    """
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"the sample rate must be positive, got {rate} Hz")
     names = [c.name for c in channels]

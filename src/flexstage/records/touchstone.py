@@ -38,6 +38,8 @@ def from_polar(
 ) -> NDArray[np.complex128]:
     """Return complex values by their magnitudes and phases.
 
+    Phases are in rad; a magnitude in decibel is 20 times its common logarithm.
+
     Examples
     --------
     >>> from_polar(np.array([20.0]), np.array([np.pi / 2]), decibel=True).imag
@@ -49,6 +51,10 @@ def from_polar(
 
 def read_touchstone(path: Path) -> FileColumns:
     r"""Read the responses of a Touchstone file, version 1.
+
+    The line of options says unit of frequency and form of the values: real and imaginary part (RI),
+    magnitude and degrees (MA), decibels and degrees (DB). ``2/1`` is the response at port 2 to port
+    1. Version 2 is refused.
 
     Examples
     --------

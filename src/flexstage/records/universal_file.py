@@ -45,6 +45,9 @@ _COHERENCE = 6
 def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     r"""Read functions of a universal file, data sets 58 as text or binary.
 
+    `dataset` is names, numbers from 0, or ranges of numbers such as ``0-11``, with commas between.
+    Functions that do not share their abscissa are refused.
+
     A function of complex values is two columns, ``NAME real`` and ``NAME imaginary``. The name is
     the point and direction of the response, then those of the reference, ``12:+z/3:+x``; what is
     neither a time response nor a frequency response function has its kind before it.
@@ -239,7 +242,7 @@ class FunctionUnits:
 
 
 def axis_unit(axis: FunctionAxis, system: UnitSystem | None) -> tuple[float, str] | None:
-    """Return what the unit of an axis is in SI.
+    """Return the SI units that one of an axis' units is, and which; None where nobody has said.
 
     Examples
     --------

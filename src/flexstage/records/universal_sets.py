@@ -110,7 +110,7 @@ def is_universal(head: bytes) -> bool:
 
 
 def read_sets(data: bytes) -> list[Function]:
-    """Return the functions of a universal file."""
+    """Return the functions of a universal file, data sets 58 in their order."""
     functions: list[Function] = []
     system: UnitSystem | None = None
     at, number = 0, 0

@@ -73,7 +73,10 @@ def _binary_types(layout: ValueLayout) -> list[np.dtype]:
 
 
 def decoded_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
-    """Return the numbers of a function, one row for each sample."""
+    """Return the numbers of a function, shape (n, width), one row for each sample.
+
+    A row is the abscissa where samples are uneven, the real part, and the imaginary part if any.
+    """
     if not layout.binary:
         return _text_values(content, layout).reshape(layout.count, layout.width)
     kind = next(k for k in _binary_types(layout) if layout.count * k.itemsize == len(content))
