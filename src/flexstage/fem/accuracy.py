@@ -72,6 +72,8 @@ def estimate(steps: Sequence[Step], quantity: str) -> float:
     the rate r of the last two: what is still to come is :math:`|d_k|\,r/(1-r)`. r counts as 0.15 at
     least, as a lucky step must not make an estimate small, and as 0.5 where only one change is
     known or the changes do not shrink; the estimate is the last change itself then.
+
+    It is infinite from one mesh alone.
     """
     if len(steps) < 2:
         return math.inf

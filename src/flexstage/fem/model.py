@@ -142,7 +142,12 @@ def assemble(
     choices: Mapping[str, str],
     supports: Supports,
 ) -> StageModel:
-    """Project continua of a stage on one system."""
+    """Project continua of a stage on one system.
+
+    Each of `continua` is a continuum, the number of its modes, and whether it moves out of the
+    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies
+    give way under drives that react on them.
+    """
     masses = mass_properties(stage)
     halves: list[_HalfSystem] = []
     for i, (continuum, count, out) in enumerate(continua):

@@ -60,9 +60,9 @@ class PartAnalysis:
     order: int
     """Polynomial order of the displacement."""
     elements: int
-    """Elements and unknowns of the mesh."""
+    """Elements of the mesh."""
     unknowns: int
-    """Elements and unknowns of the mesh."""
+    """Unknowns of the mesh."""
     expected: PartEstimate
     """What they were expected to be, and to cost."""
     held: tuple[str, ...]
@@ -79,6 +79,9 @@ class PartAnalysis:
 
 def named_faces(part: Part, text: str) -> tuple[str, ...]:
     """Return the faces that a text names.
+
+    Names with commas between; ``x-min``, ``z-max`` and so on stand for the plane faces at that end
+    of the part.
 
     Examples
     --------
@@ -125,6 +128,13 @@ def analyse_part(
     expect: Callable[[PartEstimate], None] | None = None,
 ) -> PartAnalysis:
     """Analyse a part.
+
+    Faces are given by name: `hold` none for a part that floats, `move` those whose stiffness is
+    wanted about `at` [m] (their centroid where None), `ratio` two ends that are pushed apart and
+    the faces whose motion by it is wanted. ``rigid`` interfaces move as if stiff plates were welded
+    to them; ``mean`` ones may deform, and it is their mean motion that counts. The displacement has
+    the order of the mesh. `force` goes on even where the memory seems not to suffice; `expect` is
+    told what the mesh will be and cost, before it is made.
 
     Notes
     -----

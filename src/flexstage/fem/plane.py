@@ -21,7 +21,10 @@ MODES = 16
 
 
 def strained_notches(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[str, str]:
-    """Choose the regions in plane strain."""
+    """Choose the regions in plane strain.
+
+    Returns their regular expression, empty for none, and the choice in words.
+    """
     chosen = {
         h.name: plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges

@@ -25,6 +25,10 @@ def project(
     locked afterwards act through their own static responses, which is what residual attachment
     modes are for (R. H. MacNeal, Computers & Structures 1 (1971) 581; S. Rubin, AIAA J. 13 (1975)
     995).
+
+    Loads are one a column, shape (n, k). Returns the frequencies of all coordinates [rad/s], shape
+    (r,), of which the first `count` are natural ones; their displacements, with unit modal mass,
+    shape (n, r); and which of them are modes, shape (r,).
     """
     with share(0.0, 0.3):
         continuum.factorise()

@@ -152,7 +152,10 @@ def _frequency_at(model: StageModel, half: Half, axis: AxisAnalysis, u: Array) -
 
 
 def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[FiniteStroke, ...]]:
-    """Add what finite displacements say to an analysis: straightness and buckling of each axis."""
+    """Add what finite displacements say to an analysis: straightness and buckling of each axis.
+
+    The model is in its plane.
+    """
     rows = list(analysis.characteristics)
     validity = list(analysis.validity)
     paths: list[FiniteStroke] = []
