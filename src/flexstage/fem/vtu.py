@@ -55,7 +55,7 @@ def vtu_files(
             f"{', '.join(analysis.modes)}"
         )
     if divisions is None:
-        solid = model.halves[0].continuum.dimension == 3
+        solid = model.problems[0].continuum.dimension == 3
         divisions = 2 if solid else min(model.mesh_settings.order, 4)
     sampler = Sampler(model=model, divisions=divisions, extent="whole", seams=True)
     files = {}

@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
-from flexstage.lumped.stroke import StrokePath
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.progress import share
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
