@@ -96,6 +96,7 @@ class VirtualStack(HysteresisModel):
         return before[:cut], before[cut:]
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        # it is there to be identified
         del y, state
         raise ModelError("a virtual stack has no inverse: identify a model, and invert that")
 

@@ -30,7 +30,8 @@ class Amplifier(ChainElement):
               u_{min} \le u \le u_{max}, \qquad T = \frac{1}{2\pi f_b}
 
     Inside each step the changes between following, slewing and resting at the end of the range are
-    solved for, so that the output is exact at the samples for a command of straight lines.
+    solved for, so that the output is exact at the samples for a command of straight lines. State:
+    the command, and the output [V].
 
     Validity: large and small signal of an amplifier whose closed loop has one dominant pole. The
     capacitance is one number; that of a stack grows with its voltage, its temperature and the

@@ -23,7 +23,12 @@ def amplify(
     high: float,
     y: Array,
 ) -> None:
-    """Step an amplifier along straight lines, and write its output."""
+    """Step an amplifier along straight lines, and write its output.
+
+    Targets are commands times gain, `last` that one step before the first, and u the output there
+    [V]; h is the step over the time constant, and the threshold the largest rate times the time
+    constant [V]: how far the output may be behind. Writes y.
+    """
     for k in range(target.size):
         u = _one_step(last, (target[k] - last) / h, u, h, threshold, low, high)
         last = target[k]

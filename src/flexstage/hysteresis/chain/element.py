@@ -32,7 +32,10 @@ class ChainElement(ABC):
 
     @abstractmethod
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time."""
+        """Return the state after a constant input for a long time.
+
+        The step dt [s] matters only where a delay is kept as past samples.
+        """
 
     @abstractmethod
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:

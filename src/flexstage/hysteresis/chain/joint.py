@@ -36,7 +36,10 @@ class JointResponse:
 
 
 def forcing(model: HysteresisModel, u: Array, state: Array) -> Forcing:
-    """Return the output of a model from the first to the last sample, known between them."""
+    """Return the output of a model from the first to the last sample, known between them.
+
+    The state is that before the first of u; closed form where the model has one, else panels.
+    """
     found = model.segments(u, state)
     return panels(model, u, state) if found is None else found
 
@@ -55,7 +58,11 @@ def modes_through(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes through a force, and add their readings."""
+    """Step modes through a force, and add their readings.
+
+    Arguments as in `modes_through_segments`, but angle in a step [rad] and damping ratio of each
+    mode.
+    """
     if isinstance(force, Panels):
         modes_through_panels(force, angle, damping_ratio, z, v, reader, y)
     else:
@@ -63,7 +70,10 @@ def modes_through(
 
 
 def lags_through(force: Forcing, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input, and add their readings."""
+    """Step lags through an input, and add their readings.
+
+    Arguments as in `lags_through_segments`.
+    """
     if isinstance(force, Panels):
         lags_through_panels(force, ratio, lag, reader, y)
     else:

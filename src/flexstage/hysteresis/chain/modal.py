@@ -98,14 +98,23 @@ def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
 def modes_along_lines(
     x: Array, last: float, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes along straight lines, and add their readings."""
+    """Step modes along straight lines, and add their readings.
+
+    The forces have n samples, `last` is the one before, where deflections z and rates v [per
+    sample] are, shape (k,); both are updated. Readings are added to y, shape (p, n); the reader
+    weighs z in its first k columns and z' in the others, shape (p, 2 k).
+    """
     _along_lines(x, last, step.transition, step.moments, z, v, reader, y)
 
 
 def modes_through_segments(
     force: Segments, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes through a force that is known between the samples, and add their readings."""
+    """Step modes through a force that is known between the samples, and add their readings.
+
+    The force has n + 1 samples, and the modes are at the first of them; the readings after it are
+    added to y. The rest is as in `modes_along_lines`.
+    """
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
             force.start,

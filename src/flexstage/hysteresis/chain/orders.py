@@ -12,7 +12,10 @@ LARGEST_RATE = 0.5
 
 @compiled
 def terms_needed(amplitude: Array, rate: Array) -> int:
-    """Return how many derivatives whole steps need for the fastest exponential in reach."""
+    """Return how many derivatives whole steps need for the fastest exponential in reach.
+
+    Rates are per sample; exponentials above `LARGEST_RATE` go another way. From 2 to `ORDERS`.
+    """
     fastest = 0.0
     for i in range(rate.size):
         if amplitude[i] != 0.0 and abs(rate[i]) <= LARGEST_RATE:

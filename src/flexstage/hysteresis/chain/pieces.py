@@ -22,7 +22,11 @@ def piece_of_step(
     c: float,
     mu: float,
 ) -> tuple[float, float]:
-    """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s)."""
+    """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s).
+
+    Time s, the length h, the rates v, b and mu count in samples; w is the angle of the mode in a
+    step [rad], zeta its damping ratio.
+    """
     if zeta <= _DAMPED and w * h >= _SHORT:
         return _oscillate(z, v, w, zeta, h, a, b, c, mu)
     parts = int(np.ceil(max(w * max(1.0, 2.0 * zeta), abs(mu)) * h / 0.5))

@@ -33,7 +33,8 @@ class StageModes(ChainElement):
     .. math:: \frac{y}{x} = 1 - \sum_i c_i + \sum_i c_i
               \frac{\omega_i^2}{s^2 + 2\zeta_i\omega_i s + \omega_i^2}
 
-    What the shares :math:`c_i` leave of one follows at once: modes far above the band.
+    What the shares :math:`c_i` leave of one follows at once: modes far above the band. State: the
+    input, the deflections of the modes, and their rates [1/s], shape (1 + 2 k,).
 
     Validity: linear, small motion; modes that are not listed follow without delay.
 

@@ -41,7 +41,7 @@ def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
 
 
 def stage_zeros(stage: StageModes) -> np.ndarray:
-    """Return the zeros of a stage of modes."""
+    """Return the complex zeros of a stage [rad/s]; its inverse is stable if all lie on the left."""
     above, _, unit = _polynomials(stage)
     return unit * np.roots(above)
 
@@ -53,7 +53,11 @@ def stage_inverse(
     rate: Array | None = None,
     curvature: Array | None = None,
 ) -> Array:
-    """Return the input that gives a smooth output."""
+    """Return the input that gives a smooth output.
+
+    At least six outputs; the stage rests at the first. Rate [1/s] and curvature [1/s^2] are given
+    both or not at all: a spline of fifth degree then makes them.
+    """
     above, below, unit = _polynomials(stage)
     if below.size - above.size > 2:
         raise ModelError(

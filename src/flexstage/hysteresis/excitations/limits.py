@@ -22,7 +22,10 @@ def checked_range(given: tuple[float, float]) -> tuple[float, float]:
 
 
 def checked_rest(rest: float | None, low: float, high: float) -> float:
-    """Return the voltage at rest."""
+    """Return the voltage at rest.
+
+    None asks for 0 V, or the end of the range next to it.
+    """
     if rest is None:
         return min(max(0.0, low), high)
     if not low <= rest <= high:
@@ -40,7 +43,11 @@ def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
 def safe_slope(
     slope: float | None, current: float | None, capacitance: float | None, rounding: float
 ) -> float:
-    """Return the slope that voltages before rounding may have."""
+    """Return the slope that voltages before rounding may have.
+
+    Slope limit [V/s], current limit [A], capacitance [F], and what rounding of the voltages may add
+    to the slope [V/s]; infinite where there is no limit.
+    """
     if current is not None and capacitance is None:
         raise ModelError("a limit of the current needs the capacitance of the stack: give both")
     limit = math.inf if slope is None else slope
@@ -55,7 +62,7 @@ def safe_slope(
 
 
 def usable_rates(given: Sequence[float] | None, movement: Movement) -> tuple[float, ...]:
-    """Return the rates of the major loops."""
+    """Return the rates of the major loops [Hz], rising; two usual ones where none are asked."""
     highest = movement.highest_rate()
     if given is None:
         fastest = min(_USUAL_RATE, highest)

@@ -71,7 +71,7 @@ class Section:
     """Duration of a multisine at the last of them [s]."""
 
     def steps(self, start: float, movement: Movement) -> Iterator[tuple[float, int, int]]:
-        """Give each target with the samples of the movement there and of the wait."""
+        """Give each target [V] with the samples of the movement there and of the wait."""
         waits = self.waits or (0.0,) * len(self.targets)
         for target, wait in zip(self.targets, waits, strict=True):
             moved = movement.count(abs(target - start), self.rate_hz)
@@ -118,7 +118,7 @@ class Plan:
         )
 
     def sections(self) -> tuple[Section, ...]:
-        """Return its parts in the order in which they are run."""
+        """Return its parts in the order in which they are run, from and to the rest voltage."""
         low, high = self.voltage_range
         slowest, fastest = self.rates_hz[0], self.rates_hz[-1]
         rest = self.rest_voltage
@@ -203,7 +203,9 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
     """Return the richest record that fits.
 
     First rates are raised: all of them up to `free_up_to`, or the slower ones up to an eighth of
-    the fastest. Then content is left out, in the order of its worth.
+    the fastest. Then content is left out, in the order of its worth. With `most` None there is no
+    limit of samples; rates that were asked for have `free_up_to` 0. None where not even the least
+    record fits.
     """
     if most is None:
         return plan

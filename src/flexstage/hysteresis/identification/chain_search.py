@@ -195,7 +195,9 @@ def find_starts(
     Delay and creep, where they are not known, are searched for with each of what it can have done:
     to rest at the first command, or to have moved for a time since it left the low end of its range
     (none, as long as the longest record, or long). It is taken to have rested unless another start
-    leaves less.
+    leaves less. `train` is the first sample to look at, and the one after the last, of every
+    record. The second number is the standard error that this adds to the creep [1]: a start that
+    cannot be ruled out would have given another.
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
@@ -614,7 +616,11 @@ def _lowest(around: Array, cost: Array) -> Array:
 def used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Return which rows of an averaged section are looked at; what is held out must not be."""
+    """Return which rows of an averaged section are looked at; what is held out must not be.
+
+    Each sample of the section is the mean of `every` samples of the record, in which `train`
+    counts.
+    """
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
     first = (rows.at - section.history) * every + section.first

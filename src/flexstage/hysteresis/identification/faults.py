@@ -57,7 +57,9 @@ def clipped(
     drive hesitates. Their slope near the end is compared with that further in. Neither a delay nor
     creep makes it smaller, and noise does not hide a slope of many samples; over some times the
     noise of the input it is not looked at. Values that are exactly alike at the end tell by
-    themselves where noise would have made them differ.
+    themselves where noise would have made them differ. Returned: the value at which the output
+    stays, how far the input alone would have moved it on, and the samples there. The noise of the
+    input is what was taken out of it.
     """
     for sign in (1.0, -1.0):
         found = _clipped_above(sign * u, sign * y, moves.turning, noise, input_noise)
@@ -137,7 +139,8 @@ def butterfly(u: Array, y: Array, moves: Cycles) -> tuple[float, float, float] |
 
     A lag too makes the output go on behind a turning point, but upwards on the way down and
     downwards on the way up. Where the polarity of a drive changes, both branches have a lowest
-    point inside, or both a highest one.
+    point inside, or both a highest one. Returned: the input where the rising branch turns and where
+    the falling one does, and by how much the output turns back.
     """
     low, high = moves.range
     middle = low + (high - low) * (np.arange(_INTERVALS) + 0.5) / _INTERVALS
@@ -198,7 +201,10 @@ def findings_of_record(
     sign: float,
     units: tuple[str, str],
 ) -> tuple[RecordFault, ...]:
-    """What a record shows by itself, its spikes taken out already."""
+    """What a record shows by itself, its spikes taken out already.
+
+    The sign is that of the recorded output over the input; units are of input and output.
+    """
     u, y = section.u, section.y
     stroke = float(np.ptp(y[section.warm_up :]))
     made: list[RecordFault] = []

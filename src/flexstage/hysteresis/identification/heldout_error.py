@@ -17,7 +17,8 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
     """Return the standard error of a root mean square, by its scatter between cycles.
 
     Errors of a model are alike in neighbouring cycles: the jackknife leaves out blocks of them in
-    turn (H. R. Kuensch, Ann. Statist. 17 (1989) 1217).
+    turn (H. R. Kuensch, Ann. Statist. 17 (1989) 1217). Rows that are not in use are not counted;
+    None of fewer than two cycles.
     """
     blocks = folds_of(data, _BLOCKS, runs=1)
     if len(blocks) < 2:
@@ -31,7 +32,12 @@ def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
 
 
 def another_stretch(rms: float, error: float, stretches: Array) -> float:
-    """Return the standard error of what another stretch of cycles of the drive will show."""
+    """Return the standard error of what another stretch of cycles of the drive will show.
+
+    The error of the rms is by the scatter between held-out cycles; `stretches` are the rms of
+    stretches that were held out as a whole. These differ by more than their cycles do by chance,
+    and extrapolating to one leaves more.
+    """
     apart = _few(stretches.size) * float(np.std(stretches, ddof=1))
     further = float(np.sqrt(np.mean(stretches**2))) - rms
     return float(np.sqrt(error**2 + apart**2 + further**2))

@@ -218,7 +218,10 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
-    """Refuse a column that cannot be computed with."""
+    """Refuse a column that cannot be computed with.
+
+    With `gaps`, samples may be missing that the record has not, as one of branches or curves.
+    """
     where = f"column '{name}' of {record.source or 'the record'}"
     least = 50
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
@@ -355,7 +358,12 @@ def warm_up(u: Array, moves: Cycles) -> int:
 
 
 def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Say that samples are counted that may know what was before the record."""
+    """Say that samples are counted that may know what was before the record.
+
+    Parts: of each record the input, its cycles, the step [s], the first sample that is counted, and
+    when the first one is in the record [s]. Empty where both ends of the range were reached before
+    in all of them.
+    """
     ends, counts = [], []
     for u, moves, dt, counted, begin in parts:
         both = _both_ends(u, moves)

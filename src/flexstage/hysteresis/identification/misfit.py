@@ -30,16 +30,22 @@ class Misfit:
     """The offset that is kept: the mean of what the nuisance columns make of the rows in use."""
 
     def at(self, use: tuple[NDArray[np.bool_], ...]) -> Array:
-        """Return what is left at some of the rows."""
+        """Return what is left at some of the rows, of all sections in one."""
         return np.concatenate([e[u] for e, u in zip(self.left, use, strict=True)])
 
     def predicted_at(self, use: tuple[NDArray[np.bool_], ...]) -> list[Array]:
-        """Return the error of the prediction at some of the rows, section by section."""
+        """Return the error of the prediction at some of the rows, section by section.
+
+        Sections without such rows are left out.
+        """
         return [e[u] for e, u in zip(self.predicted, use, strict=True) if u.any()]
 
 
 def misfit(model: HysteresisModel, data: Data) -> Misfit:
-    """Compare a model behind the chain with the output."""
+    """Compare a model behind the chain with the output.
+
+    The nuisance columns are fitted to the rows in use alone; errors are of all rows.
+    """
     sections = data.measurement.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
@@ -99,7 +105,13 @@ class Folds:
 def cross_validate(
     family: Family, data: Data, start: Array, *, stretches: bool = False
 ) -> Folds | None:
-    """Fit to all cycles but some, and compare with those, in turn."""
+    """Fit to all cycles but some, and compare with those, in turn.
+
+    Rows not in use are left out of all; the search begins where that for all cycles has ended. With
+    `stretches` each part is one stretch, so that time and amplitude are extrapolated where they
+    grow, as on another record; otherwise it is two that are far apart. None of fewer than two
+    cycles.
+    """
     folds = folds_of(data, runs=1) if stretches else folds_of(data)
     if len(folds) < 2:
         return None

@@ -38,7 +38,10 @@ def estimates(
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
     Offsets and chain are fitted along, so that their uncertainty is in it. Where the model was
     fitted without each part of the cycles in turn, the jackknife over those parts counts where it
-    is larger (R. G. Miller, Biometrika 61 (1974) 1).
+    is larger (R. G. Miller, Biometrika 61 (1974) 1). Folds: the fits without parts of the cycles,
+    for each way of dividing them. Chain: how far each value that was found may be off; what the
+    parameters move with it, all others fitted anew, is in their errors. Returned: parameters, the
+    offset, warnings.
     """
     # the columns behind these belong to nothing by themselves
     named = slice(0, len(fit.names))

@@ -139,7 +139,10 @@ class BoucWen(HysteresisModel):
 def segments_of(
     model: str, u: ArrayLike, state: Array, gain: float, law: Array, powers: Array
 ) -> Segments:
-    """Return the pieces of y = d u - h between samples for a law with exponent 1."""
+    """Return the pieces of y = d u - h between samples for a law with exponent 1.
+
+    The state is last input and hysteretic displacement; at least two inputs.
+    """
     inputs = samples(u, "input")
     if inputs.size < 2:
         raise ModelError("segments lie between samples: got one sample, give two or more")

@@ -29,7 +29,10 @@ def check_exponent(model: str, exponent: float) -> None:
 
 
 def state_after(model: str, u: float, h: float) -> Array:
-    """Return the state after the last sample."""
+    """Return the state after the last sample.
+
+    A ModelError where h has run away.
+    """
     if not math.isfinite(h):
         raise ModelError(
             f"the hysteretic displacement of {model} grew without limit for this input: "
@@ -47,7 +50,12 @@ def classical_law(A: float, beta: float, gamma: float, n: float) -> Array:
 def classical_conditions(
     A: float, beta: float, gamma: float, n: float
 ) -> tuple[Condition, Condition, float]:
-    """Return the conditions on the hysteretic part, and its steepest slope dh/du."""
+    """Return whether h is bounded and whether it is dissipative, and its steepest slope dh/du.
+
+    Bounded: Ikhouane, Mañosa, Rodellar 2007, Syst. Control Lett. 56:197, classes I and II;
+    dissipative: Erlicher, Point 2004, C. R. Mécanique 332:51. The slope is that just after a
+    reversal from saturation, ``A 2 beta/(beta + gamma)``, or A; infinity where h is not bounded.
+    """
     total = beta + gamma
     holds = total > 0.0 and beta >= 0.0
     limit = (A / total) ** (1.0 / n) if holds else math.inf

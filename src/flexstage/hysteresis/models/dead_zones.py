@@ -27,11 +27,14 @@ class Line:
         return self.offsets()[j] + self.slopes[j] * given
 
     def offsets(self) -> Array:
-        """Return the constants of the line on each interval."""
+        """Return the values at zero of the straight lines that it is made of, shape (c + 1,)."""
         return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
 
     def inverse(self) -> "Line":
-        """Return the inverse, again such a line: its knots are the values at the knots."""
+        """Return the inverse, again such a line; its knots are the values at the knots.
+
+        A ModelError where a slope is not positive.
+        """
         if np.min(self.slopes) <= 0.0:
             raise ModelError(
                 f"a line has an inverse if all its slopes are positive, got {np.min(self.slopes):g}"
@@ -64,7 +67,7 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Li
 
 
 def dead_zones(line: Line) -> tuple[float, Array, Array]:
-    """Return the dead zones whose superposition is a line.
+    """Return gain, thresholds and weights of the dead zones whose superposition is a line.
 
     Notes
     -----

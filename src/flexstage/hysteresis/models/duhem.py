@@ -161,6 +161,12 @@ class Duhem(HysteresisModel):
         )
 
     def conditions(self) -> tuple[Condition, ...]:
+        # With w = y - f(u) and d = f' - g, w' = -alpha |u'| w - u' d. If d is positive and |d'| <=
+        # 2 alpha d, then w^2 / (2 d) is a stored energy, and a closed cycle takes in the integral
+        # of w^2 (alpha |du| / d + d' du / (2 d^2)), which is not negative. The slope is least on
+        # the outermost branches: those that start at an end of the range, after any number of
+        # cycles, and those that start at rest (Coleman and Hodgdon 1986 require the same of the
+        # branches from infinity).
         low, high = self.input_range
         least, largest = self._extremes()
         u = np.linspace(low, high, GRID)
@@ -236,6 +242,9 @@ class Duhem(HysteresisModel):
 
 def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     """Return the output of a Duhem model per unit of each of its coefficients.
+
+    `curve` and `tangent` are numbers of coefficients; the columns, shape (n, curve + tangent), are
+    those of the curve first. The rate is alpha [1/V].
 
     Notes
     -----

@@ -127,6 +127,10 @@ class GeneralisedBoucWen(HysteresisModel):
         return segments_of(_NAME, u, self._state(state), cubic[0], law, powers)
 
     def conditions(self) -> tuple[Condition, ...]:
+        # Bounded: psi above zero where h is loaded, and h never beyond where unloading would drive
+        # it off. Dissipative: no step gives energy out of nothing, measured with the energy h^2/(2
+        # A) that h stores (Erlicher, Point 2004, C. R. Mécanique 332:51, for this psi). Invertible:
+        # gain above the steepest dh/du.
         A, psi = self.hysteresis_gain, self.shape_function()
         loaded, unloaded = psi[:, 1].min(), psi[:, 0]
         # The farthest that h gets, as A/|h|^n, and how fast unloading can be there.

@@ -131,6 +131,8 @@ class GeneralisedMaxwellSlip(HysteresisModel):
         )
 
     def conditions(self) -> tuple[Condition, ...]:
+        # a closed cycle takes in the work of the sliders: sum of k_i r_i times the way that slider
+        # i goes
         least = self._least_slope()
         weakest = float(np.min(self.element_stiffness))
         return (

@@ -100,6 +100,8 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
         return _through(self.line(), self._plays().segments(u, state))
 
     def conditions(self) -> tuple[Condition, ...]:
+        # a rising S keeps the sense in which each loop is run through, and so the sign of integral
+        # u dy
         bounded, dissipative, invertible = self._plays().conditions()
         slopes = self.line().slopes
         least, most = float(np.min(slopes)), float(np.max(np.abs(slopes)))

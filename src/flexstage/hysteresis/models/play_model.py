@@ -42,6 +42,7 @@ class PlayModel(HysteresisModel):
         return Response(values=y, state=after)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        # where the output stands still over a range of inputs, the input stops at its near end
         found, missed = self._inverted(y, state)
         if missed >= 0:
             wanted = samples(y, "output")[missed]
@@ -72,6 +73,9 @@ class PlayModel(HysteresisModel):
         return segments_of(given, self._sum(), first.state, backward=False)
 
     def conditions(self) -> tuple[Condition, ...]:
+        # The energy of a closed cycle, integral u dy, is that of the plays, sum of r_i integral
+        # f_i'(p_i) |dp_i| (Brokate and Sprekels 1996, section 2.4), so slopes that are not negative
+        # make it so. The inverse is unique if the slope is positive everywhere.
         gain, thresholds, _, slopes, _ = self._sum()
         steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
         lossy = slopes[thresholds > 0.0]
@@ -108,7 +112,11 @@ class PlayModel(HysteresisModel):
 
 
 def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:
-    """Return a sum of functions of plays as the kernels take it."""
+    """Return a sum of functions of plays as the kernels take it.
+
+    The gain is that of the input itself. The arrays are copies: kernels would be compiled again for
+    arrays that cannot be written.
+    """
     r, k, s = np.array(thresholds), np.array(knots), np.array(slopes, order="C")
     return gain, r, k, s, play_sum.offsets_of(k, s)
 
@@ -117,6 +125,7 @@ def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
     """Return a lower bound of the slope of a sum of functions of plays, whatever its memory.
 
     Only the first few plays move, each at its flattest; one with threshold zero always moves.
+    Thresholds (m,) and slopes (m, c + 1); it is the least slope itself if there are no knots.
     """
     sums = gain + np.cumsum(np.min(slopes, axis=1))
     return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
@@ -131,7 +140,11 @@ def sampled(u: ArrayLike) -> Array:
 
 
 def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> Segments:
-    """Return the straight pieces of a sum of functions of plays, or of its inverse."""
+    """Return the straight pieces of a sum of functions of plays, or of its inverse.
+
+    Backward, the samples are of the sum and the pieces of the input of the plays. The state is last
+    input of the plays, and the plays, at the first sample; that of the pieces is theirs too.
+    """
     room = np.empty((4 * values.size, 3))
     after = state.copy()
     count = play_sum.pieces(values, backward, *terms, after, room)

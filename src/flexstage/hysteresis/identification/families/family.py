@@ -89,10 +89,17 @@ class Family(ABC):
 
     @abstractmethod
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Fit the model."""
+        """Fit the model.
+
+        Start: where the search over nonlinear parameters begins; a grid over their range where
+        None.
+        """
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples, from the optimum of more of them, which is near."""
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        The result has not what standard errors need.
+        """
         return self.fit(data, optimum if optimum.size else None)
 
     @property
@@ -102,7 +109,10 @@ class Family(ABC):
 
 
 def behind_chain(columns: list[Array], data: Data) -> list[Array]:
-    """Pass columns through the chain."""
+    """Pass columns through the chain.
+
+    From every sample of each section, shape (n, m), to its rows, shape (r, m).
+    """
     return [
         filtered(c, s, r, data.chain)
         for c, s, r in zip(columns, data.measurement.sections, data.rows, strict=True)
@@ -110,7 +120,11 @@ def behind_chain(columns: list[Array], data: Data) -> list[Array]:
 
 
 def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
-    """Form the normal equations of the samples in use."""
+    """Form the normal equations of the samples in use.
+
+    Columns are behind the chain, at the rows of each section. A key names these columns: sums over
+    all samples are then formed once, and what is held out is taken off.
+    """
     if not key:
         return _summed(behind, data)
     name = f"{key} equations"
@@ -141,7 +155,11 @@ def runs(use: NDArray[np.bool_]) -> list[slice]:
 
 
 def coarse(data: Data) -> Data:
-    """Return the data of a shorter record, to begin a search with that is ended on all of it."""
+    """Return the data of a shorter record, to begin a search with that is ended on all of it.
+
+    Means of neighbouring samples, and few rows of them; those that hold any held-out sample are
+    held out. What families begin with is that of all samples.
+    """
     if "coarse" not in data.memo:
         share = _COARSE_SAMPLES // len(data.measurement.sections)
         sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.measurement.sections)

@@ -17,7 +17,9 @@ def folds_of(
     """Divide the cycles of all sections into parts of about as many samples.
 
     With two runs of neighbours in each part, far from one another, drift is not extrapolated, and
-    slow cycles and fast ones are in every part of a record of both.
+    slow cycles and fast ones are in every part of a record of both. With one run a part that goes
+    further than the others asks a model to extrapolate. Rows before the first and after the last
+    cycle belong to its neighbour; there are fewer parts than `count` where there are fewer cycles.
     """
     section, cycle, size = [], [], []
     for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True)):
