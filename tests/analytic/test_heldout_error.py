@@ -5,8 +5,8 @@ import pytest
 
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows
 from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.measurement import Measurement
+from flexstage.hysteresis.identification.misfit import another_stretch, rms_standard_error
 
 EACH = 30
 

@@ -20,9 +20,9 @@ from flexstage.hysteresis.identification.families.family import (
     Fit,
     behind_chain,
     equations,
+    folds_of,
     residual,
 )
-from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily

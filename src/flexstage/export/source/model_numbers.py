@@ -6,9 +6,9 @@ from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
 from flexstage.export.source.hysteresis_code import HysteresisCode
 from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.chain.element import ORDERS
 from flexstage.hysteresis.chain.first_order import decay_share, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.chain.orders import ORDERS
 from flexstage.hysteresis.model import Array
 
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from flexstage.hysteresis.chain.modal import UnitStep
-from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS
-from flexstage.hysteresis.chain.pieces import piece_of_step
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS
+from flexstage.hysteresis.chain.modal import UnitStep, piece_of_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS, terms_needed
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_needed
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
 

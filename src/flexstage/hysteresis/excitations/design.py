@@ -8,14 +8,18 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.coverage import memory_coverage
-from flexstage.hysteresis.excitations.limits import (
+from flexstage.hysteresis.excitations.plan import (
+    NEAREST_RATES,
+    Plan,
+    Section,
     checked_range,
     checked_rest,
+    fitted,
     require_positive,
     safe_slope,
+    shortest,
     usable_rates,
 )
-from flexstage.hysteresis.excitations.plan import NEAREST_RATES, Plan, Section, fitted, shortest
 from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
 from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.model import Array

@@ -21,8 +21,8 @@ from flexstage.hysteresis.identification.families.family import (
     Data,
     behind_chain,
     equations,
+    folds_of,
 )
-from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response

@@ -19,7 +19,6 @@ from flexstage.hysteresis.identification.chain_search import (
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
-from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.measurement import (
     Measurement,
     Section,
@@ -30,9 +29,11 @@ from flexstage.hysteresis.identification.misfit import (
     BAND,
     Folds,
     Misfit,
+    another_stretch,
     cross_validate,
     free_constant,
     misfit,
+    rms_standard_error,
     root_mean_square,
 )
 from flexstage.hysteresis.identification.uncertainty import Estimate, estimates

@@ -20,9 +20,9 @@ from flexstage.hysteresis.identification.faults import (
     butterfly,
     butterfly_text,
     findings_of_record,
+    without_spikes,
 )
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record, difference_noise
 from flexstage.short_repr import short_repr
 

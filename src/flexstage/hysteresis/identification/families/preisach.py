@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data, Fit, equations
-from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.family import Data, Fit, equations, folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, square_left
