@@ -443,7 +443,7 @@ def test_no_model_runs_away_on_what_was_held_out():
     alone = identify(
         record(u, y), "u", "y", model="generalised-bouc-wen", train=(0, 1000), chain=NONE
     )
-    conditions = {c.name: c.holds for c in alone.model.hysteresis.conditions()}
+    conditions = {c.name: c.holds for c in alone.model.hysteresis.properties()}
     assert conditions["bounded"]
 
 

@@ -14,7 +14,7 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
-from flexstage.hysteresis.identification.measurement import Measurement, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 
 #: Samples that a fit looks at, at most; the models themselves see every sample.
 _MOST_ROWS = 30_000
@@ -92,7 +92,7 @@ class Rows:
     """Number of the cycle that each lies in, shape (r,)."""
 
 
-def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+def rows_of(data: IdentificationData, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
     """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
     total = sum(s.u.size - s.warm_up for s in data.sections)
     every = max(1, -(-total // most))

@@ -14,7 +14,7 @@ from flexstage.hysteresis.identification.chain_search import used_rows
 from flexstage.hysteresis.identification.families.family import Data, equations, folds_of
 from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
-from flexstage.hysteresis.identification.measurement import Measurement, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
@@ -43,7 +43,7 @@ _WORTH = 0.2
 
 
 def with_spectrum(
-    data: Measurement, chain: ChainValues, *, train: tuple[int, int] | None = None
+    data: IdentificationData, chain: ChainValues, *, train: tuple[int, int] | None = None
 ) -> ChainValues:
     r"""Give creep a weight for each time constant, where cycles that were not fitted ask for it.
 
@@ -98,7 +98,7 @@ class _Fit:
 
     def __init__(
         self,
-        whole: Measurement,
+        whole: IdentificationData,
         chain: ChainValues,
         times: Array,
         train: tuple[int, int] | None,

@@ -82,7 +82,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Measurement:
+class IdentificationData:
     """What a model is identified from."""
 
     sections: tuple[Section, ...]
@@ -124,7 +124,7 @@ def measurement(
     output_column: str | int,
     *,
     drift: bool = False,
-) -> Measurement:
+) -> IdentificationData:
     """Prepare records for identification, after checking that they can serve.
 
     Parameters
@@ -140,7 +140,7 @@ def measurement(
 
     Returns
     -------
-    Measurement
+    IdentificationData
         The prepared sections.
 
     Raises
@@ -183,7 +183,7 @@ def measurement(
         sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
-    made = Measurement(
+    made = IdentificationData(
         sections=sections,
         sign=sign,
         input_unit=pairs[0][1].unit,
@@ -421,7 +421,7 @@ def _loop_areas(section: Section) -> Array:
     return np.array(areas) if areas else np.zeros(1)
 
 
-def _warnings(m: Measurement) -> tuple[str, ...]:
+def _warnings(m: IdentificationData) -> tuple[str, ...]:
     found: list[str] = []
     if not any(s.cycles.has_minor_loops for s in m.sections):
         found.append(

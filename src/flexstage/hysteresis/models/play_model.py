@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -33,7 +33,7 @@ class PlayModel(HysteresisModel):
     def _sum(self) -> Sum:
         """Return gain, thresholds (m,), inner knots (c,), slopes and offsets (m, c + 1)."""
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(self._sum()[1].size + 1)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -72,7 +72,7 @@ class PlayModel(HysteresisModel):
         first = self.simulate(given[:1], state)
         return segments_of(given, self._sum(), first.state, backward=False)
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
         # The energy of a closed cycle, integral u dy, is that of the plays, sum of r_i integral
         # f_i'(p_i) |dp_i| (Brokate and Sprekels 1996, section 2.4), so slopes that are not negative
         # make it so. The inverse is unique if the slope is positive everywhere.
@@ -82,18 +82,18 @@ class PlayModel(HysteresisModel):
         lowest = float(np.min(lossy)) if lossy.size else 0.0
         least = self._least_slope()
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=True,
                 detail=f"the output is never more than {steepest:g} times the largest input",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=lowest >= 0.0,
                 detail=f"every weight of a play is at least 0, the least is {lowest:g}; "
                 f"else a cycle can give out energy",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=least > 0.0,
                 detail=f"the slope is more than 0 everywhere, it is at least {least:g}; "

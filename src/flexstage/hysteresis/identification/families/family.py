@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
-from flexstage.hysteresis.identification.measurement import Measurement
+from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
@@ -35,7 +35,7 @@ _COARSE_LOOSE = 10.0
 class Data:
     """What a family fits: a measurement behind a known chain, some samples of it."""
 
-    measurement: Measurement
+    measurement: IdentificationData
     """The measurement."""
     chain: ChainValues
     """The chain behind the hysteresis."""

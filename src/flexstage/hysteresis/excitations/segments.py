@@ -30,7 +30,7 @@ _MIDDLE = (0.49, 0.9)
 _LOW = (0.26, 0.46)
 _HIGH = (0.73, 0.5)
 
-# Kinds of sections at each rate, in the order in which they are run.
+# Kinds of segments at each rate, in the order in which they are run.
 _MAJOR = "major loops"
 _FALLING = "reversal curves down"
 _RISING = "reversal curves up"
@@ -63,8 +63,8 @@ _LEFT_OUT = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
-    """One part of a plan."""
+class ExcitationSegment:
+    """One part of a design."""
 
     name: str
     """What it is."""
@@ -87,7 +87,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class ExcitationDesign:
     """What is asked of a record."""
 
     voltage_range: tuple[float, float]
@@ -124,13 +124,13 @@ class Plan:
             if several[where] and asked.get(what, True)
         )
 
-    def sections(self) -> tuple[Section, ...]:
+    def segments(self) -> tuple[ExcitationSegment, ...]:
         """Return its parts in the order in which they are run, from and to the rest voltage."""
         low, high = self.voltage_range
         slowest, fastest = self.rates_hz[0], self.rates_hz[-1]
         rest = self.rest_voltage
         made = [
-            Section(
+            ExcitationSegment(
                 name="conditioning",
                 rate_hz=fastest if self._without(_SLOW_START, "") else slowest,
                 targets=(rest, high, low, high, low),
@@ -145,34 +145,38 @@ class Plan:
         if self.hold and not self._without(HOLD, ""):
             up, down = low + 0.83 * (high - low), low + 0.22 * (high - low)
             waits = (self.hold * 2.0 / 3.0, self.hold / 3.0)
-            made.append(Section(name=HOLD, rate_hz=fastest, targets=(up, down), waits=waits))
+            made.append(
+                ExcitationSegment(name=HOLD, rate_hz=fastest, targets=(up, down), waits=waits)
+            )
         if self.multisine and not self._without(RESONANCE, ""):
             middle = low + 0.47 * (high - low)
             made.append(
-                Section(
+                ExcitationSegment(
                     name=RESONANCE, rate_hz=fastest, targets=(middle,), multisine=self.multisine
                 )
             )
         made.append(
-            Section(name="return", rate_hz=fastest, targets=(low, rest), waits=(0.0, _AT_REST))
+            ExcitationSegment(
+                name="return", rate_hz=fastest, targets=(low, rest), waits=(0.0, _AT_REST)
+            )
         )
         return tuple(made)
 
     def samples(self, movement: Movement) -> int:
         """Return how many samples it takes, with the first."""
         count, at = 1, self.rest_voltage
-        for section in self.sections():
-            for target, moved, waited in section.steps(at, movement):
+        for segment in self.segments():
+            for target, moved, waited in segment.steps(at, movement):
                 count += moved + waited
                 at = target
             # as many as `multisine` makes
-            count += math.ceil(section.multisine * movement.sample_rate_hz)
+            count += math.ceil(segment.multisine * movement.sample_rate_hz)
         return count
 
     def _without(self, what: str, where: str) -> bool:
         return (what, where) in _LEFT_OUT[: self.dropped]
 
-    def _loops(self, rate: float, where: str) -> Iterator[Section]:
+    def _loops(self, rate: float, where: str) -> Iterator[ExcitationSegment]:
         """Give the loops of one rate; each kind starts anywhere and ends at an end of the range."""
         low, high = self.voltage_range
         repeated = not self._without(_REPEATED, "all")
@@ -193,7 +197,7 @@ class Plan:
             if not self._without(name, where):
                 # both ends of the range are met exactly
                 targets = tuple(high if x == 1.0 else low + x * (high - low) for x in way)
-                yield Section(name=name, rate_hz=rate, targets=targets)
+                yield ExcitationSegment(name=name, rate_hz=rate, targets=targets)
 
 
 def _nested(loops: tuple[float, float], count: int, first: float) -> list[float]:
@@ -206,7 +210,9 @@ def _nested(loops: tuple[float, float], count: int, first: float) -> list[float]
     ]
 
 
-def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) -> Plan | None:
+def fitted(
+    design: ExcitationDesign, movement: Movement, most: int | None, free_up_to: float
+) -> ExcitationDesign | None:
     """Return the richest record that fits.
 
     First rates are raised: all of them up to `free_up_to`, or the slower ones up to an eighth of
@@ -215,9 +221,11 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
     record fits.
     """
     if most is None:
-        return plan
-    raised = tuple(replace(plan, rates_hz=rates) for rates in _raised(plan.rates_hz, free_up_to))
-    tries = [(p, 0, _ENOUGH_LEVELS) for p in (plan, *raised[:-1])]
+        return design
+    raised = tuple(
+        replace(design, rates_hz=rates) for rates in _raised(design.rates_hz, free_up_to)
+    )
+    tries = [(p, 0, _ENOUGH_LEVELS) for p in (design, *raised[:-1])]
     tries += [(raised[-1], dropped, 0) for dropped in range(len(_LEFT_OUT) + 1)]
     for base, dropped, least in tries:
         for levels in (n for n in _LEVELS if n >= least):
@@ -227,10 +235,10 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
     return None
 
 
-def shortest(plan: Plan, movement: Movement, free_up_to: float) -> int:
+def shortest(design: ExcitationDesign, movement: Movement, free_up_to: float) -> int:
     """Return how many samples the least record takes."""
-    rates = _raised(plan.rates_hz, free_up_to)[-1]
-    least = replace(plan, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
+    rates = _raised(design.rates_hz, free_up_to)[-1]
+    least = replace(design, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
     return least.samples(movement)
 
 

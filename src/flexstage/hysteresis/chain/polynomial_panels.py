@@ -127,7 +127,7 @@ def modes_through_panels(
 ) -> None:
     """Step modes through a force on panels, and add their readings.
 
-    Arguments as in `joint.modes_through`.
+    Arguments as in `coupled_stepping.modes_through`.
     """
     levels, index = np.unique(force.level, return_inverse=True)
     k = angle.size

@@ -9,7 +9,7 @@ from flexstage.hysteresis.chain.bouc_wen_stage import bouc_wen_with_mode
 from flexstage.hysteresis.chain.element import checked_state, positive_step
 from flexstage.hysteresis.chain.first_order import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
-from flexstage.hysteresis.chain.panels import (
+from flexstage.hysteresis.chain.polynomial_panels import (
     Panels,
     lags_through_panels,
     modes_through_panels,
@@ -130,7 +130,11 @@ def simulate_with_stage(
     given = samples(u, "input of the hysteresis")
     h = positive_step(dt)
     k = len(stage.frequency_hz)
-    now = model.rest() if hysteresis_state is None else np.array(hysteresis_state, np.float64)
+    now = (
+        model.initial_state()
+        if hysteresis_state is None
+        else np.array(hysteresis_state, np.float64)
+    )
     if hysteresis_state is None or stage_state is None:
         first = model.simulate(given[:1], now)
         rest = stage.settled(float(first.values[0]), h)
