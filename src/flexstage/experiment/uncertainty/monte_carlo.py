@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
@@ -14,7 +15,6 @@ from flexstage.experiment.uncertainty.correlation import Correlations, correlati
 from flexstage.experiment.uncertainty.draws import sampler
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.propagate import Propagated
-from flexstage.progress import tell
 
 #: Trials drawn from one stream.
 BLOCK = 10_000
@@ -228,7 +228,7 @@ def _adaptive(
             low, high = np.quantile(one, (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
             rows.append((float(one.mean()), float(one.std(ddof=1)), float(low), float(high)))
             parts.append(one)
-            tell("drawing trials", min(len(parts) / wanted, 1.0))
+            progress.update("drawing trials", min(len(parts) / wanted, 1.0))
         table = np.array(rows)
         # the spread of all trials, as the root of the mean square of the blocks
         u = math.sqrt(float(np.mean(table[:, 1] ** 2)) + float(np.var(table[:, 0])))
