@@ -8,6 +8,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
@@ -22,7 +23,6 @@ from flexstage.fem.ports import (
     drive_vector,
     probe_vector,
 )
-from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
 from flexstage.system import STANDARD_GRAVITY, MechanicalSystem, StressMap
@@ -155,7 +155,7 @@ def assemble(
     masses = mass_properties(stage)
     uncoupled: list[_UncoupledSystem] = []
     for i, (continuum, count, out) in enumerate(continua):
-        with share(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
+        with progress.subtask(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
             uncoupled.append(
                 _uncoupled(
                     stage, faces, masses, continuum, count, out_of_plane=out, supports=supports
@@ -292,7 +292,7 @@ def _uncoupled(
     vectors = [*drives, *probes, *lifts.values(), *(v for v, _ in loads.values())]
     right = np.array(vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
-    tell("stress", 0.85)
+    progress.update("stress", 0.85)
     points = neck_points(continuum, stage)
     where = "out of plane, " if out_of_plane else ""
     coordinates = [
@@ -337,12 +337,12 @@ def project(
     (r,), of which the first `count` are natural ones; their displacements, with unit modal mass,
     shape (n, r); and which of them are modes, shape (r,).
     """
-    with share(0.0, 0.3):
+    with progress.subtask(0.0, 0.3):
         continuum.factorise()
-    with share(0.3, 0.75):
+    with progress.subtask(0.3, 0.75):
         omega, shapes = continuum.modes(count, attached=attached)
     modal_mass = _mass(continuum, attached, shapes)
-    tell("static responses", 0.75)
+    progress.update("static responses", 0.75)
     response = continuum.solve(loads)
     # take the modes out, then what the responses share
     within = modal_mass.T @ response
