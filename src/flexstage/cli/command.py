@@ -54,30 +54,10 @@ class Command(TyperCommand):
         return _with_former_names(super().make_parser(ctx), self.name)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage line: optional arguments are in brackets.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-
-        Returns
-        -------
-        list of str
-            The words.
-        """
+        # optional arguments are in brackets
         return ["[OPTIONS]", *(_in_usage(p) for p in arguments(self.get_params(ctx)))]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what each argument and option does, in the sections that they are declared for.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -100,15 +80,7 @@ class Group(TyperGroup):
         return _with_former_names(super().make_parser(ctx), self.name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the first paragraph of the help of each command, section by section.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
+        # the first paragraph of the help of each
         sections: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
             sentence = " ".join((command.help or "").split("\n\n")[0].split())
@@ -139,7 +111,7 @@ def section_of(command: Any) -> str:
 
 
 def name_of(argument: Any) -> str:
-    """Return what an argument is called in the help."""
+    """Return what an argument is called in the help, in capitals."""
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 
