@@ -24,9 +24,9 @@ class Harmonic:
     order: int
     """How often it repeats itself in a turn, n."""
     cosine: Estimate
-    """a and b."""
+    """Amplitude a of the cosine."""
     sine: Estimate
-    """a and b."""
+    """Amplitude b of the sine."""
     amplitude: Estimate
     """A; near zero its interval is not symmetric."""
     phase: Estimate

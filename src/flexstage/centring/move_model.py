@@ -108,7 +108,7 @@ class MoveModel:
         return self._learned(select, np.asarray(vector, dtype=np.float64), np.asarray(covariance))
 
     def moved(self, by: ArrayLike, errors: MoveErrors = MoveErrors()) -> "MoveModel":
-        r"""Return what is known after the commands changed `by` so much as set [m], before a measurement.
+        r"""Return what is known after the commands changed `by` so much [m], before a measurement.
 
         .. math:: J \leftarrow J + \delta J, \quad e \leftarrow e + J (\Delta u + w)
 

@@ -18,9 +18,9 @@ class Eccentricity:
     """Where the centre of a scale is, in the frame that turns with the table."""
 
     x: Estimate
-    """Its coordinates [m]."""
+    """Its coordinate x [m]."""
     y: Estimate
-    """Its coordinates [m]."""
+    """Its coordinate y [m]."""
     amplitude: Estimate
     """Its distance from the axis [m]."""
     phase: Estimate

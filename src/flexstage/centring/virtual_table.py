@@ -24,9 +24,9 @@ class ScaleErrors:
     orders: tuple[int, ...] = ()
     """The orders n."""
     cosine: Array = field(default_factory=lambda: np.zeros(0))
-    """Amplitudes a and b [rad], shape (n,)."""
+    """Amplitudes a of the cosines [rad], shape (n,)."""
     sine: Array = field(default_factory=lambda: np.zeros(0))
-    """Amplitudes a and b [rad], shape (n,)."""
+    """Amplitudes b of the sines [rad], shape (n,)."""
 
     def __post_init__(self) -> None:
         if not self.cosine.shape == self.sine.shape == (len(self.orders),):

@@ -64,9 +64,9 @@ class CoordinateReading:
     axis: str
     """Which coordinate of it."""
     nominal: float
-    """Where it should be and where it is, in `unit`."""
+    """Where it should be, in `unit`."""
     measured: float
-    """Where it should be and where it is, in `unit`."""
+    """Where it is, in `unit`."""
     unit: str = ""
     """The unit, where the report says it."""
 

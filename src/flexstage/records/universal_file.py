@@ -234,9 +234,9 @@ class FunctionUnits:
     si: tuple[float, str] | None = None
     """Number of SI units that one of it is, and the SI unit; None where that is not known."""
     output: str = ""
-    """SI units of output and input; empty where they are not known."""
+    """SI unit of the output; empty where it is not known."""
     input: str = ""
-    """SI units of output and input; empty where they are not known."""
+    """SI unit of the input; empty where it is not known."""
     note: str = ""
     """What a reader should know."""
 

@@ -53,9 +53,9 @@ class UnitSystem:
     """The units of data set 164: how many of each are one SI unit."""
 
     length: float
-    """Units of the file in a metre, and in a newton."""
+    """Units of the file in a metre."""
     force: float
-    """Units of the file in a metre, and in a newton."""
+    """Units of the file in a newton."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,25 +63,25 @@ class Function:
     """One function at a point, data set 58, with its values still as the file has them."""
 
     title: str
-    """Its first line of text, and the third, by convention when it was measured."""
+    """Its first line of text."""
     date: str
-    """Its first line of text, and the third, by convention when it was measured."""
+    """Its third line of text, by convention when it was measured."""
     kind: int
     """What it is, as numbered by `KINDS`."""
     response: str
-    """Point and direction, ``12:+z``; empty where there is none."""
+    """Point and direction of the response, ``12:+z``; empty where there is none."""
     reference: str
-    """Point and direction, ``12:+z``; empty where there is none."""
+    """Those of the reference; empty where there is none."""
     abscissa: FunctionAxis
-    """What is on its axes; the denominator is that of the ordinate."""
+    """What is on its abscissa."""
     ordinate: FunctionAxis
-    """What is on its axes; the denominator is that of the ordinate."""
+    """What is on its ordinate."""
     denominator: FunctionAxis
-    """What is on its axes; the denominator is that of the ordinate."""
+    """What its ordinate is divided by."""
     start: float
-    """First abscissa, and the step, where the samples are even."""
+    """First abscissa, where the samples are even."""
     step: float
-    """First abscissa, and the step, where the samples are even."""
+    """Step of the abscissa, where the samples are even."""
     layout: ValueLayout
     """How its values are stored."""
     content: bytes

@@ -33,6 +33,8 @@ EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] 
 def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
     """Evaluate all tests of a campaign.
 
+    `load` gives the records of a test.
+
     Examples
     --------
     >>> from flexstage.designs import design

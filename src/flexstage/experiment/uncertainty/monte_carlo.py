@@ -56,7 +56,10 @@ class MonteCarlo:
         return self.values.size
 
     def estimate(self) -> Estimate:
-        """Return mean, spread, and the symmetric interval as the bounds of the value."""
+        """Return mean, spread, and the symmetric interval as the bounds of the value.
+
+        It needs the intervals to be for a confidence of 0.95.
+        """
         if self.confidence != 0.95:
             raise ModelError(f"an estimate is bounded at 0.95, these are for {self.confidence!r}")
         part = Component(name="all influences", uncertainty=self.uncertainty, kind="B")
@@ -78,9 +81,9 @@ class Validation:
     tolerance: float
     """How near they must be: half of the last of `digits` significant digits of the uncertainty."""
     low: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the lower ends."""
     high: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the upper ends."""
     digits: int
     """Significant digits of the uncertainty that are meant."""
 
