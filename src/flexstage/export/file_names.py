@@ -11,7 +11,9 @@ _DEVICES = frozenset(
 
 
 def file_name(name: str, fallback: str = "stage") -> str:
-    """Return a name that a file can have on every system.
+    """Return a name that a file can have on every system, the fallback where nothing is left.
+
+    Dashes stand for special characters; none is first, where programs take it for an option.
 
     Examples
     --------

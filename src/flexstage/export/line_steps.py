@@ -15,7 +15,14 @@ def modes_behind_lines(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes along straight lines of a displacement that acts by its rate too."""
+    """Step modes along straight lines of a displacement that acts by its rate too.
+
+    Of k modes: w has the n + 1 samples, the modes are at the first of them; `transition` goes from
+    (z, z') to (z, z'), shape (4, k); `moments` say what the derivatives of a force do, 3 rows at
+    least; `by_rate` is the time by which the rate acts [samples]. z and v [per sample] are moved
+    on. Readings are added to y, shape (p, n), with the weights `reader` of z and then of z', shape
+    (p, 2 k).
+    """
     k = z.size
     for n in range(w.size - 1):
         rise = w[n + 1] - w[n]

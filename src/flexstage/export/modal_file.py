@@ -107,6 +107,10 @@ def modal_file(
 ) -> bytes:
     """Return modes of a stage as a universal file.
 
+    Data sets: heading (151), units (164, metre and newton), points (2411), outlines of the bodies
+    with their half notches (82), and each mode (55) with its frequency, viscous damping ratio and
+    unit modal mass, in six directions at each point.
+
     Notes
     -----
     Validity: points move with their bodies as rigid ones. Out of the plane there is the motion of
@@ -140,6 +144,10 @@ def frf_file(
     stage: Stage, responses: Iterable[FrequencyResponse], *, time_stamp: str = NO_TIME
 ) -> bytes:
     """Return frequency responses of a stage as a universal file.
+
+    Data sets: heading (151), units (164), points (2411), outlines (82), and each response (58),
+    complex in double precision: displacement of the probe's point over the force of the drive on
+    the point that it pushes, or over its free displacement.
 
     Notes
     -----

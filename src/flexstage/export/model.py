@@ -80,25 +80,15 @@ class ModelMemory:
     """What a dynamic model remembers."""
 
     amplifiers: dict[str, Array]
-    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-    [m] and rates [m/s] of the modes.
-    """
+    """State of the amplifier by drive [V]."""
     hysteresis: dict[str, Array]
-    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-    [m] and rates [m/s] of the modes.
-    """
+    """State of the hysteresis by drive."""
     lags: dict[str, Array]
-    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-    [m] and rates [m/s] of the modes.
-    """
+    """Lags of the creep by drive [m]."""
     deflections: dict[str, Array]
-    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-    [m] and rates [m/s] of the modes.
-    """
+    """Deflections of the modes by drive [m]."""
     rates: dict[str, Array]
-    """By drive: state of the amplifier [V], of the hysteresis, lags of the creep [m], deflections
-    [m] and rates [m/s] of the modes.
-    """
+    """Rates of the modes by drive [m/s]."""
     sensors: dict[str, Array] = field(default_factory=dict)
     """State of the sensor by probe."""
 

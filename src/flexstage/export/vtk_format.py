@@ -38,9 +38,9 @@ class PackedCells:
     count: int
     """Number of cells."""
     cells: str
-    """Their corners, and the values in them, as the format has them."""
+    """Their corners, as the format has them."""
     values: str
-    """Their corners, and the values in them, as the format has them."""
+    """The values in them, as the format has them."""
 
     def and_values(self, in_cells: Mapping[str, Values]) -> "PackedCells":
         """Return the same cells with more values."""
@@ -49,7 +49,7 @@ class PackedCells:
 
 
 def packed_cells(cells: NDArray[np.integer], in_cells: Mapping[str, Values]) -> PackedCells:
-    """Write triangles, tetrahedra or wedges."""
+    """Write triangles, tetrahedra or wedges, by their 3, 4 or 6 corners, with values in each."""
     count, corners = cells.shape
     parts = {
         "connectivity": Values(values=cells.ravel()),
@@ -67,7 +67,11 @@ def grid_file(
     about: Mapping[str, Values],
     remark: str,
 ) -> bytes:
-    """Write an unstructured grid."""
+    """Write an unstructured grid (``.vtu``) over points [m], with values at them and of the whole.
+
+    A unit goes with its values as the toolkit's own label; the remark is for people who open the
+    file in an editor.
+    """
     _require_rows("point", len(points), at_points)
     text = [
         f"{_HEAD}<!-- {_comment(remark)} -->",
@@ -85,7 +89,7 @@ def grid_file(
 
 
 def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str) -> bytes:
-    """Write a list of grids, one for each time."""
+    """Write a list of grids (``.pvd``), one for each time."""
     sets = "".join(
         f'<DataSet timestep="{time:.10g}" group="" part="0" file="{escape(name)}"/>\n'
         for name, time in zip(files, times, strict=True)

@@ -13,7 +13,7 @@ _LONGEST = 48
 
 
 def identifier(text: str) -> str:
-    """Return a text as the name of a block: letters, digits and underscores.
+    """Return a text as the name of a block: a letter, then letters, digits and underscores.
 
     Examples
     --------
@@ -41,13 +41,16 @@ class DiagramBuilder:
         self._units: dict[str, str] = {}
 
     def group(self, wanted: str, **described: Any) -> str:
-        """Add a group and return its name."""
+        """Add a group and return its name, changed where it is no identifier, or taken."""
         name = self._free(wanted)
         self._groups.append(Group(name=name, **described))
         return name
 
     def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
-        """Add a block and return its name."""
+        """Add a block and return its name, changed where it is no identifier, or taken.
+
+        Inputs and outputs take a ``unit`` besides.
+        """
         name = self._free(wanted)
         if "unit" in described:
             self._units[name] = described.pop("unit")
@@ -74,7 +77,10 @@ class DiagramBuilder:
     def term(
         self, total: str, source: str, sign: int, signal: str = "", *, last: bool = False
     ) -> None:
-        """Lead a block to a sum that was added without signs."""
+        """Lead a block, times 1 or -1, to a sum that was added without signs.
+
+        A last one comes behind all others, as the feedbacks of a body do.
+        """
         held = self._late if last else self._terms
         held.setdefault(total, []).append((source, sign, signal))
 

@@ -90,7 +90,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagram:
-    """A structural diagram."""
+    """A structural diagram; one that does not fit together is refused."""
 
     title: str
     """What it shows."""

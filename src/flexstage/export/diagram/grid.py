@@ -23,7 +23,13 @@ def route(
     outer: bool = True,
     room: Mapping[int, float] | None = None,
 ) -> Routed:
-    """Place cells in a grid and lead lines between them."""
+    """Place cells in a grid, at column and row, and lead lines between them.
+
+    With `apart` cells are lowered a little where pins on both sides of a channel are of one height;
+    without it two lines that change places between such pins lie on each other for a short way.
+    `outer` leaves room left of the first column and right of the last one; `room` leaves some for
+    words at the left of channels, by the column at their right [px].
+    """
     grid = _Grid(cells, places, nets, apart=apart, outer=outer, room=room or {})
     return grid.routed()
 

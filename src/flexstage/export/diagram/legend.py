@@ -32,7 +32,10 @@ _USUAL = {
 
 
 def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, float]:
-    """Write what stands below a diagram."""
+    """Return what stands below a diagram, its top at 0, and its height [px].
+
+    Lines of the kinds that are used are explained.
+    """
     out: list[str] = []
     columns = [_symbols(diagram), _lines(used)]
     columns += [_table(title, rows) for title, rows in _values(diagram) if rows]

@@ -16,9 +16,9 @@ class PlacedBlock:
     block: Block
     """The block."""
     x: float
-    """Left top corner of its cell [px]."""
+    """Left edge of its cell [px]."""
     y: float
-    """Left top corner of its cell [px]."""
+    """Top of its cell [px]."""
     cell: Cell
     """Its size and pins."""
     flipped: bool
@@ -32,9 +32,9 @@ class PlacedLabel:
     text: str
     """The name."""
     x: float
-    """Where its base line begins, or ends [px]."""
+    """Where it begins, or ends [px]."""
     y: float
-    """Where its base line begins, or ends [px]."""
+    """Height of its base line [px]."""
     end: bool = False
     """Whether it ends there."""
 
@@ -46,13 +46,13 @@ class Frame:
     group: Group
     """The group."""
     x: float
-    """Left top corner and size [px]."""
+    """Left edge [px]."""
     y: float
-    """Left top corner and size [px]."""
+    """Top [px]."""
     width: float
-    """Left top corner and size [px]."""
+    """Width [px]."""
     height: float
-    """Left top corner and size [px]."""
+    """Height [px]."""
     subtitle: tuple[str, ...]
     """Lines below its title."""
 
@@ -72,9 +72,9 @@ class Layout:
     """A diagram on a page."""
 
     width: float
-    """Size [px]."""
+    """Width [px]."""
     height: float
-    """Size [px]."""
+    """Height [px]."""
     frames: tuple[Frame, ...]
     """The groups."""
     blocks: tuple[PlacedBlock, ...]
@@ -89,7 +89,7 @@ def layout(diagram: Diagram) -> Layout:
     """Place a diagram on a page.
 
     Groups stand in a grid, near to those that they are joined with; lines between them run in the
-    channels between.
+    channels between. The same diagram gives the same layout.
 
     Examples
     --------

@@ -10,7 +10,7 @@ _OF_UNIT: dict[str, SignalKind] = {"m": "motion", "m/s": "rate", "N": "force"}
 
 
 def signal_kinds(diagram: Diagram) -> dict[str, SignalKind]:
-    """Return what the output of each block carries."""
+    """Return what each block gives; commands, voltages and accelerations are ``other``."""
     feeds = {}
     for line in diagram.lines:
         if line.port == 0:

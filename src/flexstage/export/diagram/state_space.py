@@ -16,19 +16,19 @@ class StateSpace:
     """Linear equations x' = A x + B u, y = C x + D u."""
 
     A: Array
-    """The matrices."""
+    """Of states by states."""
     B: Array
-    """The matrices."""
+    """Of states by inputs."""
     C: Array
-    """The matrices."""
+    """Of outputs by states."""
     D: Array
-    """The matrices."""
+    """Of outputs by inputs."""
     states: tuple[str, ...]
     """Integrators that the states belong to, one entry for each state."""
     inputs: tuple[str, ...]
-    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
+    """Blocks that the inputs come from, one entry for each signal."""
     outputs: tuple[str, ...]
-    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
+    """Blocks that the outputs belong to, one entry for each signal."""
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         """Iterate over A, B, C, D."""
@@ -37,6 +37,9 @@ class StateSpace:
 
 def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> StateSpace:
     """Return the linear equations that a diagram holds.
+
+    Hysteresis, amplifiers, creep and sensors are refused (``refuse``), let their input through
+    (``pass``), or are where the diagram is ``cut``: the output of the last of them is an input.
 
     Examples
     --------

@@ -23,7 +23,10 @@ _LEAST_WIDTH = 900.0
 
 
 def diagram_svg(diagram: Diagram, *, placed: Layout | None = None) -> bytes:
-    """Draw a diagram.
+    """Draw a diagram on white ground.
+
+    Nothing from outside (fonts, scripts) is needed, no name can clash with those of another drawing
+    on the same page, and no letter is smaller than 9 px.
 
     Examples
     --------

@@ -36,19 +36,19 @@ class Tile:
     group: Group
     """The group."""
     width: float
-    """Its size [px]."""
+    """Its width [px]."""
     height: float
-    """Its size [px]."""
+    """Its height [px]."""
     subtitle: tuple[str, ...]
     """Lines below its title: those that it stands for."""
     cells: dict[str, tuple[float, float]]
-    """Left top corner of each block."""
+    """Left top corner of each block [px]."""
     shapes: dict[str, Cell]
     """Cells of the blocks."""
     flipped: set[str]
     """Blocks that are drawn from right to left."""
     lines: dict[str, tuple[Segment, ...]]
-    """Segments of each line, by the block that it comes from."""
+    """Segments of each line [px], by the block that it comes from."""
     ports: tuple[Port, ...]
     """Its ports."""
     names: tuple[tuple[str, float, float], ...]

@@ -14,17 +14,11 @@ class Run:
     """What a net needs in one channel between columns."""
 
     left: list[float] = field(default_factory=list)
-    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
-    [px].
-    """
+    """Heights at which it comes from the left [px]."""
     right: list[float] = field(default_factory=list)
-    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
-    [px].
-    """
+    """Heights at which it goes to the right [px]."""
     bus: list[float] = field(default_factory=list)
-    """Heights at which it comes from the left, goes to the right, and joins a channel between rows
-    [px].
-    """
+    """Heights at which it joins a channel between rows [px]."""
 
     @property
     def heights(self) -> list[float]:

@@ -26,8 +26,9 @@ def find_twins(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> Twins
     """Find bodies and hinges that stand in the same place of the chain, as mirror images do.
 
     Two bodies are twins if they have the same mass and inertia and the same hinges, at the same
-    distance from their centres, to bodies that are twins in turn. Held bodies and those where a
-    drive acts or a probe reads have no twins. It is the refinement of colours of a graph (B.
+    distance from their centres, to bodies that are twins in turn; masses, stiffnesses and distances
+    may differ by the tolerance [1], and with None nothing has a twin. Held bodies and those where
+    a drive acts or a probe reads have no twins. It is the refinement of colours of a graph (B.
     Weisfeiler, A. Lehman, 1968).
 
     Examples

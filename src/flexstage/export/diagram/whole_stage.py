@@ -23,7 +23,11 @@ def whole_stage(
     title: str,
     notes: tuple[str, ...],
 ) -> Diagram:
-    """Return the diagram of a whole stage."""
+    """Return the diagram of a whole stage.
+
+    The signals of twins stand below one another in one line, so that the diagram holds the same
+    equations whichever are drawn together.
+    """
     builder = DiagramBuilder()
     drives = {sight.name: sight for sight in mechanism.drives}
     opened = {

@@ -22,9 +22,9 @@ class Neck(NamedTuple):
     hinge: str
     """Name of the hinge."""
     right: Pair
-    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
+    """Its end right of the hinge's direction [m], a corner of a contour."""
     left: Pair
-    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
+    """Its end left of the hinge's direction [m], a corner of a contour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,10 @@ from flexstage.export.model import DynamicModel
 
 
 def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
-    """Return the inputs and states that each output, derivative and event indicator depends on."""
+    """Return the inputs and states that each output, derivative and event indicator depends on.
+
+    All are value references, rising, and 0 is time.
+    """
     k, x, at = model.omega.size, layout.first["state"], layout.states
     dx = layout.first["derivative"]
     q, v = x + at.deflection_at, x + at.deflection_at + k

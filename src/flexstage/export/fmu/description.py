@@ -22,7 +22,7 @@ def tool() -> str:
 
 
 def model_description(model: DynamicModel, layout: FmuLayout, version: str, token: str) -> bytes:
-    """Return what an FMU says about itself."""
+    """Return what an FMU says about itself; the token is the guid or instantiation token."""
     second = version == "2.0"
     root = ET.Element(
         "fmiModelDescription",

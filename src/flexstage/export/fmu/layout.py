@@ -70,7 +70,7 @@ class FmuLayout:
     """Usual size of the voltage of each drive [V]."""
 
     def of(self, kind: str) -> tuple[FmuVariable, ...]:
-        """Return the variables of a kind."""
+        """Return the variables of a kind, one of the keys of `first`."""
         start = self.first[kind]
         return self.variables[start : start + self.count[kind]]
 

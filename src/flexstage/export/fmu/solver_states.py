@@ -17,9 +17,9 @@ class SolverState:
     name: str
     """Its name."""
     unit: str
-    """Unit of the state and of its derivative."""
+    """Its unit."""
     rate_unit: str
-    """Unit of the state and of its derivative."""
+    """Unit of its derivative."""
     description: str
     """What it is."""
     nominal: float
@@ -33,9 +33,9 @@ class SolverStates:
     states: tuple[SolverState, ...]
     """Voltages, lags of creep, deflections, rates, lags of sensors."""
     voltage_at: tuple[int, ...]
-    """Where the voltage and the first lag of each drive are; -1 for none."""
+    """Where the voltage of each drive is; -1 for none."""
     lag_at: tuple[int, ...]
-    """Where the voltage and the first lag of each drive are; -1 for none."""
+    """Where the first lag of each drive is; -1 for none."""
     deflection_at: int
     """Where the deflections of the modes begin; their rates come right after."""
     seen_at: tuple[int, ...]
@@ -43,7 +43,7 @@ class SolverStates:
 
 
 def usual_command(d: ModelDrive) -> float:
-    """Return the usual size of the command of a drive, which is that of its voltage too."""
+    """Return the usual size of a command [V, m or N], and of the voltage; never 0."""
     ranges = [r for r in (d.amplifier and d.amplifier.voltage_range, d.input_range) if r]
     size = max((abs(v) for r in ranges for v in r if np.isfinite(v)), default=0.0)
     return size or {"V": 100.0, "m": 1e-5}.get(d.unit, 1.0)

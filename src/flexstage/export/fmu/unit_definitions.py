@@ -19,7 +19,10 @@ _FACTOR = re.compile(r"(?P<unit>[A-Za-zµμ]+|1)\^?(?P<power>-?[0-9.]+)?")
 
 
 def base_units(unit: str) -> dict[str, float] | None:
-    """Return the exponents of the base units of a unit.
+    """Return the exponents of kg, m, s, A, K, mol, cd, rad in a unit that are not 0.
+
+    A unit has powers, spaces and one ``/``: ``m/V^2``, ``1/(V m)``. ``factor`` is there where a
+    prefix makes it another than 1. None where there are no such whole exponents.
 
     Examples
     --------

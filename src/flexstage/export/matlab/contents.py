@@ -21,7 +21,7 @@ _HEADER = 116  # bytes of text at the start of a .mat file, level 5
 
 
 def mat_file(variables: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a .mat file, level 5; the same variables give the same bytes."""
+    """Return a .mat file, level 5; a dict becomes a struct, the same variables the same bytes."""
     from scipy.io import savemat
 
     buffer = io.BytesIO()
@@ -35,7 +35,7 @@ def mat_file(variables: Mapping[str, Any]) -> bytes:
 
 
 def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
-    """Return the variables of the .mat file of a stage."""
+    """Return the variables of the .mat file of a stage, with the matrices of the model's system."""
     system = model.system
     form, step, k = linear_part(model), sampled_form(model), model.omega.size
     found = modes(system, drives="in place", count=None)
@@ -85,7 +85,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
 
 
 def damping_matrix(system: MechanicalSystem) -> Array:
-    r"""Return the viscous damping matrix that gives every mode its damping ratio.
+    r"""Return the viscous damping matrix [N s/m and so on] that gives modes their damping ratios.
 
     .. math:: C = N^T \mathrm{diag}(2\zeta_i\omega_i) N, \qquad
               N = \Phi^T M \left(I - \sum_j T_j v_j^T\right)

@@ -83,7 +83,9 @@ def matlab_files(
 
 
 def matlab_name(text: str) -> str:
-    """Return the nearest name that MATLAB and C allow.
+    """Return the nearest name that MATLAB and C allow, at most 58 letters, digits, underscores.
+
+    It is no word of the language, and no function or variable that the files use.
 
     Examples
     --------

@@ -12,7 +12,7 @@ _SYSTEM = re.compile(r"^\s*#\s*include\s+<([^>]+)>.*\n", re.MULTILINE)
 
 
 def amalgamated(sources: Mapping[str, bytes]) -> str:
-    """Return headers as one text."""
+    """Return headers, each after those that it includes, as one text, system headers first."""
     parts: list[str] = []
     system: dict[str, None] = {}
     done: set[str] = set()
@@ -31,6 +31,8 @@ def amalgamated(sources: Mapping[str, bytes]) -> str:
 def prefixed(text: str, prefix: str) -> str:
     """Return C with the names of the core, fs_... and FS_..., under a prefix of its own.
 
+    Macros take it in capitals, so that two with other prefixes stand in one program.
+
     Examples
     --------
     >>> prefixed("fs_real x = FS_R(1.0);", "xy")
@@ -41,7 +43,9 @@ def prefixed(text: str, prefix: str) -> str:
 
 
 def in_single(text: str) -> str:
-    """Return C with the numbers of its constant arrays written in single precision.
+    """Return C with the numbers of its constant arrays in the fewest digits of single precision.
+
+    What is below the smallest normal number is zero.
 
     Examples
     --------

@@ -7,7 +7,10 @@ from flexstage.export.source.model_numbers import lag_rates
 
 
 def operations(model: DynamicModel) -> int:
-    """Return about how many additions and multiplications a usual step takes."""
+    """Return about how many additions and multiplications a usual step takes.
+
+    In a usual one no hysteresis changes its branch.
+    """
     k, probes = model.omega.size, len(model.probes)
     total = 0
     for d in model.drives:
@@ -23,7 +26,10 @@ def operations(model: DynamicModel) -> int:
 
 
 def state_numbers(model: DynamicModel) -> int:
-    """Return how many numbers the model remembers from step to step."""
+    """Return how many numbers the model remembers from step to step.
+
+    Deflections and rates of each drive's modes, lags, hysteresis, amplifier, sensors.
+    """
     total = 0
     for d in model.drives:
         memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.rest()))

@@ -103,7 +103,7 @@ def realtime_files(
 
 
 def c_prefix(text: str) -> str:
-    """Return the nearest prefix of names that C allows.
+    """Return the nearest prefix of names that C allows, in small letters, at most 40.
 
     Examples
     --------

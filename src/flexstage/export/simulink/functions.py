@@ -8,7 +8,10 @@ from flexstage.hysteresis import HysteresisModel
 
 
 class Functions:
-    """Texts by the names of their functions; a model that comes again keeps its name."""
+    """Texts by the names of their functions, which begin with a prefix.
+
+    A model that comes again keeps its name.
+    """
 
     __slots__ = ("_models", "_prefix", "_texts")
 
@@ -18,7 +21,7 @@ class Functions:
         self._models: list[tuple[HysteresisModel, str]] = []
 
     def add(self, model: HysteresisModel, wanted: str) -> str:
-        """Return the name of the function of a model."""
+        """Return the name of the function of a model that belongs to what is wanted."""
         for known, name in self._models:
             if known is model:
                 return name

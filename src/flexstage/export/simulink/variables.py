@@ -25,7 +25,7 @@ class Variables:
         self._meanings: dict[str, str] = {}
 
     def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
-        """Add a number or a matrix."""
+        """Add a number or a matrix and return its name; a number follows one that is taken."""
         # room for a sign of order behind the name, and for names of files made of it
         name = base = identifier(wanted, longest=58)
         count = 1
@@ -47,7 +47,7 @@ class Variables:
         return dict(self._meanings)
 
     def mat_file(self) -> bytes:
-        """Return them as a file of MATLAB, version 5."""
+        """Return them as a file of MATLAB, version 5; the same variables give the same bytes."""
         from scipy.io import savemat
 
         made = io.BytesIO()

@@ -59,7 +59,8 @@ def drawing_svg(stage: Stage) -> bytes:
 
     The plate to scale with its overall dimensions, drives, probes and the origin; every kind of
     notch enlarged, with neck, length, height and radius; tables of all notches, hinges, holes,
-    drives and probes; scale bar, notes and title block. Lengths are in millimetres.
+    drives and probes; scale bar, notes and title block, on the smallest sheet from A3 to A0 on
+    which everything has room. Lengths are in millimetres.
 
     Notes
     -----

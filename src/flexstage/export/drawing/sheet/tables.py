@@ -11,7 +11,7 @@ _TITLE = 5.5
 
 
 def table_height(rows: int, blocks: int = 1) -> float:
-    """Return how high a table is."""
+    """Return how high a table is, with title and gap [mm]; blocks share its rows, side by side."""
     return _TITLE + ROW * (1 + -(-rows // blocks)) + 3.0
 
 
@@ -23,7 +23,10 @@ def table(
     rows: Sequence[Sequence[str]],
     blocks: int = 1,
 ) -> float:
-    """Draw a table."""
+    """Draw a table from its upper left corner on; return where it ends, with a gap [mm].
+
+    Columns are heading and width [mm]. A cell too long for its column ends in an ellipsis.
+    """
     x0, y0 = at
     canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
     width = sum(w for _, w in columns)
@@ -51,7 +54,7 @@ def table(
 
 
 def fits(text: str, width: float) -> bool:
-    """Tell whether a text has room in a column."""
+    """Tell whether a text has room in a column of a width [mm]."""
     return text_width(text, SIZE) <= width - 2.0 * _PAD
 
 
@@ -65,7 +68,7 @@ def _fitting(text: str, width: float) -> str:
 
 
 def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
-    """Break a text into lines."""
+    """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
     lines: list[str] = []
     line = ""
     for word in text.split():
