@@ -43,8 +43,9 @@ class BodyCells:
     def displacement(self, system: MechanicalSystem, q: Array) -> Array:
         """Return how the corners move [m], shape (n, 3).
 
-        Bodies move as rigid ones; those that the system does not name stand still. A notch is drawn as a bar of constant stiffness between its two
-        bodies, v of third order along it, which is only a picture.
+        Bodies move as rigid ones; those that the system does not name stand still. A notch is drawn
+        as a bar of constant stiffness between its two bodies, v of third order along it, which is
+        only a picture.
         """
         found = np.zeros_like(self.points)
         motion = {b.name: (b.centre, b.matrix @ q) for b in system.bodies}
