@@ -51,47 +51,13 @@ class Command(TyperCommand):
     """A command: a usage line as manuals have it, options in sections, former names understood."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        args : list of str
-            The words behind its name.
-
-        Returns
-        -------
-        list of str
-            The words that are left.
-        """
         return super().parse_args(ctx, _present(self.name, args))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage line: optional arguments are in brackets.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-
-        Returns
-        -------
-        list of str
-            The words.
-        """
+        # optional arguments are in brackets
         return ["[OPTIONS]", *(_in_usage(p) for p in arguments(self.get_params(ctx)))]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what each argument and option does, in the sections that they are declared for.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -111,34 +77,12 @@ class Group(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        args : list of str
-            The words behind its name.
-
-        Returns
-        -------
-        list of str
-            The words that are left.
-        """
         # what stands behind the name of a command is for that to read
         own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
         return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the first paragraph of the help of each command, section by section.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
+        # the first paragraph of the help of each
         sections: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
             sentence = " ".join((command.help or "").split("\n\n")[0].split())
@@ -173,7 +117,7 @@ def section_of(command: Any) -> str:
 
 
 def name_of(argument: Any) -> str:
-    """Return what an argument is called in the help."""
+    """Return what an argument is called in the help, in capitals."""
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 

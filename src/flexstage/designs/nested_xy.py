@@ -36,6 +36,9 @@ def nested_xy(parameters: NestedXYParameters) -> Stage:
     block), ``L`` (levers), ``K`` (links), ``G0`` and ``G1`` (guide legs), u or d by the half in
     which they lie: ``xLu``, ``yG1d``.
 
+    The stage has drives, probes and axes ``x`` and ``y``; both probes read the y platform at the
+    centre of its aperture.
+
     Notes
     -----
     Validity: geometrically possible are dimensions for which the fulcrum lies beyond the input

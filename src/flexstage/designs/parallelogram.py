@@ -72,6 +72,10 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     l apart. The base carries a column, against which the drive pushes the platform. y = 0 is the
     top of the base, x = 0 the middle of the platform.
 
+    Its bodies are ``base`` (fixed), ``left-leg``, ``right-leg`` and ``platform``; its hinges
+    ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``; its drive, probe and axis
+    ``x``.
+
     Examples
     --------
     >>> stage = parallelogram()

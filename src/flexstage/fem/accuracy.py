@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristics
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
@@ -72,6 +72,8 @@ def estimate(steps: Sequence[Step], quantity: str) -> float:
     the rate r of the last two: what is still to come is :math:`|d_k|\,r/(1-r)`. r counts as 0.15 at
     least, as a lucky step must not make an estimate small, and as 0.5 where only one change is
     known or the changes do not shrink; the estimate is the last change itself then.
+
+    It is infinite from one mesh alone.
     """
     if len(steps) < 2:
         return math.inf
@@ -139,7 +141,7 @@ def refine(
     steps: list[Step] = []
     for k, settings in enumerate(ladder):
         # each step costs about twice the one before; how many there will be is not known
-        with share(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
+        with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
             begun = time.perf_counter()
             model = build(settings)
             analysis = analyse(model.stage, model.system)

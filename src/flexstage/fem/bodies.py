@@ -13,6 +13,10 @@ from flexstage.material import Material
 class Bodies(Continuum):
     """A part in three dimensions whose regions are of different materials.
 
+    `materials` gives each region's by its name. `held` is the regular expression of the boundaries
+    that are held, `held_components` those held in one direction, by ``x``, ``y``, ``z``; the mesh
+    is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
+
     Notes
     -----
     Loads by volume (gravity, temperature) are those of one material and are not given here.

@@ -10,7 +10,10 @@ _SAME = 1e-9
 
 
 def lattice(n: int) -> list[tuple[float, float]]:
-    """Return points of a triangle whose edges are divided evenly."""
+    """Return points of a triangle whose edges are divided evenly.
+
+    The triangle is (0, 0), (1, 0), (0, 1), each edge has n parts, and the points are row by row.
+    """
     return [(i / n, j / n) for j in range(n + 1) for i in range(n + 1 - j)]
 
 
@@ -26,7 +29,7 @@ def lattice_size(n: int) -> int:
 
 
 def triangles(n: int) -> Integers:
-    """Return the triangles between the points of `lattice`."""
+    """Return the triangles between the points of `lattice`: indices of corners, shape (n^2, 3)."""
     start = [j * (n + 1) - j * (j - 1) // 2 for j in range(n + 2)]
     found = []
     for j in range(n):
@@ -39,13 +42,21 @@ def triangles(n: int) -> Integers:
 
 
 def wedges(base: Integers, count: int, layers: int) -> Integers:
-    """Return wedges over triangles, in layers."""
+    """Return wedges over triangles, in layers.
+
+    `base` are the corners of the triangles in the lowest layer, shape (m, 3); a layer has `count`
+    points. Indices of their corners, shape (m layers, 6).
+    """
     levels = [np.hstack((base + k * count, base + (k + 1) * count)) for k in range(layers)]
     return np.concatenate(levels)
 
 
 def sizes(points: Array, cells: Integers) -> Array:
-    """Return area of triangles or volume of wedges between level planes."""
+    """Return area of triangles or volume of wedges between level planes.
+
+    The area [m^2] is positive of triangles that turn left about +z, the volume [m^3] of wedges
+    whose first face looks outwards; corners (m, 3) or (m, 6), shape (m,).
+    """
     a, b, c = (points[cells[:, i]] for i in range(3))
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     if cells.shape[1] == 3:
@@ -61,7 +72,11 @@ def turned(points: Array, cells: Integers) -> Integers:
 
 
 def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
-    """Keep points that lie in one place once."""
+    """Keep points that lie in one place once.
+
+    Points of different groups `apart`, shape (n,), stay apart. Returns the points that are kept,
+    and which of them each point is, shape (n,).
+    """
     key = np.column_stack((apart, np.rint(points / _SAME).astype(np.int64)))
     order = np.lexsort(key.T)
     key = key[order]
@@ -73,7 +88,11 @@ def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
 
 
 def loops(cells: Integers) -> tuple[Integers, ...]:
-    """Chain the edges that one triangle alone has."""
+    """Chain the edges that one triangle alone has.
+
+    The triangles turn left, shape (m, 3), and lie to the left of the lines; the first corner of a
+    line is not repeated as last.
+    """
     edges = np.concatenate((cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]))
     size = int(cells.max()) + 1
     forth, back = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]

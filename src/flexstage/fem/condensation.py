@@ -33,9 +33,9 @@ class Condensed:
     """
 
     stiffness: Array
-    """Of the coordinates, shape (r, r)."""
+    """Stiffness of the coordinates, shape (r, r)."""
     mass: Array
-    """Of the coordinates, shape (r, r)."""
+    """Mass of the coordinates, shape (r, r)."""
     loads: Array
     """Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
     reading. So the first three rows are the mean displacement x, y of the body at its centre of
@@ -56,9 +56,9 @@ class Condensed:
     inertia: tuple[float, float, float, float]
     """Mass [kg], centre x, y [m] and moment of inertia about it [kg m^2]."""
     elements: int
-    """Of the mesh."""
+    """Elements of the mesh."""
     unknowns: int
-    """Of the mesh."""
+    """Unknowns of the mesh."""
     held: str
     """What holds the body, in words."""
 
@@ -105,6 +105,8 @@ def condense(part: Substructure) -> Condensed:
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
 
     and `flexstage.fem.constrained.Constrained` solves it, floating bodies as well as held ones.
+
+    The matrices are for the `REFERENCE` material.
 
     Notes
     -----
@@ -214,7 +216,10 @@ def _seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
 
 
 def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
-    """Return the stress of many displacements of a plane part at the points of its notches."""
+    """Return the stress of many displacements of a plane part at the points of its notches.
+
+    Components xx, yy, zz, xy [Pa], shape (m, 4, r), of displacements u, shape (n, r).
+    """
     r = u.shape[1]
     if not len(points.places):
         return np.zeros((0, 4, r))

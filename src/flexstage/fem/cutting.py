@@ -37,7 +37,10 @@ class Placed:
 
 
 def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[PlaneState, ...]:
-    """Choose plane stress or plane strain for every notch."""
+    """Choose plane stress or plane strain for every notch.
+
+    One for each hinge; ``auto`` is by width against neck.
+    """
     return tuple(
         plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges
@@ -53,6 +56,9 @@ def cut_free(
     supports: Supports = "rigid",
 ) -> tuple[Placed, ...]:
     """Cut a stage at its necks.
+
+    `modes` are those of each body with held interfaces; with `supports` ``rigid`` a drive that
+    reacts on a fixed body stands on the ground.
 
     Examples
     --------

@@ -60,7 +60,10 @@ class StageFaces:
 
 
 def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[Patch, ...]:
-    """Return the patches of a drive on some bodies."""
+    """Return the patches of a drive on some bodies.
+
+    Those of its two patches whose body is among them.
+    """
     by_name = {b.name: b for b in bodies}
     found = []
     for which, name in enumerate((drive.pushes, drive.reacts)):
@@ -131,7 +134,11 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
 
 
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
-    """Return the faces of a stage: one for each body and one for each half notch."""
+    """Return the faces of a stage: one for each body and one for each half notch.
+
+    Of some bodies alone, each with the half notches that it owns, where their names are given. Of a
+    whole stage it is an error too that nothing holds a body.
+    """
     if bodies is None:
         _require_held(stage)
     kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]

@@ -99,7 +99,10 @@ def _outline(face: TopoDS_Shape) -> tuple[float, ...]:
 
 
 def plane_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
-    """Mesh the plane of a stage with curved triangles."""
+    """Mesh the plane of a stage with curved triangles.
+
+    It is in millimetres, with regions and boundaries named as in `flexstage.fem.names`.
+    """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
     mesh = _generate(faces.shape, 2, settings.size * stage.thickness, settings.grading)
@@ -112,6 +115,9 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
 
     The plane z = 0 is the middle of the plate; whatever a stage does is symmetric about it or the
     opposite, so that two half models hold the whole answer.
+
+    It is in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the edges
+    that they grow from.
     """
     _afford(stage, faces, settings, 3)
     _refine(stage, faces, settings)

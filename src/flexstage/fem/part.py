@@ -40,7 +40,10 @@ class Part:
 
     @classmethod
     def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
-        """Name the solids and faces of a shape and measure them."""
+        """Name the solids and faces of a shape and measure them.
+
+        One solid, or solids that share faces (as `netgen.occ.Glue` makes them), in millimetres.
+        """
         solids = list(shape.solids)
         if not solids:
             raise StageError(
@@ -103,7 +106,10 @@ class Part:
     # ------------------------------------------------------------------ faces
 
     def face_at(self, point: Sequence[float]) -> str:
-        """Return the name of the face that is nearest to a point."""
+        """Return the name of the face that is nearest to a point.
+
+        The point is in metres; on the edge of two faces with different names it is refused.
+        """
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
         found = sorted(
             (f.Distance(vertex), face.name)
@@ -120,7 +126,11 @@ class Part:
         return found[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
-        """Return the names of the plane faces at one end of the part."""
+        """Return the names of the plane faces at one end of the part.
+
+        Of all plane faces that look outwards along the axis ``x``, ``y`` or ``z`` those that lie
+        lowest (``min``) or highest (``max``), in the order of the file.
+        """
         if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
             raise StageError(
                 f"faces are selected by an axis x, y or z and an end min or max, got {axis!r} "
@@ -156,6 +166,8 @@ class Part:
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
+        It is in millimetres; the mesher is given up after `limit` seconds of computing time.
+
         Examples
         --------
         >>> from netgen.occ import Box
@@ -173,7 +185,14 @@ class Part:
 
 
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
-    """Read a part from a STEP file."""
+    """Read a part from a STEP file.
+
+    Whatever its unit of length, the geometry kernel turns it into millimetres. `solid` are those to
+    take of several, by number, counted from 0, or by name; ``all`` keeps all of them, and several
+    are joined where they touch. Faces and solids that have no name in the file are called
+    ``face1``, ..., ``body1``, ... in its order. Refused are no STEP file or one that is not whole,
+    no solid, one without volume, several of which none is chosen, and several that overlap.
+    """
     path = Path(path)
     shape = _load(path)
     solids = list(shape.solids)

@@ -31,9 +31,9 @@ class PartFace:
     normal: tuple[float, ...] | None
     """Outward unit normal of a plane; None of any other."""
     low: tuple[float, ...]
-    """Corners of the box about it [m]."""
+    """Lowest corner of the box about it [m]."""
     high: tuple[float, ...]
-    """Corners of the box about it [m]."""
+    """Highest corner of the box about it [m]."""
     bodies: tuple[str, ...]
     """Names of the solids that it bounds: of two that are joined there, or of one."""
     forward: bool
@@ -41,7 +41,7 @@ class PartFace:
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the lowest and the highest corner of the box about a shape."""
+    """Return the lowest and the highest corner [m] of the box about a shape in millimetres."""
     low, high = shape.bounding_box
     return (
         (low.x / METRE, low.y / METRE, low.z / METRE),
@@ -50,7 +50,10 @@ def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
-    """Measure a face."""
+    """Measure a face.
+
+    It has a name and is in millimetres; `bodies` are the solids that it bounds.
+    """
     kind, forward = _kind(shape)
     normal = None
     if kind == "plane":

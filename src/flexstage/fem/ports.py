@@ -28,7 +28,11 @@ def body_regions(stage: Stage, body: str) -> str:
 
 
 def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
-    """Return displacement and rotation of a body in the plane, about a point."""
+    """Return displacement and rotation of a body in the plane, about a point.
+
+    x, y [m] and rotation [rad], shape (3, n): the rigid motion nearest to the body's. The middle
+    plane is at z = 0.
+    """
     centre = at if continuum.dimension == 2 else (*at, 0.0)
     _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
@@ -70,6 +74,9 @@ def drive_vector(
 
     The bars are means over the patches. Where the reacting patch lies beside the line of action
     the rotation of its body carries it there, as force and reaction share one line.
+
+    Shape (n,). `patches` may be those of all drives; with `supports` ``rigid`` a drive that reacts
+    on a fixed body stands on the ground, with ``elastic`` that body gives way under it.
     """
     along = (math.cos(drive.direction), math.sin(drive.direction))
     aside = (-along[1], along[0])
@@ -120,7 +127,10 @@ def _reading(
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
-    """Return what is mounted on the bodies of a stage and is not of the plate."""
+    """Return what is mounted on the bodies of a stage and is not of the plate.
+
+    Each rides on the mean motion of its body.
+    """
     riders = []
     for body in stage.bodies:
         if body.fixed:

@@ -19,6 +19,8 @@ def worst_shape(mesh: ng.Mesh) -> float:
 
     The shape is :math:`2\det J/|J|^2` with the map J from the equilateral triangle, at its worst
     point: 1 for an equilateral element, 0 for one without area, negative for one turned over.
+
+    The mesh is of triangles, curved or not.
     """
     jacobian = ng.specialcf.JacobianMatrix(2)
     places = mesh.MapToAllElements(ng.IntegrationRule(ng.ET.TRIG, 4), ng.VOL)
@@ -33,6 +35,8 @@ def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
 
     Now and then the mesher closes a gap between fine and coarse elements with a sliver. A slower
     grading leaves it more room.
+
+    It is the first mesh without a sliver of some tries, or else the best.
     """
     best = plane_mesh(stage, faces, settings)
     shape = worst_shape(best)

@@ -68,7 +68,7 @@ class Sample:
         return von_mises_of(self.stress)
 
     def moved(self, factor: float = 1.0) -> Array:
-        """Return where the corners go to."""
+        """Return where the corners go to [m], shape (n, 3), motion exaggerated by a factor."""
         return self.points + factor * self.displacement
 
 
@@ -200,7 +200,10 @@ class Sampler:
         return loops(self._cells.cells)
 
     def read(self, q: Array, *, stress: bool = True) -> Sample:
-        """Return displacement and stress at the corners."""
+        """Return displacement and stress at the corners.
+
+        q are the coordinates of the system, shape (r,).
+        """
         cells = self._cells
         total = np.zeros((cells.below.size, 3))
         parts = np.zeros((cells.below.size, 6)) if stress else None
@@ -219,7 +222,11 @@ class Sampler:
         )
 
     def neck_peak(self, q: Array, hinge: str) -> tuple[Array, float]:
-        """Return where the surface of a notch bears most, and how much."""
+        """Return where the surface of a notch bears most, and how much.
+
+        Returns the point [m], shape (3,), and its equivalent stress [Pa]: the one that the system
+        gives as the largest of this hinge.
+        """
         stress, points = self.model.system.stress, self.model.halves[0].points
         if stress is None or stress.point is None or hinge not in stress.hinges:
             raise ModelError(f"the model has no hinge '{hinge}'")

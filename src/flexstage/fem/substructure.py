@@ -102,16 +102,20 @@ class Substructure:
     """Number of modes with held interfaces."""
 
     def key(self) -> str:
-        """Return a hash of all that its condensation depends on, the software included."""
+        """Return the SHA-256 of all that its condensation depends on, the software included."""
         # the text of a float is that of no other float
         return hashlib.sha256(f"{_software()} {self!r}".encode()).hexdigest()
 
     def material(self) -> Material:
-        """Return the material that it is condensed with."""
+        """Return what it is condensed with: `REFERENCE` with its own Poisson's ratio."""
         return replace(REFERENCE, poissons_ratio=self.poissons_ratio)
 
     def stage(self) -> Stage:
-        """Return a stage of which it is a body, for the mesher."""
+        """Return a stage of which it is a body, for the mesher.
+
+        The body is `BODY`, its hinges, drives and probes are named by their number; the body at
+        their other ends has no meaning.
+        """
         nothing = Body(name=_REST, outline=Loop(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))))
         body = Body(
             name=BODY,

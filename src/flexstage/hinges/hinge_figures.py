@@ -28,6 +28,9 @@ def hinge_figures(
 ) -> dict[str, Any]:
     """Return what is known of a notch, by every method, as plain data.
 
+    `width` is the thickness of the plate. Everything is in SI units: sizes, ``stiffness`` (a row
+    for each quantity and method), compliance, concentration of stress, largest rotation.
+
     Examples
     --------
     >>> from flexstage.hinges import RightCircular

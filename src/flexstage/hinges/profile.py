@@ -56,7 +56,11 @@ class Vertex(NamedTuple):
 
 
 def increments(values: Array) -> Array:
-    """Return the increments of a function along the contour: quadrature weight times derivative."""
+    """Return the increments of a function along the contour: quadrature weight times derivative.
+
+    The function is given at the points of `Profile.samples` and smooth in each piece; the
+    increments are what ``ds`` is for the arc length.
+    """
     panels = values.reshape(-1, _POINTS.size)
     return ((panels @ _DERIVATIVES.T) * _WEIGHTS).ravel()
 

@@ -126,7 +126,10 @@ def _springs(
 
 
 def layout_of(stage: Stage) -> Layout:
-    """Return the coordinates of the lumped model of a stage."""
+    """Return the coordinates of the lumped model of a stage.
+
+    Three for each free body, in the order of the stage.
+    """
     properties = _masses(stage)
     return Layout(
         {name: p.centre for name, p in properties.items()},

@@ -26,6 +26,8 @@ class NonlinearMechanism:
 
     Coordinates are those of `flexstage.lumped.lumped_system`: for each free body the displacement
     x, y of its centre of mass [m] and its rotation [rad].
+
+    `q` may have leading axes, shape (..., n), where not one state alone, shape (n,), is asked for.
     """
 
     mechanism: Mechanism
@@ -47,23 +49,23 @@ class NonlinearMechanism:
         return self.mass.size
 
     def potential_energy(self, q: Array) -> Array:
-        """Return the energy stored in the hinges."""
+        """Return the energy V stored in the hinges [J], shape (...)."""
         x = self.hinges.deformation(np.asarray(q, dtype=float))
         return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
 
     def kinetic_energy(self, velocity: Array) -> Array:
-        """Return the kinetic energy."""
+        """Return the kinetic energy T [J], shape (...)."""
         return 0.5 * np.sum(self.mass * np.asarray(velocity) ** 2, axis=-1)
 
     def force(self, q: Array) -> Array:
-        """Return the internal forces, the gradient of the potential energy."""
+        """Return the internal forces dV/dq [N, N m], shape (..., n)."""
         x, b = self.hinges.rates(np.asarray(q, dtype=float))
         spring = (self.stiffness @ x[..., None])[..., 0]
         local = (spring[..., None, :] @ b)[..., 0, :]
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
     def tangent(self, q: Array) -> Array:
-        """Return the tangent stiffness, the Hessian of the potential energy."""
+        """Return the tangent stiffness d2V/dq2 at one state, shape (n, n)."""
         q = np.asarray(q, dtype=float)
         x, b = self.hinges.rates(q)
         spring = (self.stiffness @ x[..., None])[..., 0]
@@ -71,7 +73,11 @@ class NonlinearMechanism:
         return _assembled(self.hinges, local)
 
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
-        """Return the elongation of a drive and its first and second derivatives."""
+        """Return the elongation of a drive and its first and second derivatives.
+
+        Along the drive's direction, which turns with the body it stands on [m]; of one state, with
+        gradient, shape (n,), and Hessian, shape (n, n).
+        """
         i = _index("drive", drive, self.mechanism.drives)
         x, b = self.drives.rates(q)
         unit = np.zeros((self.drives.count, 3))
@@ -81,7 +87,11 @@ class NonlinearMechanism:
         return float(x[i, 0]), gradient, _assembled(self.drives, self.drives.curvature(q, unit))
 
     def reading(self, probe: str, q: Array) -> Array:
-        """Return what a probe sees."""
+        """Return what a probe sees.
+
+        Displacement along and across its direction [m] and rotation of the body [rad], against the
+        body it is read from, shape (..., 3).
+        """
         i = _index("probe", probe, self.mechanism.probes)
         return self.probes.deformation(np.asarray(q, dtype=float))[..., i, :]
 

@@ -30,17 +30,17 @@ class ReducedModel:
     coordinates: tuple[sp.Symbol, ...]
     """z."""
     M: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Mass, shape (r, r)."""
     C: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Damping, shape (r, r)."""
     K: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Stiffness, shape (r, r)."""
     basis: Array
     """Displacements for unit z, shape (n, r)."""
     drives: tuple[Port, ...]
-    """Where the stage is driven and read, as far as z can describe it."""
+    """Where the stage is driven, as far as z can describe it."""
     probes: tuple[Port, ...]
-    """Where the stage is driven and read, as far as z can describe it."""
+    """Where it is read, as far as z can describe it."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
     damping: DampingKind

@@ -62,31 +62,31 @@ class SymbolicModel:
     coordinates: tuple[sp.Symbol, ...]
     """q, for each free body x, y of its centre of mass and its rotation theta."""
     rates: tuple[sp.Symbol, ...]
-    """Their first and second derivatives in time."""
+    """Their first derivatives in time."""
     accelerations: tuple[sp.Symbol, ...]
-    """Their first and second derivatives in time."""
+    """Their second derivatives in time."""
     forces: tuple[sp.Symbol, ...]
     """Generalised forces Q."""
     kinetic_energy: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """T."""
     potential_energy: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """V."""
     dissipation: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """Rayleigh's function D."""
     M: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Mass, shape (n, n)."""
     C: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Damping, shape (n, n)."""
     K: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Stiffness, shape (n, n)."""
     hinges: tuple[HingeConstants, ...]
     """The hinges."""
     body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
     """Mass and inertia of each free body."""
     drives: tuple[Port, ...]
-    """Where the stage is driven and read."""
+    """Where the stage is driven."""
     probes: tuple[Port, ...]
-    """Where the stage is driven and read."""
+    """Where it is read."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
     damping: DampingKind

@@ -19,7 +19,10 @@ _ARC_STEPS = 32
 
 
 def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
-    """Find pairs of bodies and notches that fill the same place."""
+    """Find pairs of bodies and notches that fill the same place.
+
+    The shapes are bodies without their notches, and notches.
+    """
     from shapely import STRtree
 
     # a tree of nothing cannot be asked
@@ -68,6 +71,9 @@ def slots_between(
     compared without their notches; a notch is compared with everything but its own two bodies, from
     which it grows. What is left out in this way is the opening of the notch itself, and that is as
     wide as the profile says.
+
+    `wire_width` is the width of the narrowest slot that can be cut [m]; `skip` are pairs of names
+    that have been spoken of.
     """
     from shapely import STRtree, box
     from shapely.ops import nearest_points

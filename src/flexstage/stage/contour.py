@@ -76,6 +76,9 @@ def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
 
     Where a notch runs out tangent to the edge it grows from, a region that ends there would end in
     a cusp without an angle, which no mesh can bear; this one ends before.
+
+    `which` is 0 for the half of body a, 1 for that of body b. It reaches a `share`, above 0 and
+    below 1, of the half length of the notch, and ends in a straight line across.
     """
     inner, _ = _sides(hinge, share)
     half_neck = 0.5 * hinge.profile.neck_thickness
@@ -95,6 +98,8 @@ def body_contour(
     stage: Stage, body: Body, share: float = 0.0
 ) -> tuple[Loop, tuple[Loop | Circle, ...]]:
     """Return a body as it is cut: its outline and holes with its half notches grown on.
+
+    `share` is the part of each half notch, from the neck on, that is left off [1].
 
     Examples
     --------

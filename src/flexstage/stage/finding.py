@@ -21,6 +21,8 @@ class Finding:
 def millimetres(*values: float) -> str:
     """Write lengths for people.
 
+    One length, or the coordinates of a point [m].
+
     Examples
     --------
     >>> millimetres(0.2e-3), millimetres(3e-3, 4.5e-3)

@@ -35,7 +35,7 @@ class Shape:
 
 
 def ring(shape: Loop | Circle) -> Any:
-    """Return the polygon of a closed line."""
+    """Return the polygon of a closed line, to `CHORD`."""
     from shapely import Polygon
 
     loop = shape.loop() if isinstance(shape, Circle) else shape
@@ -43,7 +43,7 @@ def ring(shape: Loop | Circle) -> Any:
 
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Finding]]:
-    """Return the polygons of the bodies that have proper outlines."""
+    """Return the polygons of bodies with proper outlines, and what is wrong with the others."""
     shapes: list[Shape] = []
     findings: list[Finding] = []
     for body in stage.bodies:

@@ -30,7 +30,10 @@ def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -
 def axis_characteristics(
     stage: Stage, system: MechanicalSystem, axis: AxisAnalysis, removed: Modes
 ) -> list[Characteristic]:
-    """Return the characteristics of one axis."""
+    """Return the characteristics of one axis.
+
+    `axis` is at full stroke, `removed` has the modes with the drives removed.
+    """
     ratio = axis.output_displacement / axis.input_displacement
     others = [a for a in system.axes if a.name != axis.axis]
     static = axis.static
@@ -121,6 +124,8 @@ def pulsating_limit(material: Material) -> float | None:
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
     mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
+
+    The peak is in Pa, and None if fatigue limit or yield strength is unknown.
 
     Examples
     --------

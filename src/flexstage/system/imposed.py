@@ -7,7 +7,10 @@ from flexstage.system.mechanical import DrivePort, MechanicalSystem
 
 
 def imposed_shape(system: MechanicalSystem, drive: DrivePort) -> Array:
-    """Return the shape at rest for one metre of a rigid drive in place."""
+    """Return the shape at rest for one metre of a rigid drive in place.
+
+    The other rigid drives keep their length. Shape (n,), in the coordinates' units over m.
+    """
     added, vectors = system.drive_springs("in place")
     n, m = vectors.shape
     saddle = np.block([[system.K + added, vectors], [vectors.T, np.zeros((m, m))]])

@@ -58,7 +58,11 @@ class TimeResponse:
 
 
 def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance."""
+    """Return frequencies that show the lowest modes, denser at each resonance.
+
+    `count` is the number of evenly spread ones (in the logarithm), `modes_shown` that of the modes
+    that are to be seen.
+    """
     shown = result.frequency_hz[:modes_shown]
     shown = shown[shown > 0.0]
     if shown.size == 0:

@@ -146,7 +146,7 @@ def _hysteresis(drive: ModelDrive) -> dict[str, Any]:
     values: dict[str, Any] = {"kind": drive.hysteresis.kind}
     for name, value in drive.hysteresis.parameters().items():
         values[name] = value if isinstance(value, str) else np.asarray(value, dtype=np.float64)
-    values["rest"] = drive.hysteresis.rest()
+    values["rest"] = drive.hysteresis.initial_state()
     return values
 
 

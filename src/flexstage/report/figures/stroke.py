@@ -17,7 +17,10 @@ _NOTHING = 1e-13
 
 
 def draw_stroke(path: StrokePath, axis: str) -> "Figure":
-    """Draw how far an axis is from the straight line of its first-order model."""
+    """Draw how far an axis is from the straight line of its first-order model.
+
+    Deviation along the axis, across it, and rotation, over the elongation of the drive.
+    """
     if path.displacement.size < 3:
         raise ModelError("a path needs at least three states to be drawn")
     x = path.displacement
