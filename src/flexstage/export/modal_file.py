@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.file_names import file_name
+from flexstage.export.file_names import NO_TIME, file_name
 from flexstage.export.modal_points import ModalPoints, direction_code, modal_points
-from flexstage.export.time_stamp import NO_TIME
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.export.diagram.graph import Block, Diagram, SignalKind
 from flexstage.export.diagram.markup import attributes, path, text
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import block_cell
-from flexstage.export.diagram.signals import SignalKind
 from flexstage.export.diagram.symbols import symbol
 from flexstage.export.diagram.text import text_width, wrapped
 

@@ -7,9 +7,10 @@ from importlib import resources
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
-from flexstage.export.matlab.contents import contents, mat_file
+from flexstage.export.matlab.contents import contents
 from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.matlab_text import KEYWORDS
+from flexstage.export.simulink.variables import mat_file
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 

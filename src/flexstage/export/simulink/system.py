@@ -31,7 +31,7 @@ LIBRARY: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
+class SimulinkLine:
     """A line between two blocks of one system."""
 
     source: str
@@ -78,7 +78,7 @@ class System:
     """What it holds."""
     nodes: tuple[Node, ...]
     """The blocks; ports first and last, in the order of their numbers."""
-    wires: tuple[Wire, ...]
+    wires: tuple[SimulinkLine, ...]
     """The lines."""
     notes: tuple[str, ...] = ()
     """What is written beside the blocks."""
@@ -96,7 +96,7 @@ class Wiring:
     def __init__(self, title: str) -> None:
         self.title = title
         self._nodes: dict[str, Node] = {}
-        self._wires: list[Wire] = []
+        self._wires: list[SimulinkLine] = []
 
     def add(self, node: Node) -> str:
         """Add a block and return its name; a number is put behind one that is taken.
@@ -136,7 +136,7 @@ class Wiring:
     ) -> None:
         """Add a line; outputs and ports (inputs) are counted from 1."""
         self._wires.append(
-            Wire(source=source, target=target, output=output, port=port, signal=signal)
+            SimulinkLine(source=source, target=target, output=output, port=port, signal=signal)
         )
 
     def chain(self, *names: str) -> str:
