@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from flexstage import progress
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem import LADDERS, MeshSettings, plane_model, refine
 from flexstage.fem.accuracy import Step, estimate
-from flexstage.progress import reporting
 from flexstage.system import analyse
 
 STAGE = design("parallelogram")
@@ -66,7 +66,7 @@ def test_what_cannot_be_reached_is_said() -> None:
 
 def test_progress_never_goes_back() -> None:
     told: list[tuple[str, float]] = []
-    with reporting(lambda what, done: told.append((what, done))):
+    with progress.listen(lambda what, done: told.append((what, done))):
         refine(lambda s: plane_model(STAGE, s), LADDERS["plane"], accuracy=5e-3)
     done = [share for _, share in told]
     assert done == sorted(done)

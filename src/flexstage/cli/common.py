@@ -312,7 +312,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
         TimeRemainingColumn,
     )
 
-    from flexstage.progress import reporting
+    from flexstage.progress import listen
 
     columns = (
         TextColumn("{task.description:<17}"),
@@ -323,7 +323,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        with reporting(lambda what, done: bar.update(task, description=what, completed=done)):
+        with listen(lambda what, done: bar.update(task, description=what, completed=done)):
             yield
 
 

@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristics
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
@@ -139,7 +139,7 @@ def refine(
     steps: list[Step] = []
     for k, settings in enumerate(ladder):
         # each step costs about twice the one before; how many there will be is not known
-        with share(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
+        with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
             begun = time.perf_counter()
             model = build(settings)
             analysis = analyse(model.stage, model.system)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import ngsolve as ng
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
@@ -22,7 +23,6 @@ from flexstage.fem.ports import (
     probe_vector,
 )
 from flexstage.fem.projection import project
-from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
 from flexstage.system import STANDARD_GRAVITY, MechanicalSystem, StressMap
@@ -146,7 +146,7 @@ def assemble(
     masses = mass_properties(stage)
     halves: list[_HalfSystem] = []
     for i, (continuum, count, out) in enumerate(continua):
-        with share(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
+        with progress.subtask(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
             halves.append(
                 _half(stage, faces, masses, continuum, count, out_of_plane=out, supports=supports)
             )
@@ -279,7 +279,7 @@ def _half(
     vectors = [*drives, *probes, *lifts.values(), *(v for v, _ in loads.values())]
     right = np.array(vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
-    tell("stress", 0.85)
+    progress.update("stress", 0.85)
     points = neck_points(continuum, stage)
     where = "out of plane, " if out_of_plane else ""
     coordinates = [

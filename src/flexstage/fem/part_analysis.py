@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import ngsolve as ng
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import StageError
 from flexstage.fem.bodies import Bodies
@@ -21,7 +22,6 @@ from flexstage.fem.part import Part
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
-from flexstage.progress import share, tell
 
 #: Kinds of interfaces.
 INTERFACES = ("rigid", "mean")
@@ -142,14 +142,14 @@ def analyse_part(
         expect(expected)
     if not force:
         require_room(part, chosen, expected)
-    tell("mesh")
+    progress.update("mesh")
     made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
     results: dict[str, InterfaceResult] = {}
     for k, kind in enumerate(kinds):
-        with share(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
+        with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
             floating = None
             if kind != "rigid":
                 floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
@@ -249,19 +249,19 @@ def _with_rigid_interfaces(
 
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
-        with share(0.0, 0.5):
+        with progress.subtask(0.0, 0.5):
             body = held()
             frequency = _hertz(body.modes(wanted.modes)[0])
             body.release()
     if wanted.moved:
-        with share(0.5, 0.75):
-            tell("stiffness")
+        with progress.subtask(0.5, 0.75):
+            progress.update("stiffness")
             body = held(wanted.moved)
             stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at)
             body.release()
     if wanted.ratio:
-        with share(0.75, 1.0):
-            tell("ratio")
+        with progress.subtask(0.75, 1.0):
+            progress.update("ratio")
             body = held(*wanted.ratio)
             ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held)
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
@@ -271,12 +271,12 @@ def _with_mean_interfaces(body: Bodies, wanted: _Wanted) -> InterfaceResult:
     """Solve with the one factorisation of the floating part."""
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
-        with share(0.0, 0.5):
+        with progress.subtask(0.0, 0.5):
             frequency = _hertz(interface_modes(body, [wanted.held], wanted.modes)[0])
     if wanted.moved:
-        tell("stiffness", 0.5)
+        progress.update("stiffness", 0.5)
         stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at, rigid=False)
     if wanted.ratio:
-        tell("ratio", 0.75)
+        progress.update("ratio", 0.75)
         ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=False)
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)

@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
@@ -12,7 +13,6 @@ from flexstage.fem.ports import Supports
 from flexstage.fem.quality import sound_mesh
 from flexstage.hinges import Leaf, plane_state
 from flexstage.hinges.compliance import PLANE_RULE, PlaneState
-from flexstage.progress import tell
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
 
@@ -74,7 +74,7 @@ def plane_model(
     stages are within 0.1 % in transmission ratio and 1 % in frequency.
     """
     settings = settings or MeshSettings()
-    tell("mesh")
+    progress.update("mesh")
     faces = stage_faces(stage)
     mesh = sound_mesh(stage, faces, settings)
     strain, words = strained_notches(stage, plane)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
-from flexstage.progress import share, tell
 
 # what is left of a response once the others are taken out of it, below which it is rounding
 _DEPENDENT = 1e-12
@@ -26,12 +26,12 @@ def project(
     modes are for (R. H. MacNeal, Computers & Structures 1 (1971) 581; S. Rubin, AIAA J. 13 (1975)
     995).
     """
-    with share(0.0, 0.3):
+    with progress.subtask(0.0, 0.3):
         continuum.factorise()
-    with share(0.3, 0.75):
+    with progress.subtask(0.3, 0.75):
         omega, shapes = continuum.modes(count, attached=attached)
     modal_mass = _mass(continuum, attached, shapes)
-    tell("static responses", 0.75)
+    progress.update("static responses", 0.75)
     response = continuum.solve(loads)
     # take the modes out, then what the responses share
     within = modal_mass.T @ response

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.elasticity.buckling import buckling
@@ -13,7 +14,6 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.model import Half, StageModel
 from flexstage.fem.ports import Supports, body_motion, drive_vector
-from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.characteristics import axis_mode
@@ -108,14 +108,14 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     if probe.relative_to is not None:
         platform = platform - body_motion(continuum, stage, probe.relative_to, probe.at)
     values = np.linspace(0.0, axis.input_displacement, steps)[1:]
-    with share(0.0, 0.7):
-        tell("large displacement")
+    with progress.subtask(0.0, 0.7):
+        progress.update("large displacement")
         path = follow_drive(continuum, row, values)
     moved = np.concatenate((np.zeros((1, 3)), path.displacement @ platform.T))
     c, s = np.cos(probe.direction), np.sin(probe.direction)
-    tell("stiffening", 0.7)
+    progress.update("stiffening", 0.7)
     frequency = _frequency_at(model, half, axis, path.displacement[-1])
-    tell("buckling", 0.85)
+    progress.update("buckling", 0.85)
     found = buckling(continuum, half.basis @ axis.static.q, locked=row)
     factor = float(found.positive[0]) if found.positive.size else np.inf
     continuum.release()
@@ -158,7 +158,7 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
     paths: list[FiniteStroke] = []
     for k, axis in enumerate(analysis.axes):
         try:
-            with share(k / len(analysis.axes), (k + 1) / len(analysis.axes)):
+            with progress.subtask(k / len(analysis.axes), (k + 1) / len(analysis.axes)):
                 path = follow_stroke(model, axis)
         except ConvergenceError as error:
             validity.append(f"Axis {axis.axis} could not be followed over its stroke: {error}.")

@@ -10,6 +10,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
@@ -22,7 +23,6 @@ from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges.compliance import PLANE_RULE, PlaneState
-from flexstage.progress import tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
 from flexstage.system import MechanicalSystem, StressMap
@@ -238,7 +238,7 @@ def _condensed(
     ready: dict[str, Condensed] = {}
     found, built = [], []
     for i, p in enumerate(placed):
-        tell("bodies", i / len(placed))
+        progress.update("bodies", i / len(placed))
         key = p.part.key()
         if key not in ready:
             entry = None if cache is None else cache.load(key)

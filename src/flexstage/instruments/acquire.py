@@ -8,13 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.errors import LimitError, ModelError
 from flexstage.instruments.checks import check_position, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.instruments.recorded_run import RecordedRun, SampleWriter
 from flexstage.instruments.waveform import Waveform
-from flexstage.progress import share
 from flexstage.records import Channel, Record
 
 
@@ -217,7 +217,7 @@ def run_moves(
     parts: list[Record] = []
     done = 0
     for k, position in enumerate(positions):
-        with share(k / len(positions), (k + 1) / len(positions)):
+        with progress.subtask(k / len(positions), (k + 1) / len(positions)):
             run = RecordedRun(
                 instrument, signals, writer, first=done, extra=(command, float(position))
             )

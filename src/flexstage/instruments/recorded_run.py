@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.protocol import Instrument, Signal
-from flexstage.progress import tell
 from flexstage.records import Channel, Record
 
 
@@ -152,7 +152,7 @@ class RecordedRun:
         if bad.any():
             which = int(np.argmax(bad[:, good]))
             raise ControllerError(self._no_number(self.signals[which], columns, good))
-        tell("recording", self.done / self.samples)
+        progress.update("recording", self.done / self.samples)
 
     def _keep(self, columns: dict[str, Array], count: int) -> None:
         if not count:

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from flexstage import progress
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
-from flexstage.progress import share
 from flexstage.report.figures.compensation import draw_compensation
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, row_of, table_html
@@ -41,7 +41,7 @@ def run_experiments(
         if stack.voltage_range is None
     }
     for i, axis in enumerate(driven):
-        with share(i / len(driven), (i + 1) / len(driven)):
+        with progress.subtask(i / len(driven), (i + 1) / len(driven)):
             try:
                 made[axis] = virtual_experiment(stage, system, axis)
             except FlexstageError as error:  # as of a stage that is not held: the rest stands

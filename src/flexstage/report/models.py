@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+from flexstage import progress
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
@@ -74,7 +74,7 @@ def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
     from flexstage.fem.legs import bar_buckling_load, two_notch_bars
     from flexstage.fem.stroke import with_stroke
 
-    with share(0.0, 0.4 if wanted.stroke else 1.0):
+    with progress.subtask(0.0, 0.4 if wanted.stroke else 1.0):
         run = _meshed(
             stage,
             wanted,
@@ -83,9 +83,9 @@ def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
         )
     if not wanted.stroke or run.mesh is None:
         return run
-    with share(0.4, 0.9):
+    with progress.subtask(0.4, 0.9):
         analysis, strokes = with_stroke(run.analysis, run.mesh)
-    with share(0.9, 1.0):
+    with progress.subtask(0.9, 1.0):
         bars = {body: bar_buckling_load(stage, body) for body in two_notch_bars(stage)}
     return replace(run, analysis=analysis, strokes=strokes, bars=bars)
 

@@ -20,6 +20,8 @@ def correlation_matrix(
 ) -> Array:
     """Return the correlation matrix of influences.
 
+    Pairs are given by their names; the coefficient of all others is 0.
+
     Examples
     --------
     >>> a, b = (Influence(name=n, value=1.0, uncertainty=0.1) for n in "ab")
@@ -58,7 +60,7 @@ def _require_possible(matrix: Array, sentence: str) -> None:
 
 
 def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
-    """Return which influences hang together by their correlations."""
+    """Return the indices of influences that hang together by their correlations, group by group."""
     left = set(range(matrix.shape[0]))
     found = []
     while left:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
@@ -41,7 +42,6 @@ from flexstage.hysteresis.identification.model_choice import (
 )
 from flexstage.hysteresis.identification.uncertainty import ParameterEstimate, estimates
 from flexstage.hysteresis.identification.verdict import Verdict, verdict
-from flexstage.progress import tell
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
@@ -190,7 +190,7 @@ def identify(
             )
     given = [records] if isinstance(records, Record) else list(records)
     data = measurement(given, input_column, output_column, drift=drift)
-    tell("linear chain", 0.0)
+    progress.update("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
     if chain is None:
@@ -202,7 +202,7 @@ def identify(
     tried: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
-        tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
+        progress.update(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
             tried[name] = fit_model(FAMILIES[name], every, validate=train is None or still)
         except ModelError as error:
