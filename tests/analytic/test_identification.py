@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.chain_search import find_chain

@@ -14,7 +14,7 @@ import numpy as np
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
