@@ -71,7 +71,7 @@ def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
 
 def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
     from flexstage.fem import plane_model
-    from flexstage.fem.legs import bar_buckling_load, two_notch_bars
+    from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
     from flexstage.fem.stroke import with_stroke
 
     with progress.subtask(0.0, 0.4 if wanted.stroke else 1.0):
@@ -141,27 +141,7 @@ MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
 
 
 def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRun:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Returns
-    -------
-    ModelRun
-        What the model says of the stage, and the mesh behind it.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state, or the model cannot give what is asked for.
-    """
+    """Analyse a stage with one of `MODELS`."""
     wanted = wanted or Wanted()
     known_model(model, wanted)
     return MODELS[model](stage, wanted)
@@ -179,25 +159,5 @@ def known_model(model: str, wanted: Wanted | None = None) -> None:
 
 
 def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-
-    Returns
-    -------
-    Analysis
-        What the model says of the stage.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state.
-    """
+    """Analyse a stage with one of `MODELS`, without its mesh."""
     return run_model(stage, model, Wanted(plane=plane)).analysis

@@ -14,8 +14,8 @@ from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DrivePort
+from flexstage.system.statics import imposed_shape
 
 _HEADER = 116  # bytes of text at the start of a .mat file, level 5
 
