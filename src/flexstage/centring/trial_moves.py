@@ -42,8 +42,8 @@ class OrderResponse:
     left: float
     """Root mean square of what that leaves, in the unit of the harmonic."""
     x: Estimate | None
-    """Where in x the stage must stand for it to vanish, or, as the square, to be least changed by moves
-    [m]; None where that is not known in both directions.
+    """Where in x the stage must stand for it to vanish, or, as the square, to be least changed by
+    moves [m]; None where that is not known in both directions.
     """
     y: Estimate | None
     """The same in y [m]."""
