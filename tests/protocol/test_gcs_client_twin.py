@@ -22,8 +22,8 @@ from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.controller_models import MODELS, OWN, ControllerModel
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.loopback import open_session
 from flexstage.instruments.twin.server import GcsServer
+from flexstage.instruments.twin.session import open_session
 from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.instruments.waveform import Waveform
 

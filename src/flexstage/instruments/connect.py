@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from flexstage.instruments.gcs.controller import PiController
     from flexstage.instruments.gcs.profile import Wire
     from flexstage.instruments.twin.clock import Pace
-    from flexstage.instruments.twin.loopback import Loopback
+    from flexstage.instruments.twin.session import Loopback
     from flexstage.instruments.twin.stage import VirtualStage
 
 _FORMS = (
@@ -199,7 +199,7 @@ def _simulated(
     from flexstage.instruments.twin.clock import FastTime, Pacemaker
     from flexstage.instruments.twin.controller import VirtualController
     from flexstage.instruments.twin.interpreter import Interpreter
-    from flexstage.instruments.twin.loopback import open_session
+    from flexstage.instruments.twin.session import open_session
 
     fast = _flag(options, "fast", True, address)
     seed = int(_number(options, "seed", 0, address, whole=True))

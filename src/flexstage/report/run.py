@@ -15,7 +15,7 @@ from flexstage.plans.results import (
     PlanResult,
     VerifiedStep,
 )
-from flexstage.plans.results_models import FollowedRun
+from flexstage.plans.step_results import FollowedRun
 from flexstage.report.figures.following import draw_drive_fit, draw_following
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import Measurement, set_beside

@@ -7,7 +7,7 @@ from pathlib import Path
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.plans.command import Command, Strike
+from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.plans.design import BASE_RATE_HZ
 from flexstage.plans.plan import Plan
 from flexstage.plans.results import IdentifiedStep, MeasuredStep, StepResult
@@ -16,7 +16,7 @@ from flexstage.stage import Stage
 
 
 @dataclass(slots=True, kw_only=True)
-class Work:
+class RunContext:
     """A plan that is being carried out: the one thing here that changes."""
 
     plan: Plan
@@ -41,7 +41,7 @@ class Work:
     """Lowest natural frequency that commands keep clear of [Hz]."""
     results: dict[str, StepResult] = field(default_factory=dict)
     """What the steps gave so far, by name."""
-    commands: dict[str, Command | Strike] = field(default_factory=dict)
+    commands: dict[str, CommandWaveform | Strike] = field(default_factory=dict)
     """Commands that are ready to run, by the step that made them."""
 
     @property

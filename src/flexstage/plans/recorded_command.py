@@ -13,7 +13,7 @@ from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
-from flexstage.plans.command import Command, Strike
+from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.progress import share
 
 #: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
@@ -67,7 +67,7 @@ def park(instrument: Instrument, busy: Sequence[str]) -> None:
 
 def record_command(
     instrument: Instrument,
-    command: Command,
+    command: CommandWaveform,
     signals: Sequence[Signal],
     rate_hz: float,
     stream: Path,
@@ -110,13 +110,13 @@ def record_command(
     return stream.with_suffix(".h5")
 
 
-def _named(what: str, axis: str, command: Command) -> str:
+def _named(what: str, axis: str, command: CommandWaveform) -> str:
     return what if len(command.axes) == 1 else f"{what} {axis}"
 
 
 def _by_moves(
     instrument: Instrument,
-    command: Command,
+    command: CommandWaveform,
     signals: Sequence[Signal],
     rate_hz: float,
     stream: Path,
@@ -134,7 +134,7 @@ def _by_moves(
     return stream.with_suffix(".h5")
 
 
-def _places(command: Command) -> tuple[Array, float]:
+def _places(command: CommandWaveform) -> tuple[Array, float]:
     if command.quantity != "position" or len(command.axes) != 1:
         raise PlanError(
             "this instrument runs no waveforms, and only positions of one axis can be gone to "

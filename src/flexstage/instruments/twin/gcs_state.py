@@ -11,7 +11,7 @@ from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import AxisDescription, Device
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.record_store import RecordStore
-from flexstage.instruments.twin.servo_draft import ServoDraft
+from flexstage.instruments.twin.servo_parameters import ServoDraft
 from flexstage.instruments.twin.wave_store import WaveStore
 
 #: Micrometres, and microradians, of the wire in SI.
