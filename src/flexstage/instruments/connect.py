@@ -10,7 +10,7 @@ from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.profile import Wire
+    from flexstage.instruments.gcs.profile import TransferLimits
     from flexstage.instruments.twin.clock import Pace
     from flexstage.instruments.twin.loopback import Loopback
     from flexstage.instruments.twin.stage import VirtualStage
@@ -163,7 +163,7 @@ def _twin(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.designs import design
-    from flexstage.instruments.gcs.profile import Wire
+    from flexstage.instruments.gcs.profile import TransferLimits
 
     options = _options(address, parts, _TWIN)
     name = parts.netloc + parts.path
@@ -180,7 +180,7 @@ def _twin(
         )
     return _simulated(
         stage, options, address, axes, timeout=_wait(timeout, _LONGEST_WAIT),
-        wire=Wire(line_limit=_LONG_LINES),
+        transfer=TransferLimits(line_limit=_LONG_LINES),
     )  # fmt: skip
 
 
@@ -191,7 +191,7 @@ def _simulated(
     axes: Mapping[str, str] | None,
     *,
     timeout: float,
-    wire: "Wire",
+    transfer: "TransferLimits",
 ) -> "PiController":
     from flexstage.instruments.gcs.controller import PiController
     from flexstage.instruments.gcs.transport import InProcess
@@ -221,7 +221,7 @@ def _simulated(
     link = InProcess(
         _Paced(open_session(Interpreter(device, pace)), pace), name=f"twin of {stage.name}"
     )
-    return PiController.open(link, stage, axes=axes, timeout=timeout, wire=wire)
+    return PiController.open(link, stage, axes=axes, timeout=timeout, transfer=transfer)
 
 
 class _Paced:

@@ -9,7 +9,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.checks import check_position, check_voltage
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.protocol import Axis, Capability, Instrument
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.waveform import Quantity, Waveform
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
@@ -97,7 +97,7 @@ def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Qu
             )
 
 
-def _axis(instrument: Instrument, name: str) -> Axis:
+def _axis(instrument: Instrument, name: str) -> MotionAxis:
     if name not in instrument.axes:
         raise ModelError(
             f"the instrument has no axis '{name}': it has {', '.join(map(repr, instrument.axes))}"
@@ -105,7 +105,7 @@ def _axis(instrument: Instrument, name: str) -> Axis:
     return instrument.axes[name]
 
 
-def _here(axis: Axis, quantity: Quantity) -> float:
+def _here(axis: MotionAxis, quantity: Quantity) -> float:
     value = axis.voltage() if quantity == "voltage" else axis.position()
     if math.isfinite(value):
         return value

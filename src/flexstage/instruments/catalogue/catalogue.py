@@ -15,8 +15,13 @@ from flexstage.instruments.catalogue.entries import (
     RunStatus,
     StageEntry,
 )
-from flexstage.instruments.catalogue.rows import (
+from flexstage.instruments.catalogue.tables import (
+    CalibrationRow,
+    ModelRow,
+    RunRow,
+    StageRow,
     calibration_entry,
+    clean,
     fill_run,
     model_entry,
     of_stage,
@@ -25,7 +30,6 @@ from flexstage.instruments.catalogue.rows import (
     stage_entry,
     stage_row,
 )
-from flexstage.instruments.catalogue.tables import Calibration, Model, Run, StageRow, clean
 
 
 class Catalogue(Database):
@@ -70,10 +74,10 @@ class Catalogue(Database):
         """
 
         def work(session: Session) -> bool:
-            row = session.scalar(select(Run).where(Run.identifier == entry.identifier))
+            row = session.scalar(select(RunRow).where(RunRow.identifier == entry.identifier))
             new = row is None
             if row is None:
-                row = Run()
+                row = RunRow()
                 session.add(row)
             with session.no_autoflush:
                 fill_run(session, row, entry)
@@ -98,7 +102,7 @@ class Catalogue(Database):
         """
 
         def work(session: Session) -> None:
-            row = Calibration(
+            row = CalibrationRow(
                 what=entry.what,
                 value=entry.value,
                 unit=entry.unit,
@@ -130,8 +134,8 @@ class Catalogue(Database):
 
         def work(session: Session) -> None:
             run = run_row(session, entry.run)
-            asked = select(Model).where(Model.file == clean(entry.file))
-            row = session.scalars(asked.where(Model.run == run)).first() or Model()
+            asked = select(ModelRow).where(ModelRow.file == clean(entry.file))
+            row = session.scalars(asked.where(ModelRow.run == run)).first() or ModelRow()
             with session.no_autoflush:
                 row.run = run
                 row.stage = stage_row(session, entry.stage)
@@ -192,24 +196,24 @@ class Catalogue(Database):
         NotConnectedError
             The database cannot be reached.
         """
-        asked = select(Run).join(Run.stage)
+        asked = select(RunRow).join(RunRow.stage)
         equal: list[tuple[Any, Any]] = [
             (StageRow.name, stage),
             (StageRow.serial_number, serial_number),
-            (Run.kind, kind),
-            (Run.axis, axis),
-            (Run.plan, plan),
-            (Run.status, status),
-            (Run.simulated, simulated),
+            (RunRow.kind, kind),
+            (RunRow.axis, axis),
+            (RunRow.plan, plan),
+            (RunRow.status, status),
+            (RunRow.simulated, simulated),
         ]
         for column, value in equal:
             if value is not None:
                 asked = asked.where(column == value)
         if since is not None:
-            asked = asked.where(Run.started >= since)
+            asked = asked.where(RunRow.started >= since)
         if until is not None:
-            asked = asked.where(Run.started < until)
-        asked = asked.order_by(Run.started.desc(), Run.id.desc()).limit(limit)
+            asked = asked.where(RunRow.started < until)
+        asked = asked.order_by(RunRow.started.desc(), RunRow.id.desc()).limit(limit)
         return self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
 
     def run(self, identifier: str) -> RunEntry:
@@ -238,7 +242,7 @@ class Catalogue(Database):
                 "a run is named by the beginning of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
-        asked = select(Run).where(Run.identifier.startswith(wanted)).limit(3)
+        asked = select(RunRow).where(RunRow.identifier.startswith(wanted)).limit(3)
         found = self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
         if len(found) == 1:
             return found[0]
@@ -283,12 +287,12 @@ class Catalogue(Database):
         NotConnectedError
             The database cannot be reached.
         """
-        asked = of_stage(select(Calibration).join(Calibration.stage), stage, serial_number)
+        asked = of_stage(select(CalibrationRow).join(CalibrationRow.stage), stage, serial_number)
         if what is not None:
-            asked = asked.where(Calibration.what == what)
+            asked = asked.where(CalibrationRow.what == what)
         if at is not None:
-            asked = asked.where(Calibration.valid_from <= at)
-        asked = asked.order_by(Calibration.valid_from.desc(), Calibration.id.desc())
+            asked = asked.where(CalibrationRow.valid_from <= at)
+        asked = asked.order_by(CalibrationRow.valid_from.desc(), CalibrationRow.id.desc())
         found = self.read(
             lambda session: [calibration_entry(row) for row in session.scalars(asked)]
         )
@@ -331,12 +335,12 @@ class Catalogue(Database):
         NotConnectedError
             The database cannot be reached.
         """
-        asked = of_stage(select(Model).join(Model.stage), stage, serial_number)
+        asked = of_stage(select(ModelRow).join(ModelRow.stage), stage, serial_number)
         if kind is not None:
-            asked = asked.where(Model.kind == kind)
+            asked = asked.where(ModelRow.kind == kind)
         if axis is not None:
-            asked = asked.where(Model.axis == axis)
+            asked = asked.where(ModelRow.axis == axis)
         if run is not None:
-            asked = asked.where(Model.run.has(Run.identifier == run))
-        asked = asked.order_by(Model.created.desc(), Model.id.desc())
+            asked = asked.where(ModelRow.run.has(RunRow.identifier == run))
+        asked = asked.order_by(ModelRow.created.desc(), ModelRow.id.desc())
         return self.read(lambda session: [model_entry(row) for row in session.scalars(asked)])

@@ -5,11 +5,17 @@ from contextlib import contextmanager
 from typing import Any, Self, TypeVar
 
 from sqlalchemy import Engine
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import (
+    DBAPIError,
+    IntegrityError,
+    InterfaceError,
+    OperationalError,
+    SQLAlchemyError,
+)
 from sqlalchemy.orm import Session
 
+from flexstage.errors import NotConnectedError, RecordError
 from flexstage.instruments.catalogue.address import WRITES, catalogue_engine, default_catalogue
-from flexstage.instruments.catalogue.failures import telling
 from flexstage.instruments.catalogue.migrations import LATEST, migrate, schema_version
 
 _T = TypeVar("_T")
@@ -50,7 +56,7 @@ class Database:
         self.close()
 
     def _lead_to_this_version(self) -> None:
-        with telling(self.address):
+        with _telling(self.address):
             with self._engine.connect() as connection, connection.begin():
                 if schema_version(connection) == LATEST:
                     return
@@ -59,12 +65,12 @@ class Database:
 
     def read(self, work: Callable[[Session], _T]) -> _T:
         """Do work that only reads."""
-        with telling(self.address), Session(self._engine) as session:
+        with _telling(self.address), Session(self._engine) as session:
             return work(session)
 
     def write(self, work: Callable[[Session], _T]) -> _T:
         """Do work in one transaction, again where another program was first."""
-        with telling(self.address):
+        with _telling(self.address):
             for _ in range(_TRIES - 1):
                 try:
                     return self._once(work)
@@ -83,3 +89,25 @@ class Database:
         link = self._engine.connect().execution_options(**{WRITES: True})
         with link as connection, connection.begin():
             yield connection
+
+
+@contextmanager
+def _telling(address: str) -> Iterator[None]:
+    """Turn what a database raises in this block into errors of flexstage."""
+    try:
+        yield
+    except (OperationalError, InterfaceError) as error:
+        raise NotConnectedError(
+            f"the catalogue {address} cannot be used ({_reason(error)}): runs are safe in their "
+            "folders, and 'flexstage runs add FOLDER' enters them later"
+        ) from error
+    except SQLAlchemyError as error:
+        raise RecordError(
+            f"the catalogue {address} is not as it should be ({_reason(error)}): is it one of "
+            "flexstage?"
+        ) from error
+
+
+def _reason(error: SQLAlchemyError) -> str:
+    said = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
+    return (said or [type(error).__name__])[0].strip()[:200]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from flexstage.errors import ControllerError, NotConnectedError
 from flexstage.instruments.gcs.codes import STOPPED, error_sentence
-from flexstage.instruments.gcs.exchange import Exchange, shown
+from flexstage.instruments.gcs.conversation import Conversation, shown
 from flexstage.instruments.gcs.replies import assignments, number, whole_number
 from flexstage.instruments.gcs.transport import Transport
 
@@ -31,10 +31,10 @@ class GcsClient:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._lock = threading.RLock()
-        self._exchange = Exchange(transport, timeout, clock)
+        self._conversation = Conversation(transport, timeout, clock)
         self._stops = 0
         try:
-            self._exchange.greet()
+            self._conversation.greet()
         except BaseException:
             transport.close()
             raise
@@ -42,17 +42,17 @@ class GcsClient:
     @property
     def name(self) -> str:
         """Where the link leads."""
-        return self._exchange.name
+        return self._conversation.name
 
     @property
     def identity(self) -> str:
         """What the controller answers to ``*IDN?``."""
-        return self._exchange.identity
+        return self._conversation.identity
 
     @property
     def connected(self) -> bool:
         """Whether the link is whole, as far as is known."""
-        return self._exchange.connected
+        return self._conversation.connected
 
     @property
     def stops(self) -> int:
@@ -62,9 +62,9 @@ class GcsClient:
     def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
         """Ask a question."""
         with self._lock:
-            self._exchange.settle()
-            return self._exchange.ask(
-                command, self._exchange.timeout if timeout is None else timeout
+            self._conversation.settle()
+            return self._conversation.ask(
+                command, self._conversation.timeout if timeout is None else timeout
             )
 
     def ask_values(self, command: str, names: Sequence[str]) -> list[float]:
@@ -79,7 +79,7 @@ class GcsClient:
             try:
                 return assignments(lines, names, question)
             except ControllerError:
-                self._exchange.put_in_step(question)
+                self._conversation.put_in_step(question)
                 raise
 
     def ask_whole(self, command: str, *, base: int = 10) -> int:
@@ -92,15 +92,15 @@ class GcsClient:
                     text = f"0x{text}"
                 return whole_number(text, shown(command))
             except ControllerError:
-                self._exchange.put_in_step(command)
+                self._conversation.put_in_step(command)
                 raise
 
     def tell(self, command: str) -> None:
         """Give a command, and ask whether it was carried out."""
         with self._lock:
-            self._exchange.settle()
+            self._conversation.settle()
             try:
-                code = self._exchange.tell(command)
+                code = self._conversation.tell(command)
             except NotConnectedError:
                 # it may have been carried out, and nobody could see what comes of it
                 self.stop()
@@ -125,13 +125,13 @@ class GcsClient:
         link takes nothing, or is gone, a second connection is tried if there can be one.
         """
         self._stops += 1
-        self._exchange.send_stop()
+        self._conversation.send_stop()
 
     def reconnect(self) -> None:
         """Open the link anew, where it can be, and see that the same controller is there."""
         with self._lock:
-            self._exchange.reopen()
+            self._conversation.reopen()
 
     def close(self) -> None:
         """End the link; nothing moves by it."""
-        self._exchange.close()
+        self._conversation.close()

@@ -10,7 +10,7 @@ from flexstage.instruments.protocol import Identity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
+class TransferLimits:
     """How much is sent and asked for at once."""
 
     line_limit: int = 256
@@ -22,7 +22,7 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
+class ControllerProfile:
     """What a controller says of itself."""
 
     identity: Identity
@@ -46,7 +46,8 @@ class Profile:
         Examples
         --------
         >>> who = Identity(vendor="", model="")
-        >>> about = Profile(identity=who, commands=frozenset(), parameters={7: "Table Rate"})
+        >>> known = {7: "Table Rate"}
+        >>> about = ControllerProfile(identity=who, commands=frozenset(), parameters=known)
         >>> about.parameter("^table"), about.parameter("speed")
         (7, None)
         """
@@ -61,14 +62,14 @@ class Profile:
         return _find_first(self.trigger_options, patterns)
 
 
-def read_profile(client: GcsClient) -> Profile:
+def read_profile(client: GcsClient) -> ControllerProfile:
     """Ask a controller what it can do; nothing is changed by it."""
     commands = _commands(client.ask("HLP?"))
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
     if "HDR?" in commands:
         options = _recorder_options(client.ask("HDR?"))
-    return Profile(
+    return ControllerProfile(
         identity=parse_identity(client.identity),
         commands=commands,
         parameters=parameters,

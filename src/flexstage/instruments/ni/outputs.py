@@ -13,13 +13,14 @@ from flexstage.instruments.checks import check_voltage, check_waveform
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.protocol import WaveGenerator
 from flexstage.instruments.waveform import Waveform
 
 _LARGEST = 20_000_000  # samples of all drives in memory
 _AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]
 
 
-class NiOutputs:
+class NiOutputs(WaveGenerator):
     """The drives of a card, and the generator of their waveforms."""
 
     def __init__(
@@ -50,16 +51,13 @@ class NiOutputs:
 
     @property
     def base_rate_hz(self) -> float:
-        """How often the outputs change [Hz]; waveforms are joined by straight lines."""
         return self._setup.output_rate_hz
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples of all drives together."""
         return _LARGEST
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits and keep it."""
         if waveform.quantity != "voltage" or feedforward is not None:
             raise ModelError(
                 f"card '{self._setup.device}' has no position control: give voltages, without "
@@ -69,7 +67,6 @@ class NiOutputs:
         self._loaded = waveform
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; an armed recorder starts with it."""
         wave = self._loaded
         if wave is None:
             raise ControllerError("no waveform was loaded: load one first")
@@ -82,7 +79,6 @@ class NiOutputs:
         self._put(lambda rate: _sampled(wave, cycles, rate))
 
     def running(self) -> bool:
-        """Say whether a waveform or a ramp runs."""
         running = self.busy()
         self._asked()
         return running
@@ -98,7 +94,6 @@ class NiOutputs:
             return True
 
     def stop(self) -> None:
-        """Stop where it is; the drives keep their voltages. From any thread; never raises."""
         self._stopped = True
         task = self._task
         with suppress(ControllerError, NotConnectedError):

@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import NiSetup
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 
 Numbers = NDArray[np.int64]
@@ -19,7 +19,7 @@ _SIGNALS, _CAPACITY = 64, 20_000_000
 _BUFFER_TIME = 10.0  # how long the driver keeps samples that are not read [s]
 
 
-class NiRecorder:
+class NiRecorder(Recorder):
     """Records sensors and voltages of a card.
 
     Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
@@ -52,21 +52,17 @@ class NiRecorder:
 
     @property
     def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]."""
         return self._card.largest_rate_hz(len(self._setup.inputs))
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples of a signal."""
         return _CAPACITY // len(self._setup.inputs)
 
     @property
     def signals(self) -> int:
-        """Largest number of signals at once."""
         return _SIGNALS
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record."""
         for signal in signals:
             self._source(signal)
         if not 1 <= samples <= self.capacity:
@@ -82,22 +78,18 @@ class NiRecorder:
         return self._rate
 
     def arm(self) -> None:
-        """Start with the next waveform."""
         self._open()
 
     def start(self) -> None:
-        """Start now."""
         self._open().start()
         self._started = True
 
     def available(self) -> int:
-        """Return the number of samples that are there."""
         self.drain()
         self.rest()
         return min(-(-self._ticks // self._divider), self._samples)
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples."""
         if first < 0 or count < 2 or first + count > self.available():
             raise ModelError(
                 f"samples {first} to {first + count - 1} are asked for, 2 at least, and "

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError
-from flexstage.instruments.ni.backend import CardInfo, InputTask
+from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
 _CALL = 1e-4  # what a call takes [s]
@@ -16,7 +16,7 @@ _RATE = 250e3  # of all inputs together, and of the outputs [Hz]
 _SETTLING = 10e-6  # that the driver leaves beside each conversion where there is time [s]
 
 
-class SimulatedBackend:
+class SimulatedBackend(NiBackend):
     r"""A simulated card with a stage that has no dynamics and no hysteresis.
 
     .. math:: v_i(t) = a_i + \sum_j g_{ij} u_j(t) + e
@@ -51,7 +51,6 @@ class SimulatedBackend:
         self.now = 0.0
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Return what a simulated card is."""
         return CardInfo(
             vendor="flexstage",
             model=f"simulated card {setup.device}",
@@ -64,14 +63,12 @@ class SimulatedBackend:
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now."""
         self._call()
         if self._input is not None and self._input.begin <= self.now:
             raise ControllerError("the inputs are reserved by a record", -50103)
         return self.read_at(inputs, np.array([self.now]))[:, 0]
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now."""
         self._call()
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
@@ -81,7 +78,6 @@ class SimulatedBackend:
             self._standing[drive.channel] = float(value)
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Return what outputs give."""
         self._call()
         if not self._readable:
             return np.full(len(outputs), np.nan)
@@ -91,7 +87,6 @@ class SimulatedBackend:
         return np.array([self._given(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        """Prepare inputs."""
         # a timebase of 100 MHz is divided by a whole number
         kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
         self._input = _Input(self, inputs, kept, buffer)
@@ -105,7 +100,6 @@ class SimulatedBackend:
         *,
         clock: InputTask | None,
     ) -> "_Output":
-        """Prepare outputs."""
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
         source = clock if isinstance(clock, _Input) else None
@@ -113,11 +107,9 @@ class SimulatedBackend:
         return self._output
 
     def pause(self, seconds: float) -> None:
-        """Let simulated time pass."""
         self.now += seconds
 
     def close(self) -> None:
-        """Give all free."""
         self._input = self._output = None
 
     def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:

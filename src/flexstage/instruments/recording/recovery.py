@@ -36,7 +36,7 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recovery:
+class StreamRecovery:
     """What a stream still holds."""
 
     head: StreamHead
@@ -67,12 +67,12 @@ class Recovery:
         return self.damaged_bytes > self.tail_bytes
 
 
-def examine(path: str | Path) -> Recovery:
+def examine(path: str | Path) -> StreamRecovery:
     """Say what a stream still holds."""
     return recovery_of(_scanned(Path(path)))
 
 
-def recover(path: str | Path) -> tuple[Record, Recovery]:
+def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
     """Read all that is whole in a stream.
 
     Parameters
@@ -84,7 +84,7 @@ def recover(path: str | Path) -> tuple[Record, Recovery]:
     -------
     Record
         The samples at their times; where some are missing the times have a gap.
-    Recovery
+    StreamRecovery
         What is safe, and what was lost.
 
     Validity
@@ -136,14 +136,14 @@ def _scanned(path: Path) -> Scan:
         raise RecordError(f"'{path}' cannot be read: {error.strerror or error}") from error
 
 
-def recovery_of(found: Scan) -> Recovery:
+def recovery_of(found: Scan) -> StreamRecovery:
     """Say what a stream still holds that was looked through."""
     lost = tuple(_lost(found))
     samples = _safe(found)
     damaged = sum(size for _, size in found.damaged)
     tail = next((s for at, s in found.damaged if at + s == found.size), 0)
     ended = found.expected is not None
-    return Recovery(
+    return StreamRecovery(
         head=found.head,
         samples=samples,
         ended=ended,

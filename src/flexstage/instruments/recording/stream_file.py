@@ -14,7 +14,7 @@ from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class StreamPosition:
     """How far a stream is written."""
 
     size: int
@@ -35,14 +35,14 @@ class StreamFile:
     ) -> None:
         first, self._salt = head_bytes(head)
         self._file = _opened(path, opener or _new_file, first)
-        self.at = self.safe = Place(size=len(first))
+        self.at = self.safe = StreamPosition(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
         """Write a frame."""
         at = self.at
         data, checksum = frame_bytes(mark, at.number, first, columns, at.checksum, self._salt)
         _write_all(self._file, data)
-        self.at = Place(
+        self.at = StreamPosition(
             size=at.size + len(data),
             number=at.number + 1,
             checksum=checksum,

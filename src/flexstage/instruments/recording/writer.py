@@ -3,16 +3,16 @@
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.chunk import Irregularity, checked_chunk
 from flexstage.instruments.recording.frames import (
     END,
     LARGEST_PAYLOAD,
@@ -26,6 +26,26 @@ from flexstage.instruments.recording.stream_file import StreamFile
 STREAM_SUFFIX = ".stream"
 # so much may wait for the disk at most, whatever the clock says [bytes]
 _MOST_UNSYNCED = 8 * 2**20
+# the number of the first sample, and samples of each channel
+_Chunk = tuple[int, list[Array]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Irregularity:
+    """Samples that do not follow the ones before."""
+
+    kind: str
+    """Whether samples are missing, or come again."""
+    first: int
+    """Number of the first sample that is missing, or that comes again."""
+    count: int
+    """How many."""
+
+    def __str__(self) -> str:
+        last = self.first + self.count - 1
+        if self.kind == "gap":
+            return f"samples {self.first} to {last} were never given"
+        return f"samples {self.first} to {last} were given twice; the first ones count"
 
 
 class RunWriter:
@@ -153,7 +173,7 @@ class RunWriter:
         """
         if self._state == "closed":
             raise RecordError(f"'{self.path}' is closed: nothing can be added to it")
-        values = checked_chunk(self._names, first, columns)
+        values = _checked(self._names, first, columns)
         if values[0].size == 0:
             return None
         irregularity = self._compared(first, values[0].size)
@@ -317,7 +337,7 @@ class RunWriter:
         self._unsynced.clear()
         self._synced_at = self._clock()
 
-    def _fail(self, error: OSError, chunk: "_Chunk | None") -> None:
+    def _fail(self, error: OSError, chunk: _Chunk | None) -> None:
         """Keep in memory what is not on disk, cut off the frame that is not whole, and tell."""
         self._state = "failed"
         self._file.cut()
@@ -363,4 +383,30 @@ class RunWriter:
         self._file.close()
 
 
-_Chunk = tuple[int, list[Array]]
+def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]) -> list[Array]:
+    """Return the samples of a chunk, if they can be added to a run."""
+    whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
+    # times are doubles, which count no further
+    if not whole or not 0 <= first < 2**53:
+        raise RecordError(f"the first sample must be a whole number from 0, got {first!r}")
+    if set(columns) != set(names) or len(columns) != len(names):
+        raise RecordError(
+            f"a chunk must have the channels {', '.join(names)}, got "
+            f"{', '.join(map(str, columns)) or 'none'}"
+        )
+    values: list[Array] = []
+    for name in names:
+        v = np.asarray(columns[name])
+        if v.dtype.kind not in "buif" or v.ndim != 1:
+            raise RecordError(
+                f"channel '{name}' must be a row of numbers, got {v.dtype} of shape {v.shape}"
+            )
+        # a copy, as a chunk may wait in memory while the caller fills the array anew
+        values.append(np.array(v, dtype="<f8", order="C"))
+    sizes = {v.size for v in values}
+    if len(sizes) > 1:
+        raise RecordError(
+            "the channels of a chunk must have equally many samples, got "
+            + ", ".join(f"{n}: {v.size}" for n, v in zip(names, values, strict=True))
+        )
+    return values

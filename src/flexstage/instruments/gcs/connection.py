@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from flexstage.errors import ControllerError
 from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.profile import Profile, Wire
+from flexstage.instruments.gcs.profile import ControllerProfile, TransferLimits
 from flexstage.instruments.gcs.replies import excerpt, number
 
 #: Simulated time that passes with a question that is repeated, at most [s].
@@ -28,19 +28,19 @@ _NAMES = {
 }
 
 
-class Core:
+class Connection:
     """Link, clock and memory of a controller."""
 
     def __init__(
         self,
         client: GcsClient,
-        profile: Profile,
-        wire: Wire,
+        profile: ControllerProfile,
+        transfer: TransferLimits,
         *,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
-        self.client, self.profile, self.wire = client, profile, wire
+        self.client, self.profile, self.transfer = client, profile, transfer
         self._clock, self._sleep = clock, sleep
         #: Whether position control is on, as far as is known, by identifier of the axis.
         self.servo: dict[str, bool] = {}
@@ -160,7 +160,7 @@ class Core:
     def between_questions(self) -> None:
         """Wait a little before a question is repeated; in fast time the question itself waits."""
         if not self.fast:
-            self._sleep(self.wire.poll)
+            self._sleep(self.transfer.poll)
 
     def settings(self) -> Mapping[str, str]:
         """Return what was set, without asking."""
@@ -180,13 +180,13 @@ class Patience:
     answered before that has passed: what is waited for may take up to ten times the time-out.
     """
 
-    def __init__(self, core: Core, timeout: float) -> None:
-        self._core, self._end = core, core.now() + timeout
+    def __init__(self, connection: Connection, timeout: float) -> None:
+        self._connection, self._end = connection, connection.now() + timeout
         self._questions = 1 + int(10.0 * timeout / FAST_TIME_STEP)
 
     def over(self) -> bool:
         """Say whether it has ended, and count one more question."""
         self._questions -= 1
-        if self._core.fast:
+        if self._connection.fast:
             return self._questions <= 0
-        return self._core.now() >= self._end
+        return self._connection.now() >= self._end

@@ -17,7 +17,7 @@ _STOP_PATIENCE = 0.1
 _LARGEST = 64 * 2**20
 
 
-class Exchange:
+class Conversation:
     """Questions and answers of one thread at a time; only `send_stop` may be called by others."""
 
     def __init__(self, transport: Transport, timeout: float, clock: Callable[[], float]) -> None:
