@@ -33,9 +33,9 @@ class Identity:
     """What an instrument says it is."""
 
     vendor: str
-    """Who made it, and what it is."""
+    """Who made it."""
     model: str
-    """Who made it, and what it is."""
+    """What it is."""
     serial_number: str = ""
     """Its serial number; empty where it tells none."""
     firmware: str = ""
@@ -112,7 +112,7 @@ class MotionAxis(Protocol):
         ...
 
     def voltage(self) -> float:
-        """Return the voltage at its drive [V]."""
+        """Return the voltage at its drive [V]; not a number where nobody knows."""
         ...
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
@@ -128,7 +128,7 @@ class MotionAxis(Protocol):
         ...
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target; stop it on time-out."""
+        """Wait until it stands, and in closed loop is on target; stop it on time-out [s]."""
         ...
 
     def servo(self) -> ServoSettings:
@@ -160,7 +160,7 @@ class Recorder(Protocol):
         ...
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record; return the rate that will be kept [Hz]."""
+        """Choose what to record and how much; return the rate that will be kept [Hz]."""
         ...
 
     def arm(self) -> None:
@@ -195,11 +195,17 @@ class WaveGenerator(Protocol):
         ...
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables."""
+        """Check a waveform whole against the limits, then write it to the tables.
+
+        The feedforward is of voltages, beside a waveform of positions.
+        """
         ...
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; the axes must stand at its first sample."""
+        """Run the waveform that was loaded; the axes must stand at its first sample.
+
+        It runs endlessly for 0 cycles, where the instrument can.
+        """
         ...
 
     def running(self) -> bool:
@@ -241,7 +247,7 @@ class Instrument(Protocol):
         ...
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now [m, or rad]."""
+        """Return what a sensor, by its number, reads now [m, rad, N]."""
         ...
 
     def strike(self, axis: str) -> None:
@@ -249,7 +255,7 @@ class Instrument(Protocol):
         ...
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: the clock of the instrument's own, which for a simulation may run fast."""
+        """Let time pass [s] on the instrument's own clock, which in a simulation may run fast."""
         ...
 
     def stop(self) -> None:

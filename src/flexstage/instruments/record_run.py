@@ -24,7 +24,7 @@ class SampleWriter(Protocol):
     """Takes samples as they come."""
 
     def append(self, first: int, columns: Mapping[str, Array]) -> object:
-        """Keep samples of every column."""
+        """Keep samples of every column [SI], the first of them by its number from 0."""
         ...
 
 
@@ -47,42 +47,17 @@ def run_waveform(
     sample; the recorder starts with the waveform, so that sample 0 of the record is the instant of
     sample 0 of the waveform.
 
-    Parameters
-    ----------
-    instrument : Instrument
-        What runs it. Whether the position control is on must fit to the waveform.
-    waveform : Waveform
-        Voltages with the position control off, or positions with it on.
-    signals : sequence of Signal
-        What is recorded.
-    rate_hz : float
-        Samples in a second [Hz]; the record says which rate the instrument could keep.
-    cycles : int
-        How often the waveform runs.
-    feedforward : Waveform, optional
-        Voltages beside a waveform of positions.
-    writer : SampleWriter, optional
-        Is handed the samples as they come.
-    before : int
-        Samples before the waveform; with some, the recorder is started first, and how many they
-        became is only known to the reaction of the link: the notes of the record say so.
-    after : int
-        Samples after the end of the waveform.
-    timeout : float, optional
-        How long to wait for the record beyond its own duration [s]; 10 s and half of that duration
-        where not given.
-
-    Returns
-    -------
-    Record
-        The signals, with the time from the first sample of the record [s].
+    The position control is off for a waveform of voltages, on for one of positions, beside which
+    a feedforward of voltages can be given. The record says which rate the instrument could keep.
+    With samples `before` the waveform the recorder is started first, and how many they became is
+    known only to the reaction of the link: the notes of the record say so. `timeout` is how long to
+    wait for the record beyond its own duration [s]; 10 s and half of that duration where not given.
 
     Raises
     ------
-    LimitError
-        The waveform leaves the limits, or the record does not fit; nothing has been moved.
-    ModelError
-        The feedforward is not of voltages, or signals share a name; nothing has been moved.
+    LimitError, ModelError
+        The waveform leaves the limits, the record does not fit, or what is given does not go
+        together; nothing has been moved.
     ControllerError
         The instrument refuses, a sensor gives no number, or the record does not come to its end;
         the stage was stopped.
@@ -143,30 +118,7 @@ def record_now(
 ) -> Record:
     """Record while the instrument does what it does, such as to hold its place.
 
-    Parameters
-    ----------
-    instrument : Instrument
-        What records.
-    signals : sequence of Signal
-        What is recorded.
-    rate_hz : float
-        Samples in a second [Hz].
-    samples : int
-        How many, 2 at least.
-    writer : SampleWriter, optional
-        Is handed the samples as they come.
-    timeout : float, optional
-        As of `run_waveform` [s].
-
-    Returns
-    -------
-    Record
-        The signals.
-
-    Raises
-    ------
-    ControllerError, NotConnectedError
-        As of `run_waveform`.
+    2 samples at least; time-out and errors are those of `run_waveform`.
     """
     run = RecordedRun(instrument, signals, writer)
     with run.stopping():
@@ -186,7 +138,7 @@ def record_blow(
     *,
     timeout: float | None = None,
 ) -> Record:
-    """Record a blow of the hammer along an axis."""
+    """Record a blow of the hammer along an axis; `signals` are its ``force`` and ``response``."""
     if Capability.IMPACT not in instrument.capabilities:
         raise ModelError(
             f"the {instrument.identity.model} has no hammer: strike the stage by hand and read "
@@ -214,9 +166,11 @@ def run_moves(
     writer: SampleWriter | None = None,
     timeout: float | None = None,
 ) -> Record:
-    """Move an axis from place to place and record while it stands at each of them.
+    """Move an axis from place to place [m] and record while it stands at each of them.
 
-    For instruments without a generator of waveforms, and for drives that are slow.
+    For instruments without a generator of waveforms, and for drives that are slow. Before each
+    record it waits `settle` [s], then records for `dwell` [s]; the column `command` holds the
+    commanded position, for the writer too. The time counts the recorded samples alone.
     """
     if not len(positions):
         raise ModelError("moves need at least one position, got none")
@@ -258,7 +212,9 @@ def run_moves(
 class RecordedRun:
     """One record, from the choice of its signals to its last sample.
 
-    Samples are read while they are recorded; each is looked at, kept, and handed to the writer.
+    Samples are read while they are recorded; each is looked at, kept, and handed to the writer,
+    for which the first has the number `first`. `extra` is a column that does not change: its name
+    and value [m].
     """
 
     def __init__(
@@ -284,7 +240,7 @@ class RecordedRun:
         self._waited = 0.0
 
     def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
-        """Choose what is recorded, and how much at the rate that the instrument keeps."""
+        """Choose what is recorded, and how many samples at the rate that is kept [Hz]."""
         recorder, rate = self.instrument.recorder, float(rate_hz)
         if not 0.0 < rate < np.inf:
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
@@ -313,7 +269,10 @@ class RecordedRun:
         return _Stopping(self)
 
     def read(self, timeout: float | None, until: int | None = None) -> None:
-        """Read samples until all of them, or as many as are asked for, are there."""
+        """Read samples until all of them, or `until` so many, are there.
+
+        `timeout` is beyond the time of the samples themselves [s], on the instrument's clock.
+        """
         recorder = self.instrument.recorder
         goal = self.samples if until is None else until
         expected = (goal - self.done) / self.rate
@@ -337,7 +296,7 @@ class RecordedRun:
             waited += step
 
     def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
-        """Wait until something has ended."""
+        """Wait until something has ended, 10 s [s] where no time is given."""
         waited, most = 0.0, 10.0 if timeout is None else timeout
         while busy():
             if waited > most:
@@ -348,7 +307,7 @@ class RecordedRun:
             waited += 0.01
 
     def record(self) -> Record:
-        """Return all samples."""
+        """Return all samples; the time counts from 0 [s]."""
         identity = self.instrument.identity
         columns = [(s.name, s.unit) for s in self.signals]
         if self.extra is not None:

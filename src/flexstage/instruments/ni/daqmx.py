@@ -48,7 +48,7 @@ _FAMILIES = ("M_SERIES_DAQ", "X_SERIES_DAQ", "S_SERIES_DAQ", "E_SERIES_DAQ", "MI
 
 
 def driver_found() -> str:
-    """Say why NI-DAQmx cannot be used here."""
+    """Say why NI-DAQmx cannot be used here; empty where it can."""
     try:
         import nidaqmx
         from nidaqmx.errors import DaqNotFoundError, DaqNotSupportedError, Error

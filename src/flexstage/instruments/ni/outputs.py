@@ -21,7 +21,14 @@ _AGREES = 0.02  # by which an output that is read back may differ from what it w
 
 
 class NiOutputs(WaveGenerator):
-    """The drives of a card, and the generator of their waveforms."""
+    """The drives of a card, and the generator of their waveforms.
+
+    `clock` returns the input task whose clock the outputs go with, and whether it has started; None
+    where nothing is recorded. `told` is told the voltages by axis [V], shape (n,), that are put out
+    from now on, and whether they begin with the first sample of the record. `asked` is called with
+    every question whether something runs, and `freed` ends a record, so that the inputs can read
+    the outputs back.
+    """
 
     def __init__(
         self,
@@ -105,7 +112,7 @@ class NiOutputs(WaveGenerator):
     # single voltages ----------------------------------------------------------------------------
 
     def voltage(self, axis: str) -> float:
-        """Return the voltage that was given to a drive.
+        """Return the voltage that was given to a drive [V]; not a number where it is not known.
 
         After a stop it is read back from the card, which ends a record that still runs.
         """
@@ -118,7 +125,7 @@ class NiOutputs(WaveGenerator):
             return self._standing[axis]
 
     def set_voltage(self, axis: str, voltage: float) -> None:
-        """Set the voltage of a drive, by a ramp where a step would pass the slew limit."""
+        """Set the voltage of a drive [V], by a ramp where a step would pass the slew limit."""
         limits = self._limits[axis]
         check_voltage(limits, voltage, axis)
         if self.running():

@@ -24,7 +24,8 @@ class NiRecorder(Recorder):
 
     Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
     the outputs, which share the clock, change often enough; the samples between are left out
-    without a filter.
+    without a filter. `busy` says whether outputs go with the clock of the record, which may then
+    not end.
     """
 
     def __init__(
@@ -110,13 +111,16 @@ class NiRecorder(Recorder):
     # with the outputs -----------------------------------------------------------------------------
 
     def clock(self) -> tuple[InputTask, bool] | None:
-        """Return the clock of a record that waits or runs."""
+        """Return the clock of a record that waits or runs, and whether it has started."""
         if self._task is None:
             return None
         return self._task, self._started
 
     def given(self, voltages: Mapping[str, Array], first: bool) -> None:
-        """Keep what is put out from now on."""
+        """Keep the voltages by axis [V], shape (n,), that are put out from now on.
+
+        They go with the clock of the record, and where they are its `first`, it starts with them.
+        """
         self._standing.update({axis: values[-1:] for axis, values in voltages.items()})
         if self._task is None:
             return

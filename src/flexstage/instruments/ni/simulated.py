@@ -25,6 +25,11 @@ class SimulatedBackend(NiBackend):
     sees what was before, as it is with a card. Inputs are converted one after the other, unless
     `simultaneous`.
 
+    `wiring` is the change of each input by outputs [V/V]: ``{"Dev1/ai0": {"Dev1/ao0": 0.7}}``.
+    `at_rest` is what inputs read with all outputs at 0 V [V], `noise` their standard deviation [V],
+    `standing` what outputs give when the program begins [V]; they can be read back if they are
+    `readable`. `note` says why there is no card.
+
     Validity: for trying a program without a card; nothing of the stage is in it. Time passes by
     `pause` and a little by each call.
     """
@@ -113,7 +118,11 @@ class SimulatedBackend(NiBackend):
         self._input = self._output = None
 
     def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:
-        """Return what inputs see at some times, the output that changes then not yet counted."""
+        """Return what inputs see at rising times of the first [V], shape (channels, n), clipped.
+
+        Each further input is converted an `interval` later [s]. An output that changes at one of
+        the times is not yet counted.
+        """
         out = np.empty((len(inputs), time.size))
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)
