@@ -37,7 +37,8 @@ class Catalogue(Database):
 
     Several programs may read and write it at once. It holds nothing that the folders of the runs do
     not hold: what could not be entered can be entered later, and a lost catalogue can be made again
-    from the folders, but for calibrations and models.
+    from the folders, but for calibrations and models. Where the database cannot be reached, a
+    method raises `NotConnectedError`.
 
     Examples
     --------
@@ -55,23 +56,7 @@ class Catalogue(Database):
     """
 
     def enter_run(self, entry: RunEntry) -> bool:
-        """Enter a run, or what is new of one that was entered before.
-
-        Parameters
-        ----------
-        entry : RunEntry
-            The run.
-
-        Returns
-        -------
-        bool
-            Whether it was not there before.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached; the run is safe in its folder.
-        """
+        """Enter a run, or what is new of one that was entered before; say whether it is new."""
 
         def work(session: Session) -> bool:
             row = session.scalar(select(RunRow).where(RunRow.identifier == entry.identifier))
@@ -88,17 +73,7 @@ class Catalogue(Database):
     def enter_calibration(self, entry: CalibrationEntry) -> None:
         """Enter a calibration; those before it stay.
 
-        Parameters
-        ----------
-        entry : CalibrationEntry
-            The calibration.
-
-        Raises
-        ------
-        RecordError
-            The run that it comes from is not in the catalogue.
-        NotConnectedError
-            The database cannot be reached.
+        The run that it comes from must be in the catalogue.
         """
 
         def work(session: Session) -> None:
@@ -119,17 +94,7 @@ class Catalogue(Database):
     def enter_model(self, entry: ModelEntry) -> None:
         """Enter a model; one of the same file of the same run is replaced.
 
-        Parameters
-        ----------
-        entry : ModelEntry
-            The model.
-
-        Raises
-        ------
-        RecordError
-            The run that it comes from is not in the catalogue.
-        NotConnectedError
-            The database cannot be reached.
+        The run that it comes from must be in the catalogue.
         """
 
         def work(session: Session) -> None:
@@ -167,34 +132,7 @@ class Catalogue(Database):
     ) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        kind, axis, plan : str, optional
-            Kind of test, axis, plan.
-        status : {"complete", "recovered", "failed"}, optional
-            How they ended.
-        since : datetime.datetime, optional
-            From when on, with its zone.
-        until : datetime.datetime, optional
-            Before when, with its zone.
-        simulated : bool, optional
-            Whether simulations, or none.
-        limit : int, optional
-            How many at most.
-
-        Returns
-        -------
-        list of RunEntry
-            The runs.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
+        They began from `since` on and before `until`, which are times with their zones.
         """
         asked = select(RunRow).join(RunRow.stage)
         equal: list[tuple[Any, Any]] = [
@@ -217,25 +155,7 @@ class Catalogue(Database):
         return self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
 
     def run(self, identifier: str) -> RunEntry:
-        """Return a run.
-
-        Parameters
-        ----------
-        identifier : str
-            Its identifier, or the beginning of it that no other has.
-
-        Returns
-        -------
-        RunEntry
-            The run.
-
-        Raises
-        ------
-        RecordError
-            There is no such run, or more than one.
-        NotConnectedError
-            The database cannot be reached.
-        """
+        """Return a run by its identifier, or the beginning of it that no other has."""
         wanted = identifier.strip().lower()
         if not wanted or not set(wanted) <= set("0123456789abcdef"):
             raise RecordError(
@@ -266,26 +186,7 @@ class Catalogue(Database):
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        what : str, optional
-            What they are of.
-        at : datetime.datetime, optional
-            Only the one of each that holds at this time: the latest that began before.
-
-        Returns
-        -------
-        list of CalibrationEntry
-            The calibrations.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
+        Of each only the one that holds `at` a time, where given: the latest that began before.
         """
         asked = of_stage(select(CalibrationRow).join(CalibrationRow.stage), stage, serial_number)
         if what is not None:
@@ -312,29 +213,7 @@ class Catalogue(Database):
         axis: str | None = None,
         run: str | None = None,
     ) -> list[ModelEntry]:
-        """Return models, the latest first.
-
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        kind, axis : str, optional
-            Which model, and of which axis.
-        run : str, optional
-            Identifier of the run that they come from.
-
-        Returns
-        -------
-        list of ModelEntry
-            The models.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
-        """
+        """Return models, the latest first; `run` is the identifier of the one they come from."""
         asked = of_stage(select(ModelRow).join(ModelRow.stage), stage, serial_number)
         if kind is not None:
             asked = asked.where(ModelRow.kind == kind)

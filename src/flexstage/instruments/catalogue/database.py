@@ -1,4 +1,4 @@
-"""A database of this version: opened, led on, read and written."""
+"""A database of this version: opened, led on, read and written; what it says when it fails."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,7 +31,10 @@ class Database:
 
     @classmethod
     def open(cls, address: str | None = None) -> Self:
-        """Open a catalogue; make it, or lead it to this version, where that is needed."""
+        """Open a catalogue, the user's own where none is named.
+
+        It is made, or led to this version, where that is needed.
+        """
         made = cls(catalogue_engine(address or default_catalogue()))
         try:
             made._lead_to_this_version()

@@ -29,7 +29,7 @@ from flexstage.instruments.catalogue.entries import (
 
 
 class UtcTime(TypeDecorator[datetime]):
-    """A date and time in UTC, also where a database knows no zones."""
+    """A date and time in UTC, also where a database knows no zones and keeps it without one."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -60,7 +60,7 @@ class CleanText(TypeDecorator[str]):
 
 
 def clean(text: str) -> str:
-    """Return a text that every database takes."""
+    """Return a text that every database takes: ``?`` for halves of letters, no zeros."""
     return text.replace("\0", "").encode("utf-8", "replace").decode("utf-8")
 
 
@@ -201,7 +201,7 @@ def stage_row(session: Session, entry: StageEntry) -> StageRow:
 
 
 def run_row(session: Session, identifier: str) -> RunRow | None:
-    """Return the row of a run."""
+    """Return the row of a run; None where the identifier is empty."""
     if not identifier:
         return None
     row = session.scalar(select(RunRow).where(RunRow.identifier == identifier))

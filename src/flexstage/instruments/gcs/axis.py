@@ -44,8 +44,9 @@ class AxisFacts:
 class PiAxis(MotionAxis):
     """An axis of a controller; positions and voltages are checked before any command leaves.
 
-    Notes
-    -----
+    Its voltage is set in steps that the amplifier makes within 0.1 ms each. A link that is lost
+    while it waits is answered by a stop, over a second link if there can be one.
+
     Validity: voltages are commanded by ``SVA``, which counts in volts at the drive only where the
     controller is set so. The first motion of each axis begins with a step of 1 V at most, whose
     effect is read back, and is given up where it is another one.

@@ -12,15 +12,14 @@ from flexstage.instruments.gcs.transport import Transport
 
 
 class GcsClient:
-    """A conversation with a controller that speaks the General Command Set, version 2.
+    """Questions and commands to a controller that speaks the General Command Set, version 2.
 
     An answer that comes too late is never taken for that to a later question: after a time-out the
     link is brought into step again by a question whose answer is known, and if that fails it is
     given up. Any thread may ask; one exchange goes on at a time.
 
-    Notes
-    -----
-    The constructor sends ``*IDN?``, ``CSV?`` and ``ERR?`` and nothing else.
+    `timeout` is the longest silence before an answer is given up [s]. Connecting sends ``*IDN?``,
+    ``CSV?`` and ``ERR?`` and nothing else.
     """
 
     def __init__(
@@ -60,7 +59,11 @@ class GcsClient:
         return self._stops
 
     def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
-        """Ask a question."""
+        """Ask a question; return the lines of its answer, one at least.
+
+        The line feed of the question, and the spaces that end lines of the answer, are left out.
+        After a `NoAnswerError` the link is in step again.
+        """
         with self._lock:
             self._conversation.settle()
             return self._conversation.ask(
@@ -68,11 +71,14 @@ class GcsClient:
             )
 
     def ask_values(self, command: str, names: Sequence[str]) -> list[float]:
-        """Ask for one number for each of some names."""
+        """Ask for one number for each name, in their order; ``nan`` where a sensor gives that.
+
+        Names are axes, channels, tables, or pairs of item and parameter.
+        """
         return [number(text, command) for text in self.ask_texts(command, names)]
 
     def ask_texts(self, command: str, names: Sequence[str]) -> list[str]:
-        """Ask for one text for each of some names."""
+        """Ask for one text for each name, in their order."""
         question = " ".join([command, *names])
         with self._lock:
             lines = self.ask(question)
@@ -83,7 +89,7 @@ class GcsClient:
                 raise
 
     def ask_whole(self, command: str, *, base: int = 10) -> int:
-        """Ask for one whole number."""
+        """Ask for one whole number; `base` is 16 for hexadecimal digits that do not say so."""
         with self._lock:
             lines = self.ask(command)
             try:
@@ -96,7 +102,11 @@ class GcsClient:
                 raise
 
     def tell(self, command: str) -> None:
-        """Give a command, and ask whether it was carried out."""
+        """Give a command, and ask whether it was carried out.
+
+        After a `NoAnswerError` or `NotConnectedError` it may have been. Where the link was lost
+        with it, a stop is sent by another link if there can be one.
+        """
         with self._lock:
             self._conversation.settle()
             try:

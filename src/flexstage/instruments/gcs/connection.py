@@ -65,7 +65,7 @@ class Connection:
             raise
 
     def read_parameter(self, item: str, key: int) -> str:
-        """Return the value of a parameter."""
+        """Return the value of a parameter of an axis, a channel, or ``1`` for the controller."""
         question = f"SPA? {item} 0x{key:08X}"
         lines = self.client.ask(question)
         name, equals, value = lines[0].partition("=")
@@ -82,7 +82,10 @@ class Connection:
         return value.strip()
 
     def number_parameter(self, item: str, pattern: str) -> float | None:
-        """Return a number among the parameters."""
+        """Return a number among the parameters, by a regular expression for its name.
+
+        None where the controller has no such parameter.
+        """
         key = self.profile.parameter(pattern)
         if key is None:
             return None
@@ -91,7 +94,7 @@ class Connection:
     # state ----------------------------------------------------------------------------------
 
     def check_state(self, cause: ControllerError | None = None) -> None:
-        """Compare what the controller has with what was set here."""
+        """Compare what the controller has with what was set here; the cause gave reason to ask."""
         lost: list[str] = []
         wanted = [axis for axis, on in self.servo.items() if on]
         if wanted and self.profile.knows("SVO?"):
@@ -136,11 +139,11 @@ class Connection:
     # time -----------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """Return the time of the computer's clock."""
+        """Return the time of the computer's clock [s]."""
         return self._clock()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: that of the controller where it is simulated and fast."""
+        """Let time pass [s]: that of the controller where it is simulated and fast."""
         key = self._numbers["time"]
         if seconds <= 0.0:
             return
@@ -154,7 +157,7 @@ class Connection:
             self._sleep(seconds)
 
     def patience(self, timeout: float) -> "Patience":
-        """Return a limit for waiting."""
+        """Return a limit for waiting [s]."""
         return Patience(self, timeout)
 
     def between_questions(self) -> None:
@@ -172,10 +175,8 @@ class Connection:
 
 
 class Patience:
-    """Counts the time of waiting, also where simulated time runs fast.
+    """Counts the time of waiting [s], also where simulated time runs fast.
 
-    Notes
-    -----
     In fast time each question counts as a quarter of a second divided by ten, since it may be
     answered before that has passed: what is waited for may take up to ten times the time-out.
     """

@@ -21,10 +21,9 @@ class PiController(Instrument):
     """A controller that speaks the General Command Set 2, and the stage at it.
 
     What it can do follows from the commands and parameters that the controller lists, never from
-    its name. Made by `PiController.open`.
+    its name. Made by `PiController.open`. Only a simulated stage can be struck: its drives are
+    taken out for it, and put back before the next motion.
 
-    Notes
-    -----
     Validity: written by the published command set and tested against simulated controllers only,
     never against hardware. Axes that need a reference move are not referenced from here.
     """
@@ -55,7 +54,12 @@ class PiController(Instrument):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> Self:
-        """Ask a controller what it is and what it can do; nothing moves, nothing is switched."""
+        """Ask a controller what it is and what it can do; nothing moves, nothing is switched.
+
+        `axes` names the controller's axis by the name of the stage's; they are taken in their order
+        where not given. The transport is closed when this fails. `timeout` is the longest silence
+        before an answer is given up [s].
+        """
         client = GcsClient(transport, timeout=timeout, clock=clock)
         try:
             connection = Connection(

@@ -40,15 +40,15 @@ class Discovery:
     base_rate_hz: float
     """Rate of the loop [Hz]."""
     recorder: Memory | None
-    """Their tables; None where there is none."""
+    """Tables of its recorder; None where there is none."""
     waves: Memory | None
-    """Their tables; None where there is none."""
+    """Tables of its wave generator; None where there is none."""
 
 
 def discover(
     connection: Connection, stage: Stage, axes: Mapping[str, str] | None = None
 ) -> Discovery:
-    """Ask what is there."""
+    """Ask what is there; `axes` names the controller's axis by the name of the stage's."""
     listed = [line.strip() for line in connection.client.ask("SAI?")]
     chosen = _chosen(listed, stage, axes)
     outputs = _outputs(connection, stage, listed, chosen)

@@ -33,7 +33,7 @@ class GatewayLink(Transport):
 
     `flush`, `close` and `connected` are used where the object has them. An object that waits in
     `read` waits as long as it has been told elsewhere; what it raises on a time-out is taken for
-    nothing.
+    nothing. Its `send` gets a text with the line feed at its end.
     """
 
     def __init__(

@@ -32,16 +32,16 @@ class ControllerProfile:
     parameters: Mapping[int, str] = field(default_factory=dict)
     """What its parameters are called, by number."""
     record_options: Mapping[int, str] = field(default_factory=dict)
-    """What its recorder records and what starts it, by number."""
+    """What its recorder records, by number."""
     trigger_options: Mapping[int, str] = field(default_factory=dict)
-    """What its recorder records and what starts it, by number."""
+    """What starts its recorder, by number."""
 
     def knows(self, *commands: str) -> bool:
-        """Say whether the controller knows commands."""
+        """Say whether the controller knows all of these commands."""
         return self.commands.issuperset(commands)
 
     def parameter(self, pattern: str) -> int | None:
-        """Return the number of the parameter that is called so.
+        """Return the lowest number of a parameter whose name the expression fits, in any case.
 
         Examples
         --------
@@ -63,7 +63,10 @@ class ControllerProfile:
 
 
 def read_profile(client: GcsClient) -> ControllerProfile:
-    """Ask a controller what it can do; nothing is changed by it."""
+    """Ask a controller what it can do; nothing is changed by it.
+
+    By ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
+    """
     commands = _commands(client.ask("HLP?"))
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
@@ -79,7 +82,7 @@ def read_profile(client: GcsClient) -> ControllerProfile:
 
 
 def parse_identity(text: str) -> Identity:
-    """Read the answer to ``*IDN?``.
+    """Read the answer to ``*IDN?``: vendor, model, serial number, firmware, between commas.
 
     Examples
     --------

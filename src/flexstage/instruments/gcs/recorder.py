@@ -48,7 +48,11 @@ class ChannelFacts:
 
 
 class PiRecorder(Recorder):
-    """Records in tables of the controller."""
+    """Records in tables of the controller, each of `capacity` samples.
+
+    The highest rate is that of its loop. Nothing is available while it waits for its start,
+    whatever older records hold.
+    """
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
-r"""Reading what a GCS controller answers: where a reply ends, and what its lines say.
+r"""Reading what a GCS controller answers: where a reply ends, what its lines and arrays say.
 
 Each line of a reply but the last ends with a space and a line feed, the last with a line feed
-alone.
+alone. An array is a heading of keys, then rows of numbers.
 """
 
 import math
@@ -23,7 +23,7 @@ _SHOWN = 60
 
 
 def take_lines(buffer: bytearray) -> list[str]:
-    r"""Take the whole lines from the beginning of what has come.
+    r"""Take the whole lines away from the beginning of what has come, without their line feeds.
 
     Examples
     --------
@@ -39,6 +39,8 @@ def take_lines(buffer: bytearray) -> list[str]:
 
 def number(text: str, what: str) -> float:
     """Read a number; what stands for none, such as ``nan``, is returned as such.
+
+    Here and below, `what` is the question, for sentences.
 
     Examples
     --------
@@ -73,7 +75,7 @@ def whole_number(text: str, what: str) -> int:
 
 
 def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[str]:
-    """Read lines of the form ``name=value``, one for each name, in any order.
+    """Read lines of the form ``name=value``, in any order; return the values in that of the names.
 
     Examples
     --------
@@ -102,7 +104,9 @@ class GcsArray:
 
 
 def parse_array(lines: Sequence[str], width: int, rows: int, what: str) -> GcsArray:
-    """Read an array.
+    """Read an array of as many rows and columns (`width`) as `what` asked for.
+
+    Numbers are ``nan`` where a sensor gave that.
 
     Examples
     --------

@@ -14,7 +14,10 @@ DEFAULT_BAUD = 115200
 
 
 class SerialLink(Transport):
-    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake."""
+    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake.
+
+    `baud` is its rate [bit/s], `timeout` the longest time for handing a command to it [s].
+    """
 
     def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
         import serial

@@ -18,7 +18,10 @@ _QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 
 
 class TcpLink(Transport):
-    """A TCP connection to a controller."""
+    """A TCP connection to a controller.
+
+    `timeout` is the longest time for connecting, and for handing a command to the network [s].
+    """
 
     def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
         self._host, self._port, self._timeout = host, port, timeout

@@ -26,7 +26,7 @@ class Transport(Protocol):
         ...
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come, one byte at least.
+        """Return what has come, one byte at least, within a time [s].
 
         `NoAnswerError` where nothing came in the time, `NotConnectedError` where the link is gone.
         """

@@ -28,7 +28,7 @@ class _Slot:
 
 
 def tunable(profile: ControllerProfile) -> bool:
-    """Say whether a controller's gains can be told in SI."""
+    """Say whether a controller names its gains with their units: others are never set."""
     return (
         profile.knows("SPA", "SPA?")
         and profile.parameter(_PROPORTIONAL) is not None
@@ -39,8 +39,6 @@ def tunable(profile: ControllerProfile) -> bool:
 class ServoTuning:
     """Settings of the position control of one axis.
 
-    Notes
-    -----
     A notch is sent as frequency, gain at it, and bandwidth, that is twice the damping ratio of its
     poles. Validity: only for controllers whose parameters say so in their names.
     """

@@ -36,11 +36,10 @@ class _Table:
 class PiWaves(WaveGenerator):
     """Runs tables of points.
 
-    Notes
-    -----
     Axis number i of the controller gets table i, and its feedforward table number of axes + i. The
     tables are written point by point; a few points are read back, so that a controller that
-    understood them otherwise shows before anything moves.
+    understood them otherwise shows before anything moves. The highest rate is that of the loop;
+    `capacity` counts the samples of all tables. `on_start` is called when a waveform starts.
     """
 
     def __init__(
@@ -251,7 +250,9 @@ class PiWaves(WaveGenerator):
 
 
 def point_lines(table: int, texts: Sequence[str], limit: int) -> list[str]:
-    """Return the commands that write points to a table.
+    """Return the commands, of `limit` characters at most, that write points to a table.
+
+    The first replaces what is in the table, the others append.
 
     Examples
     --------

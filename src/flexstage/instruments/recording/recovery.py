@@ -18,7 +18,9 @@ class Lost:
     """Samples that a stream does not hold, or holds twice."""
 
     kind: str
-    """Whether they were written and cannot be read, were never given, or were given twice."""
+    """``damage`` where they were written and cannot be read, ``gap`` where they were never given,
+    ``overlap`` where they were given twice.
+    """
     first: int
     """Number of the first of them."""
     count: int
@@ -73,29 +75,14 @@ def examine(path: str | Path) -> StreamRecovery:
 
 
 def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
-    """Read all that is whole in a stream.
+    """Read all that is whole in a stream, and say what is safe, and what was lost.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The stream; it is not changed.
-
-    Returns
-    -------
-    Record
-        The samples at their times; where some are missing the times have a gap.
-    StreamRecovery
-        What is safe, and what was lost.
+    The stream is not changed. Where samples are missing the times of the record have a gap.
 
     Validity
     --------
     A chunk counts only if its checksum (CRC-32, begun with that of the stream's head) is right: of
     damaged chunks one in 4e9 would pass. A chunk is lost whole.
-
-    Raises
-    ------
-    RecordError
-        The file cannot be read, is no stream, or holds fewer than two samples.
     """
     file = Path(path)
     found = _scanned(file)

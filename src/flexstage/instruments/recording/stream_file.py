@@ -28,7 +28,10 @@ class StreamPosition:
 
 
 class StreamFile:
-    """A new file with the head of a stream, to which frames are added."""
+    """A new file with the head of a stream, to which frames are added.
+
+    `opener` opens a file for writing bytes, without a buffer. What fails later is an `OSError`.
+    """
 
     def __init__(
         self, path: Path, head: StreamHead, opener: Callable[[Path], Any] | None = None
@@ -38,7 +41,7 @@ class StreamFile:
         self.at = self.safe = StreamPosition(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
-        """Write a frame."""
+        """Write a frame of a kind; where that fails, `cut` removes what there is of it."""
         at = self.at
         data, checksum = frame_bytes(mark, at.number, first, columns, at.checksum, self._salt)
         _write_all(self._file, data)

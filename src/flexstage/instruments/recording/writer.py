@@ -35,7 +35,7 @@ class Irregularity:
     """Samples that do not follow the ones before."""
 
     kind: str
-    """Whether samples are missing, or come again."""
+    """``gap`` where samples are missing, ``overlap`` where they come again."""
     first: int
     """Number of the first sample that is missing, or that comes again."""
     count: int
@@ -58,28 +58,11 @@ class RunWriter:
 
     As a context manager it closes the stream; where the block failed it leaves it for `recover`.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The stream, whose name ends in ``.stream``; it must not exist, and its folder must.
-    channels : sequence of (str, str)
-        Name and SI unit of each channel.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    metadata : RunMetadata
-        What is known of the run; start and identifier are given to it where they are empty.
-    sync : float, optional
-        The longest time that samples wait until they are forced to the disk [s]; 0 for no time at
-        all, None to leave it to the operating system.
-    clock : callable
-        Returns the time in seconds.
-    opener : callable
-        Opens a new file for writing bytes, without a buffer.
-
-    Raises
-    ------
-    RecordError
-        The file exists, or cannot be made; a channel, the rate or a text is impossible.
+    The name of the stream ends in ``.stream``; it must not exist, and its folder must. `channels`
+    are the name and SI unit of each. The metadata get a start and an identifier where they have
+    none. `sync` is the longest time that samples wait until they are forced to the disk [s]: 0 for
+    no time at all, None to leave it to the operating system. `opener` opens a new file for writing
+    bytes, without a buffer.
 
     Validity
     --------
@@ -149,20 +132,11 @@ class RunWriter:
         )
 
     def append(self, first: int, columns: Mapping[str, ArrayLike]) -> Irregularity | None:
-        """Write the samples of a chunk behind those before.
+        """Write the samples of a chunk, in SI units by channel, behind those before.
 
-        Parameters
-        ----------
-        first : int
-            Number of the first of them, counted from the start of the run.
-        columns : Mapping
-            Samples of every channel in SI units by its name, each of shape (n,).
-
-        Returns
-        -------
-        Irregularity or None
-            The gap or overlap, where the chunk does not follow the one before; it is kept in the
-            stream and in `irregularities`.
+        `first` is the number of the first of them, counted from the start of the run. Where it does
+        not follow the chunk before, the gap or overlap is returned, and kept in the stream and in
+        `irregularities`.
 
         Raises
         ------
@@ -190,13 +164,7 @@ class RunWriter:
         return irregularity
 
     def sync(self) -> None:
-        """Force what was appended to the disk.
-
-        Raises
-        ------
-        RecordError
-            The disk fails; the samples since the last sync are kept in `unsaved`.
-        """
+        """Force what was appended to the disk; where that fails, it is kept in `unsaved`."""
         if self._state == "open":
             try:
                 self._sync()
@@ -207,23 +175,14 @@ class RunWriter:
         """End the stream, turn it into an HDF5 file beside it, and remove the stream.
 
         The stream is removed only when every sample was read back from the HDF5 file and is the
-        same, bit by bit; it stays where samples were given twice, as the file holds them once.
-
-        Returns
-        -------
-        pathlib.Path
-            The HDF5 file, which `flexstage.records.read_record` reads.
+        same, bit by bit; it stays where samples were given twice, as the file holds them once, and
+        where there are fewer than two samples or the file cannot be written: `recover` reads it.
+        `flexstage.records.read_record` reads the file, which is returned.
 
         Validity
         --------
         The file is forced to the disk, but what is read back may come from the system's memory: a
         disk that keeps other bytes than it was given is found later, by the hash of the catalogue.
-
-        Raises
-        ------
-        RecordError
-            The stream has fewer than two samples, or the file cannot be written: the stream stays,
-            and `recover` reads it.
         """
         from flexstage.instruments.recording.archive import archived
 
@@ -258,21 +217,7 @@ class RunWriter:
     def rescue(self, path: str | Path) -> "RunWriter":
         """Write what could not be saved into another stream, as on another disk.
 
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The new stream; it must not exist.
-
-        Returns
-        -------
-        RunWriter
-            A writer that holds the unsaved chunks, to be continued or closed: another run, whose
-            note names this one.
-
-        Raises
-        ------
-        RecordError
-            It cannot be written either.
+        Return its writer, to be continued or closed: another run, whose note names this one.
         """
         about = self.head.metadata
         note = f"{about.note} (continues run {about.identifier})".strip()
@@ -384,7 +329,7 @@ class RunWriter:
 
 
 def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]) -> list[Array]:
-    """Return the samples of a chunk, if they can be added to a run."""
+    """Return a copy of the samples of each channel, in the order of the run, if they fit to it."""
     whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
     # times are doubles, which count no further
     if not whole or not 0 <= first < 2**53:
