@@ -20,9 +20,9 @@ from flexstage.hysteresis.identification.families.family import (
     Fit,
     behind_chain,
     equations,
+    folds_of,
     residual,
 )
-from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
@@ -443,7 +443,7 @@ def test_no_model_runs_away_on_what_was_held_out():
     alone = identify(
         record(u, y), "u", "y", model="generalised-bouc-wen", train=(0, 1000), chain=NONE
     )
-    conditions = {c.name: c.holds for c in alone.model.hysteresis.conditions()}
+    conditions = {c.name: c.holds for c in alone.model.hysteresis.properties()}
     assert conditions["bounded"]
 
 

@@ -44,7 +44,11 @@ def setting(
     *,
     on_trial: bool = False,
 ) -> Setting:
-    """Fit the heads of one setting."""
+    """Fit the heads of one setting.
+
+    `kind` is disc, drum or magnet; a disc where None. `on_trial`: one of several at known
+    positions.
+    """
     import numpy as np
 
     from flexstage.centring import (

@@ -9,8 +9,13 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.export.line_steps import modes_behind_lines, read_at_rest
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
+from flexstage.hysteresis.chain.coupled_stepping import (
+    forcing,
+    lags_through,
+    modes_through,
+    values_of,
+)
 from flexstage.hysteresis.chain.element import positive_step
-from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.model import Array, samples
 from flexstage.short_repr import short_repr
@@ -188,7 +193,7 @@ class DynamicModel:
             if d.hysteresis is None:
                 state, w = voltage.copy(), d.gain * float(voltage[0])
             else:
-                response = d.hysteresis.simulate(voltage, d.hysteresis.rest())
+                response = d.hysteresis.simulate(voltage, d.hysteresis.initial_state())
                 state, w = response.state, float(response.values[0])
             made.amplifiers[d.name] = amplifier
             made.hysteresis[d.name] = state

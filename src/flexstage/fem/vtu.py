@@ -35,6 +35,15 @@ def vtu_files(
 ) -> dict[str, bytes]:
     """Return statics and modes of a finite-element model as files.
 
+    By name. ``static-AXIS.vtu`` for each axis at full stroke: ``displacement`` [m], ``von_mises``
+    [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``: ``displacement`` as a part
+    of the largest [1], with the frequency [Hz] as field data; ``modes.pvd`` opens all modes, the
+    number of each as its time. Every cell has its ``region`` and its ``body``, numbers whose names
+    stand in ``regions.csv``.
+
+    `divisions` are parts of each edge of an element: where None its order but 4 at most in the
+    plane, and 2 in three dimensions. `drives` is their condition for the modes.
+
     Notes
     -----
     Validity: a model in three dimensions is written over its whole thickness, mirrored from the
@@ -46,7 +55,7 @@ def vtu_files(
             f"{', '.join(analysis.modes)}"
         )
     if divisions is None:
-        solid = model.halves[0].continuum.dimension == 3
+        solid = model.problems[0].continuum.dimension == 3
         divisions = 2 if solid else min(model.mesh_settings.order, 4)
     sampler = Sampler(model=model, divisions=divisions, extent="whole", seams=True)
     files = {}

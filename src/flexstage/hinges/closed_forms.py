@@ -7,7 +7,7 @@ from typing import Literal
 from flexstage.errors import HingeError
 from flexstage.hinges import lobontiu, paros_weisbord
 from flexstage.hinges import other_forms as other
-from flexstage.hinges.compliance import PlaneState, plane_moduli, plane_state
+from flexstage.hinges.hinge_spring import PlaneState, plane_moduli, plane_state
 from flexstage.hinges.profile import Profile
 
 _BEAM = "slender beam: too stiff where t/R is not small"

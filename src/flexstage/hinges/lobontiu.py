@@ -1,4 +1,11 @@
-"""Closed forms by N. Lobontiu and others."""
+"""Closed forms by N. Lobontiu and others.
+
+They take the neck thickness t, the sizes of the notch and the width b [m], and Young's modulus E
+and Poisson's ratio nu or, in plane strain, E/(1 - nu^2) [Pa] and nu/(1 - nu). Sizes are the radius
+R of circles; the length l, fillets included, and radius r of fillets; the half length l and the
+depth c on a side. Rotation by a moment is in rad/(N m), extension by an axial force and deflection
+at the neck by a shear force there in m/N.
+"""
 
 import numpy as np
 

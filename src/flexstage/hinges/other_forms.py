@@ -1,4 +1,9 @@
-"""Closed forms by Wu and Zhou, Schotborgh and others, Smith and others, and O'Donnell."""
+"""Closed forms by Wu and Zhou, Schotborgh and others, Smith and others, and O'Donnell.
+
+They take the neck thickness t, the sizes of the notch (radius R of circles; half length l and depth
+c on a side; length l of a leaf) and the width b [m], and Young's modulus E or, in plane strain,
+E/(1 - nu^2) [Pa]. Rotation by a moment is in rad/(N m), extension by an axial force in m/N.
+"""
 
 import numpy as np
 

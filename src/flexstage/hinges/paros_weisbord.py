@@ -1,4 +1,9 @@
-"""Closed forms of circular notches by J. M. Paros and L. Weisbord."""
+"""Closed forms of circular notches by J. M. Paros and L. Weisbord.
+
+They take the neck thickness t, the radius R of the circles and the width b [m], and Young's modulus
+E or, in plane strain, E/(1 - nu^2) [Pa]. Rotation by a moment is in rad/(N m), extension by an
+axial force and deflection at the neck by a shear force there in m/N.
+"""
 
 import numpy as np
 

@@ -10,13 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.checks import check_position, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.instruments.waveform import Waveform
-from flexstage.progress import share, tell
 from flexstage.records import Channel, Record
 
 
@@ -181,7 +181,7 @@ def run_moves(
     parts: list[Record] = []
     done = 0
     for k, position in enumerate(positions):
-        with share(k / len(positions), (k + 1) / len(positions)):
+        with progress.subtask(k / len(positions), (k + 1) / len(positions)):
             run = RecordedRun(
                 instrument, signals, writer, first=done, extra=(command, float(position))
             )
@@ -345,7 +345,7 @@ class RecordedRun:
         if bad.any():
             which = int(np.argmax(bad[:, good]))
             raise ControllerError(self._no_number(self.signals[which], columns, good))
-        tell("recording", self.done / self.samples)
+        progress.update("recording", self.done / self.samples)
 
     def _keep(self, columns: dict[str, Array], count: int) -> None:
         if not count:

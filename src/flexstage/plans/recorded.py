@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Capability, Instrument, Signal
@@ -14,7 +15,6 @@ from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.plans.command import Command, Strike
-from flexstage.progress import share
 
 #: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
 _BLOW_TIME = 0.8
@@ -172,7 +172,7 @@ def record_strikes(
     channels = [(s.name, s.unit) for s in signals]
     with RunWriter(stream, channels, rate, metadata) as writer:
         for hit in range(strike.hits):
-            with share(hit / strike.hits, (hit + 1) / strike.hits):
+            with progress.subtask(hit / strike.hits, (hit + 1) / strike.hits):
                 numbered = _Numbered(writer, lambda _: {}, offset=hit * samples)
                 record_blow(instrument, strike.axis, signals, rate_hz, samples, numbered)
     return stream.with_suffix(".h5")

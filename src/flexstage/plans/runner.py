@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import flexstage
+from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
@@ -25,7 +26,6 @@ from flexstage.plans.results import PlanResult
 from flexstage.plans.results_file import results_text
 from flexstage.plans.state import RunState, StepState, file_hash, read_state, write_state
 from flexstage.plans.work import Work, base_rate_of
-from flexstage.progress import share, tell
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
@@ -238,8 +238,8 @@ def _run_steps(work: Work, state: RunState, steps: tuple[Step, ...]) -> RunState
     outputs: dict[str, str] = {}
     identity = work.instrument.identity
     for k, step in enumerate(steps):
-        with share(k / len(steps), (k + 1) / len(steps)):
-            tell(step.name[:17])
+        with progress.subtask(k / len(steps), (k + 1) / len(steps)):
+            progress.update(step.name[:17])
             mark = fingerprint(step, work.plan, work.stage, identity, outputs)
             before = state.steps.get(step.name)
             now = before is None or not _whole(work.folder, before, mark)

@@ -76,6 +76,9 @@ def _check_instruments(decoder: Decoder, root: MappingNode) -> None:
 
 
 def campaign_text(campaign: Campaign) -> str:
-    """Write the description of tests as the text of its file."""
+    """Write the description of tests as the text of its file.
+
+    `read_campaign` reads it back; what is as usual is left out.
+    """
     data = {"campaign": Number(_VERSION), **encode(Campaign, campaign, None)}
     return yaml_text(data)

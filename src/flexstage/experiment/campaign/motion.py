@@ -39,7 +39,10 @@ _NOTES = {
 
 
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate cycles over the stroke."""
+    """Evaluate cycles over the stroke.
+
+    Straightness, coupling and rotations are there where they were read beside ``along``.
+    """
     record = only(test, records)
     motions = {
         name: values
@@ -74,7 +77,11 @@ def motion_figures(
     *,
     timed: bool = True,
 ) -> TestResult:
-    """Return the figures of an axis from its motions over repeated cycles."""
+    """Return the figures of an axis from its motions over repeated cycles.
+
+    The command is in V or m, all motions in m or rad, shape (n,) each; `time` in s, or where not
+    `timed`, so that a drift has no rate, numbers of stations.
+    """
     cycles = motion_cycles(command)
     found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
     straight = linearity(found.curve)

@@ -31,7 +31,11 @@ def assembled(
     wanted: int | Sequence[float] | None,
     hints: Sequence[str] = (),
 ) -> ModalFit:
-    """Make the result of a fit."""
+    """Make the result of a fit.
+
+    `added_damping_rate` [1/s] is taken off. Where no modes are `wanted`, by number or near
+    frequencies [Hz], poles that are no modes of the stage are left out of the list.
+    """
     blocks = [part.block for part in parts]
     worth = assess(basis, theta, blocks)
     strength = significances(basis, theta, blocks) if basis.count else np.zeros(0)

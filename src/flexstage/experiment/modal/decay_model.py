@@ -37,12 +37,15 @@ class DecayFit:
         return float(np.sum((self.residual * self.weights) ** 2))
 
     def orthogonal(self) -> Array:
-        """Return the derivatives without what the amplitudes can follow."""
+        """Return the derivatives without what the amplitudes can follow, shape (c, n, p)."""
         inside = self.functions @ (self.functions.T @ self.jacobian)
         return self.jacobian - inside
 
     def falls(self) -> Array:
-        """Return by how much each mode lowers sums of squares, and of products of channels."""
+        """Return by how much each mode lowers sums of squares, and of products of channels.
+
+        With the poles of the others as they are, shape (modes, c, c).
+        """
         square = self.inverse.T @ self.inverse
         count = self.factors.shape[1]
         out = np.empty((self.theta.size // 2, count, count))
@@ -55,7 +58,8 @@ class DecayFit:
 def project_decay(theta: Array, t: Array, values: Array, weights: Array) -> DecayFit:
     """Fit amplitudes, offset and drift at given poles.
 
-    v_c = Re(sum_r A_rc exp((-sigma_r + i omega_r) t)) + a_c + b_c t.
+    v_c = Re(sum_r A_rc exp((-sigma_r + i omega_r) t)) + a_c + b_c t. theta holds sigma and omega of
+    each mode in turn, t starts at 0, values have shape (n, c).
     """
     sigma, omega = theta.reshape(-1, 2).T
     wave: Complex = np.exp(t[:, None] * np.asarray(-sigma + 1j * omega, dtype=np.complex128))

@@ -39,7 +39,10 @@ def _prominence(values: Array, rate: float) -> tuple[Array, Array]:
 
 
 def highest_frequency(values: Array, rate: float) -> float:
-    """Return the highest frequency that stands out in a record."""
+    """Return the highest frequency that stands out in a record.
+
+    In Hz; the strongest where none stands out.
+    """
     frequency, ratio = _prominence(values, rate)
     out = np.flatnonzero(ratio > _ABOVE * math.log(ratio.size) / math.log(2.0))
     strong = np.flatnonzero(ratio > 1e-4 * ratio.max())
@@ -74,6 +77,7 @@ def subspace_poles(values: Array, rate: float, order: int) -> Complex:
     Windows of the record are the columns of a Hankel matrix; the subspace of its largest singular
     values turns into itself by one sample as U_2 = U_1 Z, and the eigenvalues of Z are exp(pole T)
     (Juang and Pappa, 1985, Journal of Guidance, Control and Dynamics 8; Hua and Sarkar, 1990).
+    Those in the upper half plane that decay [rad/s], rising in frequency.
     """
     size = values.shape[0]
     window = min(size // 2, _WINDOW)

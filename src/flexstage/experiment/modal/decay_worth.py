@@ -15,7 +15,9 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
     The error of each is a weighted sum of the noise. Its variance is the sum over frequency of the
     squared transform of the weights times the noise's spectral density, which is the residual's
     periodogram averaged over some lines, over what the fit has left of white noise there. Channels
-    may share noise: cross spectra are in it.
+    may share noise: cross spectra are in it. It is that of decay rate, damped angular frequency,
+    and real and imaginary part of the amplitude of each channel in turn; the number is its degrees
+    of freedom.
     """
     count = fit.residual.shape[1]
     free = fit.orthogonal() * fit.weights[:, None, None]
@@ -51,7 +53,10 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
 
 
 def noise_ratios(fit: DecayFit, rate: float) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the noise near its frequency."""
+    """Return by how much each mode lowers the sum of squares, over the noise near its frequency.
+
+    Near 2 (1 + channels) for what is noise itself. `rate` is in the unit of time of the fit.
+    """
     size, count = fit.residual.shape
     density, _ = _density(fit, fit.orthogonal() * fit.weights[:, None, None])
     at = np.round(fit.theta[1::2] / (2.0 * np.pi) * size / rate).astype(int)

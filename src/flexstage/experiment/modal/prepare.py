@@ -66,7 +66,11 @@ def prepared(
     motion: Literal["displacement", "velocity", "acceleration"] | None,
     reference: float,
 ) -> tuple[Prepared, ...]:
-    """Make responses ready for a fit."""
+    """Make responses ready for a fit.
+
+    Lines count by their variance, all alike, or by the inverse of their magnitude. `motion` is what
+    outputs without a unit of motion measure; `reference` makes numbers of size 1 [rad/s].
+    """
     if weighting not in ("variance", "uniform", "relative"):
         raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
     if motion is not None and motion not in _MOTIONS:
@@ -128,7 +132,8 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
 
     The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
     the exponential distribution that squares of complex noise have; where the noise of the output
-    is of some frequencies, a follows the scatter of the lines.
+    is of some frequencies, a follows the scatter of the lines. `left` is the share of the noise of
+    each line that the fit leaves, shape (k, outputs, inputs).
     """
     deviation = np.empty_like(part.deviation)
     for o, i in np.ndindex(*part.measured.response.shape[1:]):
@@ -181,7 +186,10 @@ def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Arra
 
 
 def deviations(part: MeasuredResponse) -> Array | None:
-    """Return the expected rms of the error of each value, from the variance of a response."""
+    """Return the expected rms of the error of each value, from the variance of a response.
+
+    Shape (k, outputs, inputs); None where no variance is known, or it is 0 at most lines.
+    """
     if part.variance is None:
         return None
     variance = part.variance

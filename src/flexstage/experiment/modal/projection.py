@@ -155,7 +155,10 @@ def eliminate(basis: ModalBasis, theta: Array, block: Block) -> Eliminated:
 
 
 def gram_of(left: Complex, right: Complex, square: Array) -> Array:
-    """Return weighted products of functions, of the real and the imaginary part together."""
+    """Return weighted products of functions, of the real and the imaginary part together.
+
+    Of functions of shapes (k, a) and (k, b), with squares of the weights (k, m): shape (m, a, b).
+    """
     if square.shape[1] == 1:
         return (left.conj().T @ (square * right)).real[None]
     k, a, b = *left.shape, right.shape[1]
@@ -190,7 +193,10 @@ def _normal(
 
 
 def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return the standard uncertainty of each parameter over the rms of noise."""
+    """Return the standard uncertainty of each parameter over the rms of noise.
+
+    By the linearised fit; infinite of what nothing depends on.
+    """
     now = [eliminate(basis, theta, block) for block in blocks]
     square = _normal(basis, theta, blocks, now)[1]
     diagonal = np.diagonal(square)
@@ -203,7 +209,10 @@ def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> A
 
 
 def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) -> Array:
-    """Return the share of the noise of each line that a fit leaves in its residual."""
+    """Return the share of the noise of each line that a fit leaves in its residual.
+
+    One less half the leverage of real and imaginary part, shape (k, m).
+    """
     gradient = now.functions.conj()
     shared = now.inverse.shape[0] == 1
     which = np.zeros(block.values.shape[1], dtype=np.intp) if shared else slice(None)
@@ -225,7 +234,11 @@ def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) ->
 def minimise(
     basis: ModalBasis, theta: Array, blocks: Sequence[Block], *, rough: bool = False
 ) -> tuple[Array, float]:
-    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963)."""
+    """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963).
+
+    A rough fit stops where the sum hardly falls, far below what noise makes of it, or after so many
+    steps. Returned are the parameters and the sum of squares.
+    """
     now = [eliminate(basis, theta, block) for block in blocks]
     total = sum(one.total for one in now)
     if not basis.size:

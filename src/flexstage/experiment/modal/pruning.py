@@ -46,7 +46,11 @@ def selected(
     count: int | None,
     guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
-    """Refine poles, and take away one by one those that the data can spare."""
+    """Refine poles, and take away one by one those that the data can spare.
+
+    At most `count` significant modes are left; poles nearest to the guesses [Hz] stay, significant
+    or not.
+    """
     from dataclasses import replace
 
     basis = replace(template, count=poles.size)
@@ -65,7 +69,10 @@ def pruned(
     count: int | None,
     guess: Sequence[float] = (),
 ) -> tuple[ModalBasis, Array]:
-    """Refine modes, and take away one by one those that are not significant."""
+    """Refine modes, and take away one by one those that are not significant.
+
+    As in `selected`; the model is without delay and lag.
+    """
     while basis.count:
         theta = minimise(basis, theta, blocks, rough=True)[0]
         strength = significances(basis, theta, blocks)
@@ -110,7 +117,10 @@ def _spared(
 
 
 def nearest_pole(basis: ModalBasis, theta: Array, frequency: float) -> int | None:
-    """Return the number of the pole that a guessed frequency means."""
+    """Return the number of the pole that a guessed frequency means.
+
+    None where no pole with a peak is near.
+    """
     w, zeta = theta[: 2 * basis.count].reshape(-1, 2).T
     off = np.abs(basis.reference * w / (2.0 * math.pi * frequency) - 1.0)
     off = np.where(zeta < _PEAKED, off, math.inf)

@@ -52,9 +52,9 @@ class RingDown:
     time: Array
     """Times of the samples that were fitted [s], shape (n,)."""
     measured: Array
-    """Those samples and the model, in the units of the channels, shape (n, channels)."""
+    """Those samples, in the units of the channels, shape (n, channels)."""
     fitted: Array
-    """Those samples and the model, in the units of the channels, shape (n, channels)."""
+    """The model at those samples, in the units of the channels, shape (n, channels)."""
     averaged: int
     """How many samples of the record are averaged in each."""
     residual_rms: Array

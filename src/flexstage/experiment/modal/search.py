@@ -48,7 +48,11 @@ def search(
     count: int | None,
     guess: Sequence[float] | None,
 ) -> Found:
-    """Find the modes of responses."""
+    """Find the modes of responses.
+
+    As many as are significant, or `count`; near each of the guesses [Hz] there is to be one,
+    significant or not.
+    """
     diagram, start = started(parts, orders, band)
     blocks = [part.block for part in parts]
     basis, theta = selected(template, start, blocks, count, guess or ())

@@ -24,7 +24,10 @@ _TRIALS = 3
 
 
 def distinct(poles: Complex, rank: Array) -> Complex:
-    """Leave out poles that are too close to a better one to be another mode."""
+    """Leave out poles that are too close to a better one to be another mode.
+
+    Those that are left are half of their decay rate apart at least, and rise in frequency.
+    """
     kept: list[complex] = []
     for n in np.argsort(-rank, kind="stable"):
         pole = complex(poles[n])
@@ -40,7 +43,10 @@ def extended(
     candidates: Complex,
     count: int | None,
 ) -> tuple[ModalBasis, Array]:
-    """Add modes that no stable pole led to, as of two close modes that looked like one."""
+    """Add modes that no stable pole led to, as of two close modes that looked like one.
+
+    `count` is how many there are to be; None adds all that are significant.
+    """
     while count is None or basis.count < count:
         own = basis.poles(theta)[:, 0]
         every = np.concatenate([candidates, _halves(own), _peaks(basis, theta, blocks)])

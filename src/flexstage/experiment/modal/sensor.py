@@ -30,7 +30,10 @@ _LAGS = np.array([0.0, 0.15, 0.5, 1.5, 4.0])
 
 
 def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[Array, float]:
-    """Find delay and lag by trying many near those given, as a fit finds the nearest alone."""
+    """Find delay and lag by trying many near those given, as a fit finds the nearest alone.
+
+    Returned are the parameters and the sum of squares.
+    """
     blocks = [part.block for part in parts]
     coarse = [_fewer(block) for block in blocks]
     top = max(float(block.s[-1].imag) for block in blocks)
@@ -93,7 +96,10 @@ def _fewer(block: Block) -> Block:
 
 
 def without_sensor(basis: ModalBasis, theta: Array, part: Prepared) -> Prepared:
-    """Return a response as it was before the delay and lag of the sensor."""
+    """Return a response as it was before the delay and lag of the sensor.
+
+    Its weights change to match.
+    """
     block = part.block
     factor = basis.transfer(theta, block.s)
     measured = replace(

@@ -16,7 +16,10 @@ _DYNAMIC_RANGE = 1e-8
 
 
 def significances(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
-    """Return by how much each mode lowers the sum of squares, over the mean square of noise."""
+    """Return by how much each mode lowers the sum of squares, over the mean square of noise.
+
+    With the poles of the others as they are, shape (count,).
+    """
     falls = np.zeros(basis.count)
     found = [eliminate(basis, theta, block) for block in blocks]
     for now in found:
@@ -44,7 +47,8 @@ def threshold(basis: ModalBasis, blocks: Sequence[Block]) -> float:
     """Return the fall of the sum of squares that a mode must make.
 
     Number of parameters times logarithm of the number of values (Schwarz 1978), and twice the
-    logarithm of the number of lines, as the place of a mode is the best of so many.
+    logarithm of the number of lines, as the place of a mode is the best of so many. The fall is
+    over the mean square of noise.
     """
     values = sum(2 * block.values.size for block in blocks)
     lines = sum(block.values.shape[0] for block in blocks)
@@ -67,6 +71,6 @@ def without(basis: ModalBasis, theta: Array, modes: Sequence[int]) -> tuple[Moda
 
 
 def rising(theta: Array) -> Array:
-    """Return parameters of modes in the order of their frequencies."""
+    """Return frequencies and damping ratios of modes, in turn, in the order of the frequencies."""
     pairs = theta.reshape(-1, 2)
     return pairs[np.argsort(pairs[:, 0], kind="stable")].ravel()

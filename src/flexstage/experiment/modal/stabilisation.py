@@ -29,13 +29,9 @@ class OrderPoles:
     poles: Complex
     """Poles, rising in frequency [rad/s], shape (p,)."""
     stable_frequency: NDArray[np.bool_]
-    """Whether the order before has a pole within the criterion of frequency, and whether that pole
-    agrees in damping as well, shape (p,).
-    """
+    """Whether the order before has a pole within the criterion of frequency, shape (p,)."""
     stable_damping: NDArray[np.bool_]
-    """Whether the order before has a pole within the criterion of frequency, and whether that pole
-    agrees in damping as well, shape (p,).
-    """
+    """Whether a pole within the criterion of frequency agrees in damping as well, shape (p,)."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -61,9 +57,9 @@ class Stabilisation:
     persistence: Array
     """The share of the orders, from where a cluster begins, that it is found in [1], shape (p,)."""
     frequency_tolerance: float
-    """The relative criteria [1]."""
+    """Relative criterion of frequency [1]."""
     damping_tolerance: float
-    """The relative criteria [1]."""
+    """Relative criterion of damping [1]."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -172,7 +168,10 @@ def stabilised(
     tolerances: tuple[float, float] = (0.01, 0.05),
     coefficients: Literal["complex", "real"] = "complex",
 ) -> Stabilisation:
-    """Find stable poles of several sets of lines together."""
+    """Find stable poles of several sets of lines together.
+
+    All have the same number of inputs; the tolerances are those of frequency and damping [1].
+    """
     if orders is None:
         fewest = min(part.frequency_hz.size for part in lines)
         orders = range(2, max(4, min(_HIGHEST_ORDER, fewest // 3)) + 1)

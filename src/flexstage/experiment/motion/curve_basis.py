@@ -14,9 +14,9 @@ class CurveBasis:
     """Legendre polynomials over a range, or straight pieces between given positions."""
 
     low: float
-    """Ends of the range."""
+    """Lower end of the range."""
     high: float
-    """Ends of the range."""
+    """Upper end of the range."""
     order: int
     """Greatest order of the polynomials; with knots, one less than their number."""
     knots: Array | None = None

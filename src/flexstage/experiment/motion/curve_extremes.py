@@ -57,7 +57,10 @@ def curve_range(
 
     To first order the range is the difference of the curve at the two places where it is extreme
     (three, about the line of the minimum zone), and so has their uncertainty. An extreme of a noisy
-    curve lies too far out; how far is found by simulation about the curve, and taken off.
+    curve lies too far out; how far is found by simulation about the curve, and taken off. The line
+    is none; the least-squares line; that through the ends (terminal); that from the lower end with
+    the least-squares slope through it (zero); or the one about which the range is least. Of both
+    runs, the two curves are taken about the same line.
 
     Validity
     --------
@@ -77,20 +80,23 @@ def curve_largest(
     line: Line = "least_squares",
     seed: int = 0,
 ) -> Estimate:
-    """Return the largest distance of a curve from a line."""
+    """Return the largest distance of a curve from a line, less what noise adds to it."""
     rows = _deviation_rows(curve, direction, line)
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
 def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
-    """Return the largest distance between the forward and the backward curve."""
+    """Return the largest distance of the backward from the forward curve at equal position.
+
+    What noise adds to it is taken off.
+    """
     x = curve.grid()
     rows = curve.rows(x, "backward") - curve.rows(x, "forward")
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
 def line_weights(position: Array, line: Line) -> Array:
-    """Return the matrix that gives a line from the values of a curve.
+    """Return the matrix, shape (g, g), that gives a line from the values of a curve.
 
     Examples
     --------
@@ -147,7 +153,10 @@ def _estimate(curve: MotionCurve, figure: _Extreme, seed: int) -> Estimate:
 
 
 def corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
-    """Return a figure that cannot be negative less what noise adds to it."""
+    """Return a figure that cannot be negative less what noise adds to it.
+
+    Noise alone exceeds `alone` once in twenty times: below it the interval begins at 0.
+    """
     value = max(observed - added, 0.0)
     note = _NOISE_NOTE.format(added, found.unit) if abs(added) > 1e-3 * observed else found.note
     result = replace(found, value=value, note=note)
@@ -156,7 +165,11 @@ def corrected(found: Estimate, observed: float, added: float, alone: float) -> E
 
 
 def noise_of_coefficients(curve: MotionCurve, seed: int) -> tuple[Array, Array]:
-    """Simulate errors of the coefficients of a curve."""
+    """Simulate errors of the coefficients of a curve.
+
+    Errors of the flattened coefficients as large as they are thought to be, and with the spread of
+    Student's t, as so few cycles tell little of how large they are; shape (trials, 2 k).
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
     k = curve.basis.size
     draws = rng.standard_normal((_TRIALS // 2, 2, k))
@@ -183,7 +196,8 @@ def shrunk(curve: MotionCurve, rows: Array) -> Array:
     """Return coefficients from which the share of noise is taken, as James and Stein (1961) do.
 
     Measured values spread by noise as well as by what is measured: to simulate about them as they
-    are would count the noise twice.
+    are would count the noise twice. `rows` are what coefficients count by in the values whose
+    spread is looked at, shape (g, 2 k).
     """
     coefficients = curve.coefficients.ravel()
     k = curve.basis.size

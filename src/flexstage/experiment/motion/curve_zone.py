@@ -18,7 +18,8 @@ def zone_contacts(position: Array, values: Array) -> tuple[float, Array]:
 
     The zone touches two points on one side and one between them on the other; its width, in the
     direction of the values, is the distance of the one from the line through the two. One side of
-    it is an edge of the convex hull.
+    it is an edge of the convex hull. With several values at each position, shape (r, g); the
+    weights are the derivative of the width after the values, in their shape.
 
     Examples
     --------
@@ -68,7 +69,10 @@ def _upper_hull(x: Array, y: Array) -> NDArray[np.intp]:
 def zone_range(
     curve: MotionCurve, direction: Direction | Literal["both"] = "mean", *, seed: int = 0
 ) -> Estimate:
-    """Return the width of the narrowest zone, in the direction of the reading, about a curve."""
+    """Return the width of the narrowest zone, in the direction of the reading, about a curve.
+
+    Of both runs, one zone about the two; what noise adds is taken off.
+    """
     from flexstage.experiment.motion import curve_extremes as extremes
 
     x = curve.grid(201)

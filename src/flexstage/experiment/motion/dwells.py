@@ -25,12 +25,15 @@ class Dwells(Visits):
     """Rests of a staircase, in the order of time."""
 
     start: NDArray[np.intp]
-    """First sample of each rest and the sample after its last, shape (d,)."""
+    """First sample of each rest, shape (d,)."""
     stop: NDArray[np.intp]
-    """First sample of each rest and the sample after its last, shape (d,)."""
+    """The sample after the last of each rest, shape (d,)."""
 
     def settled(self, size: int, settling: float = 0.3) -> NDArray[np.bool_]:
-        """Say which samples are in a rest, past its beginning."""
+        """Say which of so many samples are in a rest, past the share at its beginning that settles.
+
+        Shape (size,).
+        """
         found = np.zeros(size, dtype=np.bool_)
         for first, stop in zip(self._begin(settling), self.stop, strict=True):
             found[first:stop] = True
@@ -58,6 +61,9 @@ def staircase_dwells(
     command: ArrayLike, *, fewest_samples: int = 3, side: ArrayLike | None = None
 ) -> Dwells | None:
     """Find the rests of a staircase.
+
+    None where the command is no staircase, as it moves in more than half of the samples. `side`,
+    positive from below and negative from above, is found from the command where not given.
 
     Validity
     --------

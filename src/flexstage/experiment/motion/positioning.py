@@ -22,13 +22,15 @@ class Positioning:
     target: Array
     """Target positions, rising [m], shape (m,)."""
     mean_upward: Array
-    """Mean unidirectional positional deviations [m], shape (m,)."""
+    """Mean unidirectional positional deviations from below [m], shape (m,)."""
     mean_downward: Array
-    """Mean unidirectional positional deviations [m], shape (m,)."""
+    """Mean unidirectional positional deviations from above [m], shape (m,)."""
     spread_upward: Array
-    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
+    """Estimators s of the unidirectional repeatability at each target from below [m], shape (m,).
+    """
     spread_downward: Array
-    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
+    """Estimators s of the unidirectional repeatability at each target from above [m], shape (m,).
+    """
     runs: int
     """Number n of runs upward and downward."""
     reversal: Estimate
@@ -38,25 +40,29 @@ class Positioning:
     mean_reversal: Estimate
     """Mean over the targets of upward less downward [m]."""
     repeatability_upward: Estimate
-    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
+    """Unidirectional repeatability from below: the largest of R_i = 4 s_i [m]."""
     repeatability_downward: Estimate
-    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
+    """Unidirectional repeatability from above: the largest of R_i = 4 s_i [m]."""
     repeatability: Estimate
     """Bidirectional repeatability R: the largest of ``max(2 s_i up + 2 s_i down + |B_i|, R_i up,
     R_i down)`` [m].
     """
     systematic_upward: Estimate
-    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
+    """Unidirectional systematic positional deviation E from below: largest less smallest mean [m].
+    """
     systematic_downward: Estimate
-    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
+    """Unidirectional systematic positional deviation E from above: largest less smallest mean [m].
+    """
     systematic: Estimate
     """Bidirectional systematic positional deviation E: the same over both directions [m]."""
     mean_deviation: Estimate
     """Mean bidirectional positional deviation M: largest less smallest of the means of both [m]."""
     accuracy_upward: Estimate
-    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
+    """Unidirectional accuracy A from below: largest of mean + 2 s less smallest of mean - 2 s [m].
+    """
     accuracy_downward: Estimate
-    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
+    """Unidirectional accuracy A from above: largest of mean + 2 s less smallest of mean - 2 s [m].
+    """
     accuracy: Estimate
     """Bidirectional accuracy A: the same over both directions [m]."""
 

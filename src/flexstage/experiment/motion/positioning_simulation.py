@@ -16,7 +16,11 @@ _SIGNED = ("mean_reversal",)
 
 
 def figures(mean: Array, spread: Array) -> dict[str, Array]:
-    """Return the figures of ISO 230-2:2014 from means and spreads at targets."""
+    """Return the figures of ISO 230-2:2014 from means and spreads at targets.
+
+    Both have shape (..., 2, m), upward and downward [m]; the figures have the names of
+    `Positioning`.
+    """
     reversal = mean[..., 0, :] - mean[..., 1, :]
     sides = 4.0 * spread
     both = 2.0 * (spread[..., 0, :] + spread[..., 1, :]) + np.abs(reversal)
@@ -42,7 +46,10 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
 
 
 def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate]:
-    """Return the figures with intervals."""
+    """Return the figures with intervals.
+
+    The deviations are those upward and downward [m], shape (2, m, n).
+    """
     runs = deviation.shape[-1]
     mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
     observed = figures(mean, spread)

@@ -16,7 +16,8 @@ def spread_estimate(
 
     With n values, (n - 1) s^2 / sigma^2 is distributed as chi-squared with n - 1 degrees of
     freedom, which gives the interval; the standard uncertainty of s is s / sqrt(2 (n - 1)) (JCGM
-    100:2008, table E.1, approximately).
+    100:2008, table E.1, approximately). Where degrees of freedom are given, the values are
+    residuals, of any shape.
 
     Examples
     --------

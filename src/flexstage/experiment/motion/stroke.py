@@ -100,6 +100,7 @@ def stroke(
 
     Examples
     --------
+    >>> import numpy as np
     >>> t = np.arange(2000) / 400.0
     >>> c, s = np.cos(2.0 * np.pi * t), np.sin(2.0 * np.pi * t)
     >>> noise = 3e-9 * np.random.default_rng(2).standard_normal(t.size)

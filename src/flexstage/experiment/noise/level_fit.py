@@ -36,7 +36,10 @@ class LevelFit:
         return Estimate(value=value, unit=unit, components=(self._noise(by),))
 
     def drift(self, rate: float, unit: str) -> Estimate:
-        """Return the drift within the levels."""
+        """Return the drift within the levels.
+
+        In the unit of the readings in a second; `rate` in Hz.
+        """
         by = np.concatenate([np.zeros(self.means.size), [rate]])
         return Estimate(value=rate * self.slope, unit=f"{unit}/s", components=(self._noise(by),))
 
@@ -49,7 +52,11 @@ class LevelFit:
 
 
 def settled(bounds: ArrayLike, n: int, settling: float) -> Integers:
-    """Return the first and after last sample of each level without its start."""
+    """Return the first and after last sample of each level without its start.
+
+    The bounds are the first sample of each level and the sample after the last, shape (k + 1,); the
+    stretches have shape (k, 2).
+    """
     edges = np.asarray(bounds, dtype=np.intp)
     if not 0.0 <= settling < 1.0:
         raise ModelError(f"the share left out for settling is 0 to below 1, got {settling!r}")
@@ -69,7 +76,10 @@ def settled(bounds: ArrayLike, n: int, settling: float) -> Integers:
 
 
 def fit_levels(y: Array, spans: Integers) -> LevelFit:
-    """Fit means of levels and one drift, to means of parts of the levels."""
+    """Fit means of levels and one drift, to means of parts of the levels.
+
+    The covariance is from what the parts differ from the fit by.
+    """
     k = len(spans)
     z, t = np.empty((k, PARTS)), np.empty((k, PARTS))
     for i, (a, b) in enumerate(spans.tolist()):

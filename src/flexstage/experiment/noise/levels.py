@@ -15,6 +15,10 @@ _ROUNDS = 30
 def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: int = 1) -> Integers:
     """Return the bounds of the stretches in which a command stays.
 
+    First sample of each level, and the sample after the last. Changes up to the
+    tolerance, for a measured command several times its noise, count as none; stretches shorter than
+    `shortest`, as of a ramp between two levels, are given to what follows.
+
     Examples
     --------
     >>> levels_of_command([0.0, 0.0, 0.0, 0.7, 0.7, 1.4, 1.4, 1.4])
@@ -43,7 +47,8 @@ def levels_of_reading(values: ArrayLike, count: int, *, shortest: int = 4) -> In
 
     Bounds are added one by one, each where it lowers the sum of squares about the level means most,
     and after each all are put to their best places between their neighbours until none moves
-    (binary segmentation: Scott and Knott, 1974, Biometrics 30; with refinement). O(n) for each.
+    (binary segmentation: Scott and Knott, 1974, Biometrics 30; with refinement). O(n) for each. The
+    bounds are the first sample of each level and the sample after the last, shape (count + 1,).
 
     Validity
     --------

@@ -35,6 +35,9 @@ class Line:
 def blocks_line(values: Array) -> Line:
     """Fit a line to means of blocks, which are independent where samples are not.
 
+    There are the most blocks of 32, 22, 15... to 8 whose neighbours do not hang together; the
+    record has sixteen values or more.
+
     Examples
     --------
     >>> noise = np.random.default_rng(1).standard_normal(8192)
@@ -73,7 +76,8 @@ def variance_freedom(values: Array) -> float:
 
     They are n over the sum of the squared autocorrelations (Bartlett, 1946, Supplement to the
     Journal of the Royal Statistical Society 8), which by Parseval is the mean square of the
-    spectral density over its squared mean.
+    spectral density over its squared mean. The mean and the trend of the record are taken off
+    before; there is one at least.
 
     Examples
     --------

@@ -18,9 +18,9 @@ class Pulse:
     """A part of a signal above a level."""
 
     start: int
-    """Its first sample, and the one behind its last."""
+    """Its first sample."""
     stop: int
-    """Its first sample, and the one behind its last."""
+    """The sample behind its last."""
 
     @property
     def width(self) -> int:
@@ -30,6 +30,8 @@ class Pulse:
 
 def find_pulses(values: Array, trigger: float) -> list[Pulse]:
     """Return the parts of a signal above a share of its greatest value.
+
+    The signal is 0 at rest; parts nearer than half the wider one are one.
 
     Examples
     --------
@@ -50,7 +52,11 @@ def find_pulses(values: Array, trigger: float) -> list[Pulse]:
 def grouped(
     pulses: list[Pulse], size: int, pre: int, segment: int | None
 ) -> tuple[list[list[Pulse]], int]:
-    """Return which pulses start a segment, with those that fall into it, and its length."""
+    """Return which pulses start a segment, with those that fall into it, and its length.
+
+    The one that starts a segment is first in its group; `pre` samples of a segment are before it.
+    The length is found from the gaps between pulses where not given.
+    """
     if not pulses:
         raise RecordError("no hit was found in the record: is the input the right column?")
     starts = np.array([p.start for p in pulses])
@@ -76,7 +82,12 @@ def grouped(
 
 
 def second_contact(force: Array, pulse: Pulse, share: float, noise: float) -> tuple[int, float]:
-    """Return where the hammer touches again after its main contact."""
+    """Return where the hammer touches again after its main contact.
+
+    `share` is what counts as a contact, relative to the peak; `noise` the rms of the force at rest.
+    Returned are the sample of the second peak, -1 where there is none, and its size relative to the
+    first.
+    """
     peak = float(force[pulse.start : pulse.stop].max())
     level = max(share * peak, _ABOVE_NOISE * noise)
     low = np.flatnonzero(force[pulse.stop :] < level)

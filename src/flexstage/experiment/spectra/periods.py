@@ -22,7 +22,8 @@ def likeness(values: Array) -> Array:
     """Return how much a signal is like itself some samples later.
 
     r_l = 2 sum_t x_t x_(t+l) / sum_t (x_t^2 + x_(t+l)^2), over the samples that overlap, of the
-    signal less its mean: 1 for a copy and for nothing else.
+    signal less its mean: 1 for a copy and for nothing else. At lags from 0 to n / 2, shape (n // 2
+    + 1,).
     """
     from scipy.fft import irfft, next_fast_len, rfft
 
@@ -41,7 +42,8 @@ def likeness(values: Array) -> Array:
 def find_period(values: Array, name: str = "the input") -> int:
     """Return the period of a repeated signal.
 
-    It is the least lag at which the signal is as like itself as at any, but for noise.
+    It is the least lag at which the signal is as like itself as at any, but for noise. In samples;
+    the record holds two periods or more.
 
     Validity
     --------

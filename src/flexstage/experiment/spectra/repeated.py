@@ -53,7 +53,8 @@ def periodic_response(signals: Signals, options: PeriodOptions, power_floor: flo
     with m_r periods: with one record and one input the ratio of the mean spectra, which noise of
     neither side biases (Pintelon and Schoukens, System Identification, 2nd edition, 2012, chapter
     2). The variance is that of Y - H X from period to period, so that noise that input and output
-    share counts once.
+    share counts once. Several inputs need as many records at least, with the inputs in other
+    phases. A line whose power is below the floor, a share of the strongest, is not excited.
 
     Validity
     --------

@@ -83,7 +83,8 @@ def hammer_spectra(signals: Signals, options: HitOptions, segment: int | None = 
     """Return averages over the hits of a hammer.
 
     An exponential window on force and motion alike, exp(-a t) from the start of a hit, moves every
-    pole of the response by -a along the real axis.
+    pole of the response by -a along the real axis. Double hits and such as are cut off are left
+    out. A segment is as long as from one hit to the next at the closest where not given.
     """
     forces = [_upright(row[0]) for row in signals.channels]
     found, length, left_out = _find(signals, forces, options, segment)
@@ -176,7 +177,8 @@ def step_spectra(signals: Signals, options: HitOptions, segment: int | None = No
 
     Between samples a linear system answers the differences of its input with the differences of its
     motion, which both end where the motion comes to rest: no window is needed, and no derivative is
-    approximated.
+    approximated. Of the options `trigger` and `pre_trigger` count. A segment is as long as from one
+    step to the next at the closest where not given.
     """
     changes = [np.abs(np.diff(row[0])) for row in signals.channels]
     found, length, left_out = _find(signals, changes, options, segment)

@@ -15,8 +15,9 @@ def sampler(influences: Sequence[Influence], matrix: Array) -> _Draw:
     """Return a function that draws all influences at once.
 
     An influence without correlations is drawn from its own distribution. Correlated normal ones are
-    drawn together; correlated Student ones of the same degrees of freedom as a multivariate
-    t distribution, since they were observed together; others by a Gaussian copula.
+    drawn together; correlated Student ones of the same degrees of freedom as a multivariate t
+    distribution, since they were observed together; others by a Gaussian copula. The function takes
+    a random generator and a number of draws m, and gives n arrays of shape (m,).
 
     Examples
     --------

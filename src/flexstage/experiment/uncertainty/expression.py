@@ -65,7 +65,7 @@ class Expression:
         object.__setattr__(self, "names", tuple(names))
 
     def __call__(self, **values: Any) -> Any:
-        """Compute the equation."""
+        """Compute the equation with uncertain numbers, arrays or floats, one for each name."""
         missing = [name for name in self.names if name not in values]
         if missing:
             raise ModelError(
@@ -81,12 +81,15 @@ class Expression:
         require_dimension(self._tree, units, unit)
 
     def ordered(self, names: tuple[str, ...]) -> Callable[..., Any]:
-        """Return the equation as a function of values in a given order."""
+        """Return the equation as a function of values in a given order of names."""
         return lambda *values: self(**dict(zip(names, values, strict=True)))
 
     @staticmethod
     def is_name(text: str) -> bool:
-        """Say whether a text can be the name of a quantity in an equation."""
+        """Say whether a text can be the name of a quantity in an equation.
+
+        A word of letters, digits and underscores, and no function or constant of equations.
+        """
         taken = text in FUNCTIONS or text in _CONSTANTS or keyword.iskeyword(text)
         return text.isidentifier() and not taken and not text.startswith("__")
 

@@ -20,12 +20,12 @@ def _applied(name: str, array_name: str, *arguments: Any) -> Any:
 
 
 def sqrt(x: Any) -> Any:
-    """Return the square root."""
+    """Return the square root, as all functions here of the kind of the argument."""
     return _applied("sqrt", "sqrt", x)
 
 
 def sin(x: Any) -> Any:
-    """Return the sine.
+    """Return the sine of an angle [rad].
 
     Examples
     --------
@@ -36,32 +36,32 @@ def sin(x: Any) -> Any:
 
 
 def cos(x: Any) -> Any:
-    """Return the cosine."""
+    """Return the cosine of an angle [rad]."""
     return _applied("cos", "cos", x)
 
 
 def tan(x: Any) -> Any:
-    """Return the tangent."""
+    """Return the tangent of an angle [rad]."""
     return _applied("tan", "tan", x)
 
 
 def asin(x: Any) -> Any:
-    """Return the angle of a sine."""
+    """Return the angle of a sine [rad]."""
     return _applied("asin", "arcsin", x)
 
 
 def acos(x: Any) -> Any:
-    """Return the angle of a cosine."""
+    """Return the angle of a cosine [rad]."""
     return _applied("acos", "arccos", x)
 
 
 def atan(x: Any) -> Any:
-    """Return the angle of a tangent."""
+    """Return the angle of a tangent [rad]."""
     return _applied("atan", "arctan", x)
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """Return the angle of a point, in all four quadrants."""
+    """Return the angle of a point [rad], in all four quadrants."""
     return _applied("atan2", "arctan2", y, x)
 
 
@@ -76,7 +76,7 @@ def log(x: Any) -> Any:
 
 
 def fabs(x: Any) -> Any:
-    """Return the value without its sign."""
+    """Return the value without its sign; an uncertain number keeps its uncertainty."""
     if isinstance(x, np.ndarray):
         return np.abs(x)
     # GTC's own abs gives up the derivative

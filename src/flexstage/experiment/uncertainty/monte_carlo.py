@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
@@ -14,7 +15,6 @@ from flexstage.experiment.uncertainty.correlation import Correlations, correlati
 from flexstage.experiment.uncertainty.draws import sampler
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.propagate import Propagated
-from flexstage.progress import tell
 
 #: Trials drawn from one stream.
 BLOCK = 10_000
@@ -56,7 +56,10 @@ class MonteCarlo:
         return self.values.size
 
     def estimate(self) -> Estimate:
-        """Return mean, spread, and the symmetric interval as the bounds of the value."""
+        """Return mean, spread, and the symmetric interval as the bounds of the value.
+
+        It needs the intervals to be for a confidence of 0.95.
+        """
         if self.confidence != 0.95:
             raise ModelError(f"an estimate is bounded at 0.95, these are for {self.confidence!r}")
         part = Component(name="all influences", uncertainty=self.uncertainty, kind="B")
@@ -78,9 +81,9 @@ class Validation:
     tolerance: float
     """How near they must be: half of the last of `digits` significant digits of the uncertainty."""
     low: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the lower ends."""
     high: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the upper ends."""
     digits: int
     """Significant digits of the uncertainty that are meant."""
 
@@ -225,7 +228,7 @@ def _adaptive(
             low, high = np.quantile(one, (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
             rows.append((float(one.mean()), float(one.std(ddof=1)), float(low), float(high)))
             parts.append(one)
-            tell("drawing trials", min(len(parts) / wanted, 1.0))
+            progress.update("drawing trials", min(len(parts) / wanted, 1.0))
         table = np.array(rows)
         # the spread of all trials, as the root of the mean square of the blocks
         u = math.sqrt(float(np.mean(table[:, 1] ** 2)) + float(np.var(table[:, 0])))

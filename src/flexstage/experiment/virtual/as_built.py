@@ -81,7 +81,10 @@ class AsBuiltAxis:
         return self.guide.stroke
 
     def position(self, command: ArrayLike) -> Array:
-        """Return the position for a sequence of commands, after two full cycles."""
+        """Return the position from the low end [m] for commands [V, or m], after two full cycles.
+
+        What differs from cycle to cycle is left out.
+        """
         u = np.asarray(command, dtype=np.float64)
         low, high = self.command_range
         if self.hysteresis is None:

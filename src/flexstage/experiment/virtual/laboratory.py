@@ -81,7 +81,7 @@ class _Drawn:
 
 
 def drawn(sensor: Sensor, rng: np.random.Generator) -> _Drawn:
-    """Draw what a sensor is off by, of what is stated of it."""
+    """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
     s = sensor.setup
     g, a, d = rng.standard_normal(3)
     return _Drawn(gain=s.calibration * g, angle=s.alignment * a, drift=s.drift * d)

@@ -71,7 +71,7 @@ def _usual_output(d: ModelDrive) -> float:
     u = usual_command(d)
     if d.hysteresis is None:
         return abs(d.gain) * u or 1e-6
-    return abs(float(d.hysteresis.simulate([u], d.hysteresis.rest()).values[-1])) or 1e-6
+    return abs(float(d.hysteresis.simulate([u], d.hysteresis.initial_state()).values[-1])) or 1e-6
 
 
 def _voltage(found: list[SolverState], d: ModelDrive) -> int:

@@ -14,8 +14,8 @@ from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DrivePort
+from flexstage.system.statics import imposed_shape
 
 _HEADER = 116  # bytes of text at the start of a .mat file, level 5
 
@@ -146,7 +146,7 @@ def _hysteresis(drive: ModelDrive) -> dict[str, Any]:
     values: dict[str, Any] = {"kind": drive.hysteresis.kind}
     for name, value in drive.hysteresis.parameters().items():
         values[name] = value if isinstance(value, str) else np.asarray(value, dtype=np.float64)
-    values["rest"] = drive.hysteresis.rest()
+    values["rest"] = drive.hysteresis.initial_state()
     return values
 
 

@@ -26,6 +26,6 @@ def state_numbers(model: DynamicModel) -> int:
     """Return how many numbers the model remembers from step to step."""
     total = 0
     for d in model.drives:
-        memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.rest()))
+        memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.initial_state()))
         total += 2 * model.omega.size + lag_rates(d).size + memory + 3
     return total + sum(3 for p in model.probes if p.sensor is not None)

@@ -96,7 +96,7 @@ def code_of(
         function=f"fs_{name}",
         parameters=np.array([float(number) for number in parameters]),
         tunable=tuple(tunable),
-        memory=model.rest().size,
+        memory=model.initial_state().size,
         pieces=pieces,
     )
 

@@ -6,9 +6,9 @@ from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
 from flexstage.export.source.hysteresis_code import HysteresisCode
 from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.chain.element import ORDERS
 from flexstage.hysteresis.chain.first_order import decay_share, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.chain.orders import ORDERS
 from flexstage.hysteresis.model import Array
 
 
@@ -92,7 +92,7 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms
     named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
     found = [codes.get(d.name) for d in drives]
     readers = [d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h))) for d in drives]
-    rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.rest() for d in drives]
+    rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.initial_state() for d in drives]
     none = np.zeros(1)
     by = ("FS_DRIVES", "FS_PROBES", "FS_MODES")
     return "\n".join(

@@ -21,13 +21,13 @@ from flexstage.hysteresis.identification.families.family import (
     Data,
     behind_chain,
     equations,
+    folds_of,
 )
-from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import moves
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
 from flexstage.hysteresis.identification.measurement import (
-    Measurement,
+    IdentificationData,
     Section,
     without_history,
 )
@@ -106,7 +106,7 @@ class FoundChain:
 
 
 def find_chain(
-    data: Measurement,
+    data: IdentificationData,
     given: ChainValues | None = None,
     *,
     train: tuple[int, int] | None = None,
@@ -119,7 +119,7 @@ def find_chain(
 
     Parameters
     ----------
-    data : Measurement
+    data : IdentificationData
         The measurement.
     given : ChainValues, optional
         A chain that is known; nothing is searched for then.
@@ -188,14 +188,16 @@ def find_chain(
 
 
 def find_starts(
-    data: Measurement, found: FoundChain, *, train: tuple[int, int] | None = None
+    data: IdentificationData, found: FoundChain, *, train: tuple[int, int] | None = None
 ) -> tuple[tuple[Start, ...], float]:
     """Find what the drive did before each record, which its creep has not forgotten.
 
     Delay and creep, where they are not known, are searched for with each of what it can have done:
     to rest at the first command, or to have moved for a time since it left the low end of its range
     (none, as long as the longest record, or long). It is taken to have rested unless another start
-    leaves less.
+    leaves less. `train` is the first sample to look at, and the one after the last, of every
+    record. The second number is the standard error that this adds to the creep [1]: a start that
+    cannot be ruled out would have given another.
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
@@ -247,7 +249,7 @@ def find_starts(
 
 
 def _with_delay(
-    search: "_Search", start: ChainValues, delay_error: float, data: Measurement
+    search: "_Search", start: ChainValues, delay_error: float, data: IdentificationData
 ) -> FoundChain:
     """The chain where all but creep is known."""
     best = _creep(search, start)
@@ -263,7 +265,7 @@ def _with_delay(
 
 
 def _by_cycles(
-    search: "_Search", start: ChainValues, data: Measurement, *, modes: bool
+    search: "_Search", start: ChainValues, data: IdentificationData, *, modes: bool
 ) -> FoundChain:
     """The chain that cycles tell by themselves."""
     most = _longest_delay(data)
@@ -318,12 +320,12 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
     return between(float(shares[int(np.argmin(t**2 + 2.0 * np.log1p(unusual**2)))]))
 
 
-def _longest_delay(data: Measurement) -> float:
+def _longest_delay(data: IdentificationData) -> float:
     return _LONGEST_DELAY / max(*data.rates_hz, 1e-9) if data.rates_hz else 0.0
 
 
 def _errors(
-    search: "_Search", best: ChainValues, names: tuple[str, ...], data: Measurement
+    search: "_Search", best: ChainValues, names: tuple[str, ...], data: IdentificationData
 ) -> dict[str, float]:
     """Standard errors of what cycles tell, which at one rate they do not."""
     if len(data.rates_hz) < 2:
@@ -370,7 +372,7 @@ def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
     )
 
 
-def _looked_at(data: Measurement, train: tuple[int, int] | None) -> tuple[Section, ...]:
+def _looked_at(data: IdentificationData, train: tuple[int, int] | None) -> tuple[Section, ...]:
     """What was measured of the records, without what is held out."""
     found = []
     for s in data.sections:
@@ -400,7 +402,7 @@ class _Search:
     creep adds its share to each column alike, and a delay of a part of a sample mixes two samples.
     """
 
-    def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
+    def __init__(self, whole: IdentificationData, train: tuple[int, int] | None) -> None:
         data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
         rows = rows_of(data, _ROWS)
         use = tuple(
@@ -614,7 +616,11 @@ def _lowest(around: Array, cost: Array) -> Array:
 def used_rows(
     rows: Rows, section: Section, every: int, train: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Return which rows of an averaged section are looked at; what is held out must not be."""
+    """Return which rows of an averaged section are looked at; what is held out must not be.
+
+    Each sample of the section is the mean of `every` samples of the record, in which `train`
+    counts.
+    """
     if train is None:
         return np.ones(rows.at.size, dtype=bool)
     first = (rows.at - section.history) * every + section.first
@@ -666,7 +672,7 @@ def _delay_and_creep(search: _Search, start: ChainValues, longest: float) -> Cha
 
 
 def _resonance(
-    search: _Search, start: ChainValues, data: Measurement, longest: float
+    search: _Search, start: ChainValues, data: IdentificationData, longest: float
 ) -> ChainValues | None:
     """Look for a resonance where fast cycles could show it; None where they could not."""
     rates = data.rates_hz

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
@@ -19,9 +20,8 @@ from flexstage.hysteresis.identification.chain_search import (
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
-from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
 from flexstage.hysteresis.identification.measurement import (
-    Measurement,
+    IdentificationData,
     Section,
     measurement,
     without_history,
@@ -30,14 +30,15 @@ from flexstage.hysteresis.identification.misfit import (
     BAND,
     Folds,
     Misfit,
+    another_stretch,
     cross_validate,
     free_constant,
     misfit,
+    rms_standard_error,
     root_mean_square,
 )
-from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
+from flexstage.hysteresis.identification.uncertainty import ParameterEstimate, estimates
 from flexstage.hysteresis.identification.verdict import Verdict, verdict
-from flexstage.progress import tell
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
@@ -118,11 +119,11 @@ class Identification:
     """Range of the output, in its unit."""
     noise_percent: float
     """Estimated noise of the output, over the stroke [%]."""
-    parameters: tuple[Estimate, ...]
+    parameters: tuple[ParameterEstimate, ...]
     """Parameters that mean something by themselves, with standard errors."""
-    chain: tuple[Estimate, ...]
+    chain: tuple[ParameterEstimate, ...]
     """Values of the linear chain that were found, with standard errors."""
-    offset: Estimate
+    offset: ParameterEstimate
     """The reading at no command without history, with its standard error."""
     settling: float
     """Largest change of the readings by whether the drive rested or moved before the records, in
@@ -136,7 +137,7 @@ class Identification:
     """What the records cannot tell, and which experiment is missing."""
     candidates: tuple[Candidate, ...]
     """All models that were tried, the chosen one first."""
-    measurement: Measurement
+    measurement: IdentificationData
     """What it was identified from. Of records of more than 40 000 samples it holds the means of
     neighbours, as far as these follow the motion.
     """
@@ -227,7 +228,7 @@ def identify(
             )
     given = [records] if isinstance(records, Record) else list(records)
     data = measurement(given, input_column, output_column, drift=drift)
-    tell("linear chain", 0.0)
+    progress.update("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
     if chain is None:
@@ -239,7 +240,7 @@ def identify(
     tried: dict[str, _Tried] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
-        tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
+        progress.update(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
             tried[name] = _try(FAMILIES[name], every, validate=train is None or still)
         except ModelError as error:
@@ -257,11 +258,11 @@ def identify(
 
 
 def _chain_and_start(
-    data: Measurement,
+    data: IdentificationData,
     chain: ChainValues | None,
     train: tuple[int, int] | None,
     resonance: tuple[float, float] | None,
-) -> tuple[Measurement, FoundChain]:
+) -> tuple[IdentificationData, FoundChain]:
     """Find the chain, and what the drive did before each record, by what they leave together."""
     found = find_chain(data, chain, train=train, resonance=resonance)
     starts, width = find_starts(data, found, train=train)
@@ -280,7 +281,9 @@ def _wider(found: FoundChain, width: float) -> FoundChain:
     return replace(found, errors={**found.errors, "creep_per_decade": error})
 
 
-def _fitted(given: Sequence[Record], data: Measurement, train: tuple[int, int] | None) -> str:
+def _fitted(
+    given: Sequence[Record], data: IdentificationData, train: tuple[int, int] | None
+) -> str:
     """Say which samples of the records were fitted."""
     said = []
     for record, s in zip(given, data.sections, strict=True):
@@ -351,13 +354,13 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _shortened(data: Measurement) -> Measurement:
+def _shortened(data: IdentificationData) -> IdentificationData:
     """Average samples of long records: models would take minutes with them and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
     return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
-def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:
+def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> Data:
     rows = rows_of(data)
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
@@ -462,7 +465,7 @@ def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candida
 
 
 def _invertible(tried: _Tried) -> bool:
-    return all(c.holds for c in tried.fit.model.conditions() if c.name == "invertible")
+    return all(c.holds for c in tried.fit.model.properties() if c.name == "invertible")
 
 
 def _by_chance(own: Folds | None, best: Folds | None, data: Data) -> float:
@@ -580,7 +583,7 @@ def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
     )
 
 
-def _untold(m: Measurement, found: FoundChain) -> tuple[str, ...]:
+def _untold(m: IdentificationData, found: FoundChain) -> tuple[str, ...]:
     """Say which values of the chain mean nothing by themselves, and why."""
     names = " and ".join(n.split("_")[0] for n, e in found.errors.items() if math.isinf(e))
     alone = f"; the values of {names} belong to this fit and mean nothing by themselves"
@@ -604,10 +607,10 @@ def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
     )
 
 
-def _chain(found: FoundChain) -> tuple[Estimate, ...]:
+def _chain(found: FoundChain) -> tuple[ParameterEstimate, ...]:
     """What was found of the chain, with its errors."""
     return tuple(
-        Estimate(name=name, value=getattr(found.values, name), standard_error=error)
+        ParameterEstimate(name=name, value=getattr(found.values, name), standard_error=error)
         for name, error in found.errors.items()
     )
 
@@ -628,7 +631,7 @@ def _unusual_creep(found: FoundChain, data: Data) -> tuple[str, ...]:
     )
 
 
-def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:
+def _hidden_mode(found: FoundChain, data: IdentificationData) -> tuple[str, ...]:
     """Warn of a resonance that may hide in creep: it too makes fast cycles other than slow ones."""
     if found.values.resonance_hz > 0.0 or len(data.rates_hz) < 2 or not found.searched:
         return ()
@@ -645,7 +648,7 @@ def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:
 def _broken(tried: _Tried) -> tuple[str, ...]:
     return tuple(
         f"{tried.family.title}: not {c.name}: {c.detail}"
-        for c in tried.fit.model.conditions()
+        for c in tried.fit.model.properties()
         if not c.holds
     )
 

@@ -20,9 +20,9 @@ from flexstage.hysteresis.identification.faults import (
     butterfly,
     butterfly_text,
     findings_of_record,
+    without_spikes,
 )
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.spikes import without_spikes
 from flexstage.records import Channel, Record, difference_noise
 from flexstage.short_repr import short_repr
 
@@ -82,7 +82,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Measurement:
+class IdentificationData:
     """What a model is identified from."""
 
     sections: tuple[Section, ...]
@@ -124,7 +124,7 @@ def measurement(
     output_column: str | int,
     *,
     drift: bool = False,
-) -> Measurement:
+) -> IdentificationData:
     """Prepare records for identification, after checking that they can serve.
 
     Parameters
@@ -140,7 +140,7 @@ def measurement(
 
     Returns
     -------
-    Measurement
+    IdentificationData
         The prepared sections.
 
     Raises
@@ -183,7 +183,7 @@ def measurement(
         sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
-    made = Measurement(
+    made = IdentificationData(
         sections=sections,
         sign=sign,
         input_unit=pairs[0][1].unit,
@@ -218,7 +218,10 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
-    """Refuse a column that cannot be computed with."""
+    """Refuse a column that cannot be computed with.
+
+    With `gaps`, samples may be missing that the record has not, as one of branches or curves.
+    """
     where = f"column '{name}' of {record.source or 'the record'}"
     least = 50
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
@@ -355,7 +358,12 @@ def warm_up(u: Array, moves: Cycles) -> int:
 
 
 def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Say that samples are counted that may know what was before the record."""
+    """Say that samples are counted that may know what was before the record.
+
+    Parts: of each record the input, its cycles, the step [s], the first sample that is counted, and
+    when the first one is in the record [s]. Empty where both ends of the range were reached before
+    in all of them.
+    """
     ends, counts = [], []
     for u, moves, dt, counted, begin in parts:
         both = _both_ends(u, moves)
@@ -413,7 +421,7 @@ def _loop_areas(section: Section) -> Array:
     return np.array(areas) if areas else np.zeros(1)
 
 
-def _warnings(m: Measurement) -> tuple[str, ...]:
+def _warnings(m: IdentificationData) -> tuple[str, ...]:
     found: list[str] = []
     if not any(s.cycles.has_minor_loops for s in m.sections):
         found.append(

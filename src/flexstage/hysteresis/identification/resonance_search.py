@@ -48,7 +48,7 @@ def find_resonance(section: Section) -> Resonance | None:
               + \frac{c\,\omega_0^2}{\omega_0^2 - \omega^2 + 2 i \zeta \omega_0 \omega}\right)
 
     and the result is where the same mode is fitted to the samples themselves, which windows of the
-    spectrum do not blunt.
+    spectrum do not blunt. None where the record has no such content, or shows no mode.
     """
     section = without_history(section)
     rate = 1.0 / section.dt

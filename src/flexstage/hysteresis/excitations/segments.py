@@ -1,10 +1,17 @@
 """What a record for identification holds, in which order, and what is left out first."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.shapes import Movement
+
+#: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.
+_USUAL_RATE = 5.0
+_USUAL_RATIO = 10.0
+#: A limit of the slope must be this many times what is lost by rounding.
+_RESOLVED = 10.0
 
 #: Numbers of reversal curves, of which the largest that fits is taken.
 _LEVELS = (16, 13, 10, 8, 6, 5, 4)
@@ -23,7 +30,7 @@ _MIDDLE = (0.49, 0.9)
 _LOW = (0.26, 0.46)
 _HIGH = (0.73, 0.5)
 
-# Kinds of sections at each rate, in the order in which they are run.
+# Kinds of segments at each rate, in the order in which they are run.
 _MAJOR = "major loops"
 _FALLING = "reversal curves down"
 _RISING = "reversal curves up"
@@ -56,8 +63,8 @@ _LEFT_OUT = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
-    """One part of a plan."""
+class ExcitationSegment:
+    """One part of a design."""
 
     name: str
     """What it is."""
@@ -71,7 +78,7 @@ class Section:
     """Duration of a multisine at the last of them [s]."""
 
     def steps(self, start: float, movement: Movement) -> Iterator[tuple[float, int, int]]:
-        """Give each target with the samples of the movement there and of the wait."""
+        """Give each target [V] with the samples of the movement there and of the wait."""
         waits = self.waits or (0.0,) * len(self.targets)
         for target, wait in zip(self.targets, waits, strict=True):
             moved = movement.count(abs(target - start), self.rate_hz)
@@ -80,7 +87,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class ExcitationDesign:
     """What is asked of a record."""
 
     voltage_range: tuple[float, float]
@@ -117,13 +124,13 @@ class Plan:
             if several[where] and asked.get(what, True)
         )
 
-    def sections(self) -> tuple[Section, ...]:
-        """Return its parts in the order in which they are run."""
+    def segments(self) -> tuple[ExcitationSegment, ...]:
+        """Return its parts in the order in which they are run, from and to the rest voltage."""
         low, high = self.voltage_range
         slowest, fastest = self.rates_hz[0], self.rates_hz[-1]
         rest = self.rest_voltage
         made = [
-            Section(
+            ExcitationSegment(
                 name="conditioning",
                 rate_hz=fastest if self._without(_SLOW_START, "") else slowest,
                 targets=(rest, high, low, high, low),
@@ -138,34 +145,38 @@ class Plan:
         if self.hold and not self._without(HOLD, ""):
             up, down = low + 0.83 * (high - low), low + 0.22 * (high - low)
             waits = (self.hold * 2.0 / 3.0, self.hold / 3.0)
-            made.append(Section(name=HOLD, rate_hz=fastest, targets=(up, down), waits=waits))
+            made.append(
+                ExcitationSegment(name=HOLD, rate_hz=fastest, targets=(up, down), waits=waits)
+            )
         if self.multisine and not self._without(RESONANCE, ""):
             middle = low + 0.47 * (high - low)
             made.append(
-                Section(
+                ExcitationSegment(
                     name=RESONANCE, rate_hz=fastest, targets=(middle,), multisine=self.multisine
                 )
             )
         made.append(
-            Section(name="return", rate_hz=fastest, targets=(low, rest), waits=(0.0, _AT_REST))
+            ExcitationSegment(
+                name="return", rate_hz=fastest, targets=(low, rest), waits=(0.0, _AT_REST)
+            )
         )
         return tuple(made)
 
     def samples(self, movement: Movement) -> int:
         """Return how many samples it takes, with the first."""
         count, at = 1, self.rest_voltage
-        for section in self.sections():
-            for target, moved, waited in section.steps(at, movement):
+        for segment in self.segments():
+            for target, moved, waited in segment.steps(at, movement):
                 count += moved + waited
                 at = target
             # as many as `multisine` makes
-            count += math.ceil(section.multisine * movement.sample_rate_hz)
+            count += math.ceil(segment.multisine * movement.sample_rate_hz)
         return count
 
     def _without(self, what: str, where: str) -> bool:
         return (what, where) in _LEFT_OUT[: self.dropped]
 
-    def _loops(self, rate: float, where: str) -> Iterator[Section]:
+    def _loops(self, rate: float, where: str) -> Iterator[ExcitationSegment]:
         """Give the loops of one rate; each kind starts anywhere and ends at an end of the range."""
         low, high = self.voltage_range
         repeated = not self._without(_REPEATED, "all")
@@ -186,7 +197,7 @@ class Plan:
             if not self._without(name, where):
                 # both ends of the range are met exactly
                 targets = tuple(high if x == 1.0 else low + x * (high - low) for x in way)
-                yield Section(name=name, rate_hz=rate, targets=targets)
+                yield ExcitationSegment(name=name, rate_hz=rate, targets=targets)
 
 
 def _nested(loops: tuple[float, float], count: int, first: float) -> list[float]:
@@ -199,16 +210,22 @@ def _nested(loops: tuple[float, float], count: int, first: float) -> list[float]
     ]
 
 
-def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) -> Plan | None:
+def fitted(
+    design: ExcitationDesign, movement: Movement, most: int | None, free_up_to: float
+) -> ExcitationDesign | None:
     """Return the richest record that fits.
 
     First rates are raised: all of them up to `free_up_to`, or the slower ones up to an eighth of
-    the fastest. Then content is left out, in the order of its worth.
+    the fastest. Then content is left out, in the order of its worth. With `most` None there is no
+    limit of samples; rates that were asked for have `free_up_to` 0. None where not even the least
+    record fits.
     """
     if most is None:
-        return plan
-    raised = tuple(replace(plan, rates_hz=rates) for rates in _raised(plan.rates_hz, free_up_to))
-    tries = [(p, 0, _ENOUGH_LEVELS) for p in (plan, *raised[:-1])]
+        return design
+    raised = tuple(
+        replace(design, rates_hz=rates) for rates in _raised(design.rates_hz, free_up_to)
+    )
+    tries = [(p, 0, _ENOUGH_LEVELS) for p in (design, *raised[:-1])]
     tries += [(raised[-1], dropped, 0) for dropped in range(len(_LEFT_OUT) + 1)]
     for base, dropped, least in tries:
         for levels in (n for n in _LEVELS if n >= least):
@@ -218,10 +235,10 @@ def fitted(plan: Plan, movement: Movement, most: int | None, free_up_to: float) 
     return None
 
 
-def shortest(plan: Plan, movement: Movement, free_up_to: float) -> int:
+def shortest(design: ExcitationDesign, movement: Movement, free_up_to: float) -> int:
     """Return how many samples the least record takes."""
-    rates = _raised(plan.rates_hz, free_up_to)[-1]
-    least = replace(plan, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
+    rates = _raised(design.rates_hz, free_up_to)[-1]
+    least = replace(design, rates_hz=rates, levels=_LEVELS[-1], dropped=len(_LEFT_OUT))
     return least.samples(movement)
 
 
@@ -235,3 +252,78 @@ def _raised(rates: tuple[float, ...], free_up_to: float) -> list[tuple[float, ..
     # the ends of the row of rates are moved together, and those between keep their share
     exponent = math.log(NEAREST_RATES) / math.log(fastest / slowest)
     return [tuple(fastest * (r / fastest) ** exponent for r in rates)]
+
+
+def checked_range(given: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of voltages after checking it."""
+    low, high = (float(v) for v in given)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ModelError(f"the voltage range must rise and be finite, got {low:g} V to {high:g} V")
+    return low, high
+
+
+def checked_rest(rest: float | None, low: float, high: float) -> float:
+    """Return the voltage at rest.
+
+    None asks for 0 V, or the end of the range next to it.
+    """
+    if rest is None:
+        return min(max(0.0, low), high)
+    if not low <= rest <= high:
+        raise ModelError(f"the rest voltage must be in {low:g} V to {high:g} V, got {rest!r} V")
+    return float(rest)
+
+
+def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
+    """Refuse numbers that are not positive and finite; None passes."""
+    for name, (value, unit) in given.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ModelError(f"the {name} must be positive and finite, got {value!r} {unit}")
+
+
+def safe_slope(
+    slope: float | None, current: float | None, capacitance: float | None, rounding: float
+) -> float:
+    """Return the slope that voltages before rounding may have.
+
+    Slope limit [V/s], current limit [A], capacitance [F], and what rounding of the voltages may add
+    to the slope [V/s]; infinite where there is no limit.
+    """
+    if current is not None and capacitance is None:
+        raise ModelError("a limit of the current needs the capacitance of the stack: give both")
+    limit = math.inf if slope is None else slope
+    if current is not None and capacitance is not None:
+        limit = min(limit, current / capacitance)
+    if limit <= _RESOLVED * rounding:
+        raise ModelError(
+            f"a slope of at most {limit:g} V/s is too low to be resolved at this sample rate: "
+            "lower the sample rate or raise the limit"
+        )
+    return limit - rounding
+
+
+def usable_rates(given: Sequence[float] | None, movement: Movement) -> tuple[float, ...]:
+    """Return the rates of the major loops [Hz], rising; two usual ones where none are asked."""
+    highest = movement.highest_rate()
+    if given is None:
+        fastest = min(_USUAL_RATE, highest)
+        return (fastest / _USUAL_RATIO, fastest)
+    rates = tuple(sorted({float(r) for r in given}))
+    if not rates or not all(0.0 < r < math.inf for r in rates):
+        raise ModelError(f"the rates must be positive and finite, got {list(given)} Hz")
+    if rates[-1] > highest * (1.0 + 1e-9):
+        raise ModelError(
+            f"{movement.shape} loops over {movement.span:g} V at {rates[-1]:g} Hz are too fast: "
+            f"{_why(movement)} allows at most {highest:.4g} Hz"
+        )
+    return rates
+
+
+def _why(movement: Movement) -> str:
+    """Name what bounds the rate."""
+    highest = movement.highest_rate()
+    if highest == movement.highest_frequency_hz:
+        return "a tenth of the lowest natural frequency"
+    if highest * 2.0 * movement.shortest(movement.span) > 1.0 - 1e-9:
+        return "the limit of slope or current"
+    return "the sample rate"

@@ -49,7 +49,8 @@ def panels(model: HysteresisModel, u: Array, state: Array) -> Panels:
     """Return the output of a model on panels between the samples.
 
     The model is evaluated exactly at the points. Where a panel is not smooth enough, because the
-    hysteretic displacement passes zero in it, say, it is halved until it is.
+    hysteretic displacement passes zero in it, say, it is halved until it is. The state is that
+    before the first of at least two inputs.
     """
     first = model.simulate(u[:1], state)
     line = u[:-1, None] + np.diff(u)[:, None] * np.append(_SHARES, 1.0)
@@ -124,7 +125,10 @@ def modes_through_panels(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes through a force on panels, and add their readings."""
+    """Step modes through a force on panels, and add their readings.
+
+    Arguments as in `coupled_stepping.modes_through`.
+    """
     levels, index = np.unique(force.level, return_inverse=True)
     k = angle.size
     transition = np.empty((levels.size, 4, k))
@@ -150,7 +154,10 @@ def modes_through_panels(
 
 
 def lags_through_panels(force: Panels, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input on panels, and add their readings."""
+    """Step lags through an input on panels, and add their readings.
+
+    Arguments as in `first_order.lags_through_segments`.
+    """
     levels, index = np.unique(force.level, return_inverse=True)
     decay = np.exp(-ratio * 0.5 ** levels[:, None])
     weights = np.empty((levels.size, ratio.size, _POINTS))

@@ -33,6 +33,9 @@ def find_mirror(mechanism: Mechanism, *, tolerance: float = 1e-9) -> Mirror | No
 
     Lines through the mean of the necks, along x, y and between them, are tried; a line counts if M
     and K stay the same when each body moves like its image.
+
+    `tolerance` is the largest difference of K and its image, relative to the diagonal [1]; masses
+    and places must agree to 1e-9.
     """
     if not mechanism.hinges or not mechanism.free:
         return None

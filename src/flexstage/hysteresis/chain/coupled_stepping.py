@@ -9,7 +9,7 @@ from flexstage.hysteresis.chain.bouc_wen_stage import bouc_wen_with_mode
 from flexstage.hysteresis.chain.element import checked_state, positive_step
 from flexstage.hysteresis.chain.first_order import lags_through_segments
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
-from flexstage.hysteresis.chain.panels import (
+from flexstage.hysteresis.chain.polynomial_panels import (
     Panels,
     lags_through_panels,
     modes_through_panels,
@@ -36,7 +36,10 @@ class JointResponse:
 
 
 def forcing(model: HysteresisModel, u: Array, state: Array) -> Forcing:
-    """Return the output of a model from the first to the last sample, known between them."""
+    """Return the output of a model from the first to the last sample, known between them.
+
+    The state is that before the first of u; closed form where the model has one, else panels.
+    """
     found = model.segments(u, state)
     return panels(model, u, state) if found is None else found
 
@@ -55,7 +58,11 @@ def modes_through(
     reader: Array,
     y: Array,
 ) -> None:
-    """Step modes through a force, and add their readings."""
+    """Step modes through a force, and add their readings.
+
+    Arguments as in `modes_through_segments`, but angle in a step [rad] and damping ratio of each
+    mode.
+    """
     if isinstance(force, Panels):
         modes_through_panels(force, angle, damping_ratio, z, v, reader, y)
     else:
@@ -63,7 +70,10 @@ def modes_through(
 
 
 def lags_through(force: Forcing, ratio: Array, lag: Array, reader: Array, y: Array) -> None:
-    """Step lags through an input, and add their readings."""
+    """Step lags through an input, and add their readings.
+
+    Arguments as in `lags_through_segments`.
+    """
     if isinstance(force, Panels):
         lags_through_panels(force, ratio, lag, reader, y)
     else:
@@ -120,7 +130,11 @@ def simulate_with_stage(
     given = samples(u, "input of the hysteresis")
     h = positive_step(dt)
     k = len(stage.frequency_hz)
-    now = model.rest() if hysteresis_state is None else np.array(hysteresis_state, np.float64)
+    now = (
+        model.initial_state()
+        if hysteresis_state is None
+        else np.array(hysteresis_state, np.float64)
+    )
     if hysteresis_state is None or stage_state is None:
         first = model.simulate(given[:1], now)
         rest = stage.settled(float(first.values[0]), h)

@@ -15,7 +15,10 @@ Point = tuple[float, float]
 
 
 def two_notch_bars(stage: Stage) -> tuple[str, ...]:
-    """Return the bodies that guide others as bars between two notches on one line."""
+    """Return the bodies that guide others as bars between two notches on one line.
+
+    They are guide legs and links.
+    """
     found = []
     for body in stage.bodies:
         hinges = [h for h in stage.hinges if body.name in h.bodies]
@@ -43,6 +46,9 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
     the load of one bar. By a rigid bar of length L between two hinges of stiffness k it would be
     2 k/L.
 
+    `body` is one of `two_notch_bars`, the load in N; the mesh is of order 4 with elements of 0.8
+    necks where not given.
+
     Notes
     -----
     Validity: bifurcation of a straight bar in the plane; crookedness and load beside the axis lower
@@ -54,7 +60,7 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
     model = plane_model(_rig(stage, body), settings, modes=1)
-    half = model.halves[0]
+    half = model.problems[0]
     drive = model.system.drive("press")
     u = half.basis @ np.linalg.solve(model.system.K, drive.vector)
     found = buckling(half.continuum, u)

@@ -32,9 +32,9 @@ class Connections:
     gather: Array
     """Maps the n coordinates to (x, y, theta) of a and of b for each connection, shape (6 h, n)."""
     arm_a: Array
-    """Lever arms from the centres of mass to the points a and b [m], shape (h, 2)."""
+    """Lever arms from the centres of mass to the points a [m], shape (h, 2)."""
     arm_b: Array
-    """Lever arms from the centres of mass to the points a and b [m], shape (h, 2)."""
+    """Lever arms from the centres of mass to the points b [m], shape (h, 2)."""
     gap: Array
     """Point b from point a, undeformed [m], shape (h, 2)."""
     direction: Array
@@ -48,11 +48,15 @@ class Connections:
         return self.direction.size
 
     def deformation(self, q: Array) -> Array:
-        """Return what each connection reads."""
+        """Return along, across and rotation of each connection [m, m, rad], shape (..., h, 3)."""
         return self._state(q)[0]
 
     def rates(self, q: Array) -> tuple[Array, Array]:
-        """Return what each connection reads and its derivatives."""
+        """Return what each connection reads and its derivatives.
+
+        The readings have shape (..., h, 3), the derivatives with respect to the six coordinates of
+        a and b (..., h, 3, 6).
+        """
         x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
         shares = (self.share_a, 1.0 - self.share_a)
         # R^T S r and the part of the frame's own turning, -w S e
@@ -66,7 +70,11 @@ class Connections:
         return x, b
 
     def curvature(self, q: Array, force: Array) -> Array:
-        """Contract the second derivatives of the deformation with forces."""
+        """Contract the second derivatives of the deformation with forces.
+
+        Of forces (N, V, M), shape (..., h, 3), the geometric stiffness for the six coordinates of a
+        and b, shape (..., h, 6, 6).
+        """
         x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
         wa, wb = self.share_a, 1.0 - self.share_a
         f = force[..., :2]
@@ -119,7 +127,11 @@ def connections(
     *,
     share_a: float,
 ) -> Connections:
-    """Prepare connections of a mechanism."""
+    """Prepare connections of a mechanism.
+
+    `bodies` are indices of a and b, -1 for the ground, `points` those on a and b [m], and
+    `direction` is in rad.
+    """
     column = {body: 3 * k for k, body in enumerate(mechanism.free)}
     h = len(direction)
     gather = np.zeros((h, 6, mechanism.order))

@@ -14,10 +14,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
+from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
 from flexstage.hysteresis.chain.first_order import lags_through_segments
-from flexstage.hysteresis.chain.joint import simulate_with_stage
 from flexstage.hysteresis.chain.modal import modes_through_segments, unit_step
-from flexstage.hysteresis.chain.panels import (
+from flexstage.hysteresis.chain.polynomial_panels import (
     lags_through_panels,
     modes_through_panels,
     panels,
@@ -147,7 +147,7 @@ def by_convolution(model: HysteresisModel, u: Array, dt: float) -> Array:
     """The mode as a convolution, line by line, and cut where h passes zero."""
     w = 2.0 * np.pi * F
     decay, damped = ZETA * w, w * math.sqrt(1.0 - ZETA**2)
-    state, z, v, out = model.rest(), 0.0, 0.0, [0.0]
+    state, z, v, out = model.initial_state(), 0.0, 0.0, [0.0]
 
     def h_at(share: float, a: float, b: float, before: Array) -> float:
         x = a + (b - a) * share
@@ -207,7 +207,7 @@ def test_any_exponent_and_step_against_convolution(n: float, dt: float) -> None:
 def test_closed_form_and_panels_agree_for_modes_and_lags_of_any_kind() -> None:
     model = BoucWen(gain=D, hysteresis_gain=A, beta=BETA, gamma=GAMMA)
     u = voltages(60)
-    form, found = model.segments(u), panels(model, u, model.rest())
+    form, found = model.segments(u), panels(model, u, model.initial_state())
     assert form is not None
     assert found.state == pytest.approx(form.state, abs=1e-12)
     w = np.array([0.2132, 3.2, 0.01, 20.0, 0.4])

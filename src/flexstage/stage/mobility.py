@@ -54,6 +54,9 @@ def reachable_bodies(stage: Stage) -> set[str]:
 def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
     """Find the motions that the hinges, taken as pins, leave free.
 
+    Bodies that no hinge ties to a fixed one are left out; with `hold_drives` each drive keeps its
+    length.
+
     Notes
     -----
     Small motions: the null space of the matrix that gives the motion at each neck of body b against

@@ -27,7 +27,11 @@ class Root(NamedTuple):
 
 
 def root_line(hinge: Hinge, which: int) -> tuple[_Pair, _Pair]:
-    """Return the ends of the root of a hinge."""
+    """Return the ends of the root of a hinge.
+
+    Right and left of the hinge's direction [m]; `which` is 0 for the root on body a, 1 for the one
+    on body b.
+    """
     profile = hinge.profile
     along = (-0.5, 0.5)[which] * profile.length
     half_neck = 0.5 * profile.neck_thickness

@@ -1,4 +1,8 @@
-"""Names of the parts of a stage's mesh."""
+"""Names of the parts of a stage's mesh.
+
+`which` is 0 for the half on a hinge's first body, or the patch on the pushed body, and 1 for the
+other.
+"""
 
 from collections.abc import Iterable
 
