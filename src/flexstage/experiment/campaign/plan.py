@@ -69,7 +69,7 @@ class Columns:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class FileReading:
     """How the files of a test are read; what they say themselves need not be repeated."""
 
     sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
@@ -91,7 +91,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instrument:
+class SensorSpecification:
     """A sensor by name, with what is known of its errors."""
 
     name: str
@@ -157,7 +157,7 @@ class Test:
     """What is in which column."""
     units: Columns = field(default_factory=Columns)
     """Units of columns that do not say theirs."""
-    reading: Reading = field(default_factory=Reading)
+    reading: FileReading = field(default_factory=FileReading)
     """How the files are read."""
     along: str | None = None
     """Name of the instrument that reads position."""
@@ -255,7 +255,7 @@ class Campaign:
     """Stage file or name of a built-in design; empty where there is none."""
     origin: str = "measured"
     """``measured``, or ``virtual`` where the records are simulated."""
-    instruments: tuple[Instrument, ...] = ()
+    instruments: tuple[SensorSpecification, ...] = ()
     """The sensors."""
     tests: tuple[Test, ...]
     """The tests."""
