@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.coupling import cross_coupling, squareness
-from flexstage.experiment.motion.curve_extremes import curve_range, loop_width, zone_contacts
+from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import motion_cycles
 from flexstage.experiment.motion.linearity import linearity
@@ -94,7 +94,7 @@ def estimates(curve: MotionCurve) -> dict[str, Estimate]:
         "range": curve_range(curve),
         "least_squares": curve_range(curve, line="least_squares"),
         "terminal": curve_range(curve, line="terminal"),
-        "loop": loop_width(curve),
+        "loop": curve_loop_width(curve),
         "reversal": curve.reversal(),
         "slope": curve.slope(),
         "drift": curve.drift_rate,
@@ -201,7 +201,7 @@ def test_offsets_of_cycles_do_not_reach_the_shape() -> None:
     for c, cycle in enumerate(runs.runs):
         shifted[cycle[0, 0] : cycle[1, 1]] += 1e-6 * (c - 1.7) ** 2
     one, two = (fit_motion_curve(x, v, t, drift=False, order=4) for v in (y, shifted))
-    for figure in (curve_range, loop_width, MotionCurve.reversal, MotionCurve.slope):
+    for figure in (curve_range, curve_loop_width, MotionCurve.reversal, MotionCurve.slope):
         a, b = figure(one), figure(two)
         assert b.value == pytest.approx(a.value, rel=1e-6), figure.__name__
         assert b.uncertainty == pytest.approx(a.uncertainty, rel=1e-6), figure.__name__
@@ -213,7 +213,7 @@ def test_drift_is_taken_off() -> None:
     x, y, t = record(4)
     one = fit_motion_curve(x, y, t, order=5)
     two = fit_motion_curve(x, y + 5e-6 * t, t, order=5)
-    for figure in (curve_range, loop_width, MotionCurve.reversal):
+    for figure in (curve_range, curve_loop_width, MotionCurve.reversal):
         assert figure(two).value == pytest.approx(figure(one).value, abs=1e-13)
     assert one.noise == pytest.approx(10e-9, rel=0.05)
     assert two.noise == pytest.approx(one.noise, rel=1e-6)
@@ -221,7 +221,7 @@ def test_drift_is_taken_off() -> None:
     assert two.drift_rate is not None
     assert two.drift_rate.value - one.drift_rate.value == pytest.approx(5e-6, rel=1e-9)
     without = fit_motion_curve(x, y + 5e-6 * t, t, order=5, drift=False)
-    assert loop_width(without).value > 1e-6
+    assert curve_loop_width(without).value > 1e-6
     assert without.drift_rate is None
 
 

@@ -134,14 +134,7 @@ class SensorSpecification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Test:
-    """One test: its records, and what is in them.
-
-    Raises
-    ------
-    ModelError
-        The kind, the excitation or the cycle is not known, there is no record, or a number is
-        impossible.
-    """
+    """One test: its records, and what is in them."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
@@ -243,13 +236,7 @@ class Test:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """Everything that was measured of a stage.
-
-    Raises
-    ------
-    ModelError
-        The origin is not known, two things share a name, or a test names an unknown instrument.
-    """
+    """Everything that was measured of a stage."""
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
@@ -281,16 +268,5 @@ class Campaign:
                     )
 
     def setup(self, name: str | None) -> SensorSetup | None:
-        """Return what is known of an instrument.
-
-        Parameters
-        ----------
-        name : str or None
-            Its name.
-
-        Returns
-        -------
-        SensorSetup or None
-            What is known; None where no instrument is named.
-        """
+        """Return what is known of an instrument; None where none is named."""
         return next((i.setup for i in self.instruments if i.name == name), None)

@@ -99,6 +99,7 @@ def fit_modes(
 
     Examples
     --------
+    >>> import numpy as np
     >>> f = np.arange(2.0, 400.0, 0.5)
     >>> s, poles = 2j * np.pi * f, (-4.7 + 541.0j, -21.0 + 1330.0j)
     >>> clean = sum(1 / ((s - p) * (s - p.conjugate())) for p in poles)

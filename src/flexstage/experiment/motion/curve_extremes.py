@@ -104,7 +104,7 @@ def curve_largest(
     return _estimate(curve, _Extreme(rows=rows, absolute=True), seed)
 
 
-def loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
+def curve_loop_width(curve: MotionCurve, *, seed: int = 0) -> Estimate:
     """Return the largest distance of the backward from the forward curve at equal position.
 
     Parameters
