@@ -5,13 +5,13 @@ from typing import Literal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Issue:
     """One thing that is wrong with a stage, or looks so."""
 
     severity: Literal["error", "warning"]
     """Whether the stage cannot be as described, or only looks unlike what is meant."""
     code: str
-    """Short name of the kind of finding."""
+    """Short name of the kind of issue."""
     what: tuple[str, ...]
     """Names of the bodies, hinges, drives or probes that it is about."""
     message: str

@@ -60,7 +60,7 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
     model = plane_model(_rig(stage, body), settings, modes=1)
-    half = model.halves[0]
+    half = model.problems[0]
     drive = model.system.drive("press")
     u = half.basis @ np.linalg.solve(model.system.K, drive.vector)
     found = buckling(half.continuum, u)
