@@ -22,7 +22,7 @@ _MOST_DAMPING = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Block:
+class ResponseBlock:
     """Responses that share their frequencies."""
 
     s: Complex
@@ -55,7 +55,7 @@ def _stacked(values: Complex) -> Array:
     return np.concatenate([values.real, values.imag])
 
 
-def project(basis: ModalBasis, theta: Array, block: Block, column: int) -> Projected:
+def project(basis: ModalBasis, theta: Array, block: ResponseBlock, column: int) -> Projected:
     """Eliminate the linear factors of one response (Golub and Pereyra 1973, Kaufman 1975)."""
     functions = basis.functions(theta, block.s)
     q, r, scale = _factored(functions, block.weights[:, column])
@@ -85,7 +85,7 @@ def _factored(functions: Complex, weights: Array) -> tuple[Array, Array, Array]:
 
 
 def _solved(
-    q: Array, r: Array, scale: Array, block: Block, column: int
+    q: Array, r: Array, scale: Array, block: ResponseBlock, column: int
 ) -> tuple[Array, Array, Array]:
     from scipy.linalg import solve_triangular
 
@@ -121,7 +121,7 @@ class Eliminated:
         return float(np.sum(self.square * (self.residual.real**2 + self.residual.imag**2)))
 
 
-def eliminate(basis: ModalBasis, theta: Array, block: Block) -> Eliminated:
+def eliminate(basis: ModalBasis, theta: Array, block: ResponseBlock) -> Eliminated:
     """Eliminate the linear factors of all responses of a block at once.
 
     Normal equations lose digits that `project` keeps; one step of refinement with the residual
@@ -175,7 +175,7 @@ def gram_of(left: Complex, right: Complex, square: Array) -> Array:
 
 
 def _normal(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], found: Sequence[Eliminated]
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], found: Sequence[Eliminated]
 ) -> tuple[Array, Array]:
     """Return the half gradient with the sign changed, and J^T J."""
     gradient = np.zeros(basis.size)
@@ -192,7 +192,7 @@ def _normal(
     return gradient, square
 
 
-def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Array:
+def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Array:
     """Return the standard uncertainty of each parameter over the rms of noise.
 
     By the linearised fit; infinite of what nothing depends on.
@@ -208,7 +208,7 @@ def deviations_of(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> A
     return np.where(felt, np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / scale, np.inf)
 
 
-def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) -> Array:
+def remaining(basis: ModalBasis, theta: Array, block: ResponseBlock, now: Eliminated) -> Array:
     """Return the share of the noise of each line that a fit leaves in its residual.
 
     One less half the leverage of real and imaginary part, shape (k, m).
@@ -232,7 +232,7 @@ def remaining(basis: ModalBasis, theta: Array, block: Block, now: Eliminated) ->
 
 
 def minimise(
-    basis: ModalBasis, theta: Array, blocks: Sequence[Block], *, rough: bool = False
+    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], *, rough: bool = False
 ) -> tuple[Array, float]:
     """Make the weighted sum of squares least over the poles (Levenberg 1944, Marquardt 1963).
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from flexstage.export.diagram.cells import Cell, Net, Pin, Routed, Segment
-from flexstage.export.diagram.graph import Block, Diagram, Group, Line
+from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
 from flexstage.export.diagram.grid import route
 from flexstage.export.diagram.layered import Layered, layered
 from flexstage.export.diagram.shapes import block_cell
@@ -16,7 +16,7 @@ _PORT_APART = 19.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Port:
+class GroupPort:
     """Where a line enters or leaves a group."""
 
     block: str
@@ -30,32 +30,32 @@ class Port:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tile:
+class GroupLayout:
     """A group, drawn."""
 
-    group: Group
+    group: BlockGroup
     """The group."""
     width: float
-    """Its size [px]."""
+    """Its width [px]."""
     height: float
-    """Its size [px]."""
+    """Its height [px]."""
     subtitle: tuple[str, ...]
     """Lines below its title: those that it stands for."""
     cells: dict[str, tuple[float, float]]
-    """Left top corner of each block."""
+    """Left top corner of each block [px]."""
     shapes: dict[str, Cell]
     """Cells of the blocks."""
     flipped: set[str]
     """Blocks that are drawn from right to left."""
     lines: dict[str, tuple[Segment, ...]]
-    """Segments of each line, by the block that it comes from."""
-    ports: tuple[Port, ...]
+    """Segments of each line [px], by the block that it comes from."""
+    ports: tuple[GroupPort, ...]
     """Its ports."""
     names: tuple[tuple[str, float, float], ...]
     """Names of signals inside: the name, and where its base line begins [px]."""
 
 
-def make_tile(diagram: Diagram, group: Group) -> Tile:
+def group_layout(diagram: Diagram, group: BlockGroup) -> GroupLayout:
     """Draw one group."""
     blocks = tuple(b for b in diagram.blocks if b.group == group.name)
     own = {b.name for b in blocks}
@@ -73,8 +73,8 @@ def make_tile(diagram: Diagram, group: Group) -> Tile:
 
 def _shapes(
     blocks: tuple[Block, ...],
-    inner: tuple[Line, ...],
-    enter: tuple[Line, ...],
+    inner: tuple[SignalLine, ...],
+    enter: tuple[SignalLine, ...],
     order: Layered,
 ) -> dict[str, Cell]:
     shapes = {}
@@ -105,8 +105,8 @@ def _with_ports(
     blocks: tuple[Block, ...],
     order: Layered,
     shapes: dict[str, Cell],
-    enter: tuple[Line, ...],
-    leave: tuple[Line, ...],
+    enter: tuple[SignalLine, ...],
+    leave: tuple[SignalLine, ...],
 ) -> tuple[dict[str, Cell], dict[str, tuple[int, int]], list[_Stack]]:
     """Add a column of ports on either side."""
     last = 2 + max((c for c, _ in order.places.values()), default=0)
@@ -114,7 +114,7 @@ def _with_ports(
     places = {n: (c + 1, r) for n, (c, r) in order.places.items()}
     stacks = []
     for side, lines, column in (("L", enter, 0), ("R", leave, last)):
-        by_row: dict[int, dict[str, Line]] = {}
+        by_row: dict[int, dict[str, SignalLine]] = {}
         seen: set[str] = set()
         for x in lines:
             if x.source in seen:
@@ -133,7 +133,7 @@ def _with_ports(
     return cells, places, stacks
 
 
-def _labels(found: dict[str, Line], lines: tuple[Line, ...]) -> dict[str, str]:
+def _labels(found: dict[str, SignalLine], lines: tuple[SignalLine, ...]) -> dict[str, str]:
     return {s: next((x.signal for x in lines if x.source == s and x.signal), "") for s in found}
 
 
@@ -142,7 +142,7 @@ def _name(signal: str) -> str:
     return signal.partition(" [")[0]
 
 
-def _room(inner: tuple[Line, ...], places: dict[str, tuple[int, int]]) -> dict[int, float]:
+def _room(inner: tuple[SignalLine, ...], places: dict[str, tuple[int, int]]) -> dict[int, float]:
     """Room for names of signals behind the blocks that they come from."""
     room: dict[int, float] = {}
     for x in inner:
@@ -154,7 +154,7 @@ def _room(inner: tuple[Line, ...], places: dict[str, tuple[int, int]]) -> dict[i
 
 
 def _port_cell(
-    found: dict[str, Line], shapes: dict[str, Cell], side: str, labels: dict[str, str]
+    found: dict[str, SignalLine], shapes: dict[str, Cell], side: str, labels: dict[str, str]
 ) -> Cell:
     """Return the cell of the ports of a row, each level with the pin that it leads to."""
     offsets: dict[str, float] = {}
@@ -182,9 +182,9 @@ def _port_cell(
 
 
 def _nets(
-    inner: tuple[Line, ...],
-    enter: tuple[Line, ...],
-    leave: tuple[Line, ...],
+    inner: tuple[SignalLine, ...],
+    enter: tuple[SignalLine, ...],
+    leave: tuple[SignalLine, ...],
     stacks: list[_Stack],
 ) -> dict[str, Net]:
     targets: dict[str, list[tuple[str, str]]] = {}
@@ -201,14 +201,14 @@ def _nets(
 
 
 def _finished(
-    group: Group,
+    group: BlockGroup,
     routed: Routed,
     cells: dict[str, Cell],
     shapes: dict[str, Cell],
     order: Layered,
     stacks: list[_Stack],
-    named: tuple[Line, ...],
-) -> Tile:
+    named: tuple[SignalLine, ...],
+) -> GroupLayout:
     """Put a title over what was routed, and lead the lines of ports to the edges."""
     width = max(routed.size[0], text_width(group.title, 13.0)) + 2.0 * _PAD
     subtitle: tuple[str, ...] = ()
@@ -229,7 +229,7 @@ def _finished(
             inside = x + left + (cell.width if stack.side == "L" else 0.0)
             edge = 0.0 if stack.side == "L" else width
             lines[source].append(((min(inside, edge), height), (max(inside, edge), height)))
-            ports.append(Port(block=source, side=stack.side, y=height, label=label))
+            ports.append(GroupPort(block=source, side=stack.side, y=height, label=label))
     names = []
     for source in dict.fromkeys(x.source for x in named if x.signal):
         (x, y), cell = routed.cells[source], shapes[source]
@@ -237,7 +237,7 @@ def _finished(
         names.append(
             (_name(signal), x + left + cell.width + 3.0, y + top + cell.pins["out"].y - 5.0)
         )
-    return Tile(
+    return GroupLayout(
         group=group,
         width=width,
         height=top + routed.size[1] + _PAD,

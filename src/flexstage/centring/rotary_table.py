@@ -12,9 +12,9 @@ from flexstage.arrays import Array
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity
 from flexstage.centring.head_averaging import against_reference
-from flexstage.centring.polar import length_estimate
 from flexstage.centring.positioner import VirtualPositioner
 from flexstage.centring.self_calibration import self_calibration
+from flexstage.centring.vector_interval import length_estimate
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
@@ -39,7 +39,7 @@ class CentreReading:
         )
 
     def covers(self, vector: ArrayLike) -> bool:
-        """Say whether the 95 % region of the centre holds a point.
+        """Say whether the 95 % region of the centre holds a point, x and y [m].
 
         It is the ellipse of Hotelling (1931, Annals of Mathematical Statistics 2), of known shape.
         """
@@ -51,17 +51,11 @@ class CentreReading:
         return bool(off @ np.linalg.solve(self.covariance, off) <= far)
 
 
-class Table(Protocol):
+class RotaryTable(Protocol):
     """A table that is turned, with a scale on it that is read."""
 
     def measure(self) -> CentreReading:
-        """Turn the table and return the eccentricity of the scale.
-
-        Returns
-        -------
-        CentreReading
-            Where the centre of the scale is.
-        """
+        """Turn the table and return the eccentricity of the scale."""
         ...
 
 
@@ -85,6 +79,8 @@ def centre_reading(found: Eccentricity) -> CentreReading:
 
 def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
     r"""Return the eccentricity that the first order of a table of errors stands for.
+
+    `radius` is that at which the scale is read [m].
 
     .. math:: e_x = R\, b_1, \quad e_y = -R\, a_1
 
@@ -172,13 +168,7 @@ class VirtualBench:
         return self._table.apparent_eccentricity + self._positioner.true_position
 
     def measure(self) -> CentreReading:
-        """Turn the table and return the eccentricity of the scale.
-
-        Returns
-        -------
-        CentreReading
-            Where the centre of the scale is.
-        """
+        """Turn the table and return the eccentricity of the scale."""
         x, y = self._positioner.true_position
         record = self._table.moved(float(x), float(y)).record(index=self._count)
         self._count += 1

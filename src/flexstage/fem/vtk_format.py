@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 import flexstage
 from flexstage.errors import ModelError
 
-# cell types of the format by their corners: triangle, tetrahedron, wedge
-_CELLS = {3: 5, 4: 10, 6: 13}
+#: Cell types of the format by their corners: triangle, tetrahedron, wedge.
+CELL_TYPES = {3: 5, 4: 10, 6: 13}
+#: What a file begins with, and what a grid does behind it.
+HEAD = '<?xml version="1.0"?>\n'
+GRID = (
+    '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+    'header_type="UInt64" compressor="vtkZLibDataCompressor">'
+)
 
 _KINDS = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "|u1")}
-_HEAD = '<?xml version="1.0"?>\n'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,9 +43,9 @@ class PackedCells:
     count: int
     """Number of cells."""
     cells: str
-    """Their corners, and the values in them, as the format has them."""
+    """Their corners, as the format has them."""
     values: str
-    """Their corners, and the values in them, as the format has them."""
+    """The values in them, as the format has them."""
 
     def and_values(self, in_cells: Mapping[str, Values]) -> "PackedCells":
         """Return the same cells with more values."""
@@ -49,12 +54,12 @@ class PackedCells:
 
 
 def packed_cells(cells: NDArray[np.integer], in_cells: Mapping[str, Values]) -> PackedCells:
-    """Write triangles, tetrahedra or wedges."""
+    """Write triangles, tetrahedra or wedges, by their 3, 4 or 6 corners, with values in each."""
     count, corners = cells.shape
     parts = {
         "connectivity": Values(values=cells.ravel()),
         "offsets": Values(values=corners * np.arange(1, count + 1)),
-        "types": Values(values=np.full(count, _CELLS[corners], dtype=np.uint8)),
+        "types": Values(values=np.full(count, CELL_TYPES[corners], dtype=np.uint8)),
     }
     return PackedCells(count=count, cells=_arrays(parts), values="").and_values(in_cells)
 
@@ -67,12 +72,15 @@ def grid_file(
     about: Mapping[str, Values],
     remark: str,
 ) -> bytes:
-    """Write an unstructured grid."""
+    """Write an unstructured grid (``.vtu``) over points [m], with values at them and of the whole.
+
+    A unit goes with its values as the toolkit's own label; the remark is for people who open the
+    file in an editor.
+    """
     _require_rows("point", len(points), at_points)
     text = [
-        f"{_HEAD}<!-- {_comment(remark)} -->",
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64" compressor="vtkZLibDataCompressor">',
+        f"{HEAD}<!-- {_comment(remark)} -->",
+        GRID,
         f"<UnstructuredGrid>\n<FieldData>\n{_arrays(about)}</FieldData>",
         f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{cells.count}">',
         f"<Points>\n{_arrays({'points': Values(values=points, unit='m')})}</Points>",
@@ -85,13 +93,13 @@ def grid_file(
 
 
 def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str) -> bytes:
-    """Write a list of grids, one for each time."""
+    """Write a list of grids (``.pvd``), one for each time."""
     sets = "".join(
         f'<DataSet timestep="{time:.10g}" group="" part="0" file="{escape(name)}"/>\n'
         for name, time in zip(files, times, strict=True)
     )
     return (
-        f"{_HEAD}<!-- {_comment(remark)} -->\n"
+        f"{HEAD}<!-- {_comment(remark)} -->\n"
         '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
         f"<Collection>\n{sets}</Collection>\n</VTKFile>\n"
     ).encode()
@@ -114,10 +122,10 @@ def _comment(remark: str) -> str:
 
 
 def _arrays(fields: Mapping[str, Values]) -> str:
-    return "".join(f"{_array(name, values)}\n" for name, values in fields.items())
+    return "".join(f"{data_array(name, values)}\n" for name, values in fields.items())
 
 
-def _array(name: str, held: Values) -> str:
+def data_array(name: str, held: Values) -> str:
     """Write numbers: a header of one block, and the block, compressed."""
     values = np.asarray(held.values)
     kind, wide = _KINDS[values.dtype.kind]

@@ -27,6 +27,9 @@ def length_estimate(
 ) -> Estimate:
     r"""Return the length of a measured vector of two parts, with a 95 % interval.
 
+    Its interval begins at 0 where the vector could as well be none. `name` says what the
+    uncertainty comes from.
+
     Noise makes a short vector longer: its length has Rice's distribution (Rice 1944, Bell System
     Technical Journal 23), and ``|v|^2 / u^2`` that of chi squared, not central, with 2 degrees of
     freedom and the parameter A^2 / u^2. The ends of the interval are the lengths A for which what
@@ -67,6 +70,9 @@ def direction_estimate(
     note: str = "",
 ) -> Estimate:
     r"""Return the direction of a measured vector of two parts, with a 95 % interval.
+
+    It is from the first part towards the second [rad], between -pi and pi; the interval is the
+    whole turn where the vector could as well be none. `name` says what the uncertainty comes from.
 
     The part of the vector across its true direction is normal with mean 0, so that the direction is
     known to within ``arcsin(t u / |v|)``, with Student's t (the way of Fieller 1954, Journal of the

@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Twins:
+class EquivalentParts:
     """Classes of bodies and of hinges."""
 
     bodies: tuple[tuple[int, ...], ...]
@@ -22,24 +22,25 @@ class Twins:
     """Indices of the hinges of each class."""
 
 
-def find_twins(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> Twins:
+def equivalent_parts(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> EquivalentParts:
     """Find bodies and hinges that stand in the same place of the chain, as mirror images do.
 
     Two bodies are twins if they have the same mass and inertia and the same hinges, at the same
-    distance from their centres, to bodies that are twins in turn. Held bodies and those where a
-    drive acts or a probe reads have no twins. It is the refinement of colours of a graph (B.
+    distance from their centres, to bodies that are twins in turn; masses, stiffnesses and distances
+    may differ by the tolerance [1], and with None nothing has a twin. Held bodies and those where
+    a drive acts or a probe reads have no twins. It is the refinement of colours of a graph (B.
     Weisfeiler, A. Lehman, 1968).
 
     Examples
     --------
     >>> from flexstage.designs import design
     >>> from flexstage.lumped import mechanism
-    >>> found = find_twins(mechanism(design("vgtu-piezo")))
+    >>> found = equivalent_parts(mechanism(design("vgtu-piezo")))
     >>> len(found.bodies), len(found.hinges)
     (10, 12)
     """
     if tolerance is None:
-        return Twins(
+        return EquivalentParts(
             bodies=tuple((i,) for i in mechanism.free),
             hinges=tuple((i,) for i in range(len(mechanism.hinges))),
         )
@@ -73,7 +74,7 @@ def find_twins(mechanism: Mechanism, *, tolerance: float | None = 0.02) -> Twins
                             repr((colour[h.bodies[1]], ends[k][1])))))
         for k, h in enumerate(mechanism.hinges)
     ]  # fmt: skip
-    return Twins(
+    return EquivalentParts(
         bodies=_classes(mechanism.free, [colour[i] for i in mechanism.free]),
         hinges=_classes(range(len(mechanism.hinges)), kinds),
     )

@@ -43,7 +43,10 @@ def add_drive(
     free: str,
     group: str,
 ) -> None:
-    """Add the spring between the free displacement and the bodies, and its force on them."""
+    """Add the spring between the free displacement and the bodies, and its force on them.
+
+    `free` is the block of the free displacement, or, where there is no stiffness, of the force.
+    """
     sides = _line_of_sight(mechanism, sight, bodies)
     force = free
     if spring.stiffness > 0.0:
@@ -156,7 +159,7 @@ def add_reading(
     bodies: dict[int, BodyBlocks],
     group: str,
 ) -> str:
-    """Add what a probe reads of the bodies."""
+    """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
     sides = _line_of_sight(mechanism, sight, bodies)
     gains = []
     for number, (end, sign, row) in enumerate(sides):

@@ -13,7 +13,7 @@ _CORRELATED = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class BlockLine:
     """A straight line through the means of blocks of a record."""
 
     slope: float
@@ -32,7 +32,7 @@ class Line:
     """Whether neighbouring blocks still hang together, at the fewest blocks."""
 
 
-def blocks_line(values: Array) -> Line:
+def blocks_line(values: Array) -> BlockLine:
     """Fit a line to means of blocks, which are independent where samples are not.
 
     There are the most blocks of 32, 22, 15... to 8 whose neighbours do not hang together; the
@@ -61,7 +61,7 @@ def blocks_line(values: Array) -> Line:
         count = max(int(count / math.sqrt(2.0)), _LEAST_BLOCKS)
     # what neighbours still share makes a mean over many of them less certain
     variance = power / (count - 2) * (1.0 + 2.0 * max(linked, 0.0))
-    return Line(
+    return BlockLine(
         slope=slope / length,
         slope_uncertainty=math.sqrt(variance / float(t @ t)) / length,
         degrees_of_freedom=float(count - 2),
