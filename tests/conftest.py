@@ -17,13 +17,14 @@ os.environ.setdefault("NGS_NUM_THREADS", "1")
 # The matrix library's threads wait the same way; many small least squares are faster without them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What tests condense stays out of the user's own store.
-_CACHE = tempfile.mkdtemp(prefix="flexstage-tests-")
-os.environ["FLEXSTAGE_CACHE"] = _CACHE
-# And so do their runs and locks.
-os.environ["FLEXSTAGE_CATALOGUE"] = f"{_CACHE}/catalogue.sqlite"
-os.environ["FLEXSTAGE_STATE"] = f"{_CACHE}/state"
-atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)
+# Runs and locks of tests stay out of the user's own store, and so does what they condense: one
+# folder for all processes of a run, which take it over from the process that starts them.
+_OWN = tempfile.mkdtemp(prefix="flexstage-tests-")
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["FLEXSTAGE_CACHE"] = _OWN
+os.environ["FLEXSTAGE_CATALOGUE"] = f"{_OWN}/catalogue.sqlite"
+os.environ["FLEXSTAGE_STATE"] = f"{_OWN}/state"
+atexit.register(shutil.rmtree, _OWN, ignore_errors=True)
 
 
 # What is started behind `&` or `nohup` ignores Ctrl-C, and so do its children; tests send it.

@@ -79,7 +79,11 @@ def _root(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line, and end the process with the status of the outcome."""
+    """Run the command line, and end the process with the status of the outcome.
+
+    The words after the program's name are those of the process where none are given. Always raises
+    SystemExit: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
+    """
     sys.exit(_run(None if arguments is None else list(arguments)))
 
 

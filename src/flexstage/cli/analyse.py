@@ -91,7 +91,7 @@ def analyse(
 
     Several models are printed in sequence; all leaves out, with a note, those that are impossible.
     """
-    from flexstage.progress import share
+    from flexstage import progress
     from flexstage.report import run_model
     from flexstage.report.models import Wanted
 
@@ -112,7 +112,7 @@ def analyse(
     left_out: dict[str, str] = {}
     with progress_bar("analyse", quiet=quiet):
         for i, name in enumerate(names):
-            with share(i / len(names), (i + 1) / len(names)):
+            with progress.subtask(i / len(names), (i + 1) / len(names)):
                 try:
                     runs[name] = run_model(described, name, wanted)
                 except FlexstageError as error:

@@ -16,7 +16,7 @@ _UNITS = {"in proportion": "µm", "as the square": "µm²"}
 
 
 def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
-    """Return the positions of the stage that --stage-at gives."""
+    """Return the positions x, y of the stage [m] that --stage-at gives, one for each setting."""
     from flexstage.units import parse
 
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]

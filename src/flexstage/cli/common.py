@@ -27,6 +27,8 @@ _AS_PICTURE = "(.svg, .png or .pdf)"
 def designs_like(incomplete: str) -> list[str]:
     """Return the built-in designs that a word begins, for the completion of the shell.
 
+    Where there are none the shell offers files.
+
     Examples
     --------
     >>> designs_like("vgtu-p")
@@ -109,7 +111,9 @@ def load_stage(text: str) -> "Stage":
 
 
 def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
-    """Return the length that an option gives.
+    """Return the length that an option gives [m], within what a stage may have.
+
+    `name` is what it is the length of, for messages.
 
     Examples
     --------
@@ -128,7 +132,11 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
 
 
 def output_path(text: str | Path) -> Path:
-    """Return the path that a word names."""
+    """Return the path that a word names.
+
+    An empty text is refused, as of a variable of the shell that is not set: the working directory
+    would be meant instead. A default of an option is handed on in the same way.
+    """
     if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
     if "\0" in str(text):
@@ -137,17 +145,27 @@ def output_path(text: str | Path) -> Path:
 
 
 def file_option(help: str) -> Any:
-    """Return the option `--out`: the one file that a command writes."""
+    """Return the option `--out`: the one file that a command writes.
+
+    Its path is refused before the work where no file can be written there.
+    """
     return typer.Option("--out", parser=_file, metavar="FILE", help=help)
 
 
 def figure_option(help: str) -> Any:
-    """Return the option `--figure`: a picture of the result."""
+    """Return the option `--figure`: a picture of the result.
+
+    Its path is refused before the work as that of `file_option`, and where its ending is that of no
+    picture.
+    """
     return typer.Option("--figure", parser=_figure, metavar="FILE", help=f"{help} {_AS_PICTURE}")
 
 
 def folder_option(help: str) -> Any:
-    """Return the option `--folder`: where a command writes several files."""
+    """Return the option `--folder`: where a command writes several files.
+
+    Its path is refused before the work where no folder can be.
+    """
     return typer.Option("--folder", parser=_folder, metavar="FOLDER", help=help)
 
 
@@ -182,7 +200,7 @@ def _folder(text: str | Path) -> Path:
 
 
 def model_names(text: str) -> list[str]:
-    """Return the models that the option `--model` names.
+    """Return the models that the option `--model` names, each once, whether there are such or not.
 
     Examples
     --------
@@ -198,6 +216,9 @@ def model_names(text: str) -> list[str]:
 
 def name_for_files(name: str) -> str:
     """Return a name that a directory can have.
+
+    What is special to some system becomes a dash, and none begins it, where programs take it for an
+    option.
 
     Examples
     --------
@@ -222,7 +243,7 @@ def count(number: int, noun: str) -> str:
 
 
 def console() -> "Console":
-    """Return the console that tables are printed on."""
+    """Return the console that tables are printed on, without colours where it is no terminal."""
     import sys
 
     from rich.console import Console
@@ -232,7 +253,11 @@ def console() -> "Console":
 
 
 def make_table(title: str, *columns: str) -> "Table":
-    """Start a table."""
+    """Start a table.
+
+    The first column is text; the others are numbers and stand at the right, unless they begin with
+    ``<``, which is taken off.
+    """
     from rich import box
     from rich.align import Align
     from rich.table import Table
@@ -255,18 +280,12 @@ def make_table(title: str, *columns: str) -> "Table":
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on standard output.
-
-    Parameters
-    ----------
-    value : Any
-        Plain data.
-    """
+    """Print plain data as one JSON object on standard output."""
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
 def relative(text: str) -> float:
-    """Return the share that an option gives, as a percentage or as a plain number.
+    """Return the share that an option gives [1], as a percentage or as a plain number.
 
     Examples
     --------
@@ -312,7 +331,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
         TimeRemainingColumn,
     )
 
-    from flexstage.progress import reporting
+    from flexstage.progress import listen
 
     columns = (
         TextColumn("{task.description:<17}"),
@@ -323,7 +342,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        with reporting(lambda what, done: bar.update(task, description=what, completed=done)):
+        with listen(lambda what, done: bar.update(task, description=what, completed=done)):
             yield
 
 

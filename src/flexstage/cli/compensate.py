@@ -149,7 +149,7 @@ def compensate(
         1.0 / record.sample_rate_hz,
         limits=bounds,
         largest_rate=_largest_rate(slew, current, capacitance),
-        state=drive.hysteresis.rest() if word == "rest" else None,
+        state=drive.hysteresis.initial_state() if word == "rest" else None,
         start=None if named else moved_for(start, "conditioned, rest"),
         band_hz=None
         if reference_bandwidth is None

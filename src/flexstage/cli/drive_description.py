@@ -16,7 +16,10 @@ _SMALL = 1.0 / 100.0
 
 
 def against_description(found: "Identification", stage: str, axis: str | None) -> tuple[str, ...]:
-    """Compare range and stroke of a record with the drive of a stage."""
+    """Compare range and stroke of a record with the drive of a stage.
+
+    The axis is the first one where None. Returns a sentence for each that does not suit the drive.
+    """
     from flexstage.lumped import lumped_system
     from flexstage.stage import PiezoStack
     from flexstage.system import analyse_axis

@@ -45,7 +45,12 @@ def read_drive(
     resample: str | None,
     **how: Any,
 ) -> "tuple[list[Record], str | int, str | int]":
-    """Read what a drive was told and what followed: over time, or as tables of curves."""
+    """Read what a drive was told and what followed: over time, or as tables of curves.
+
+    Of curves in columns, `input` and `output` name one for each, with commas. `how` goes on to
+    `read_records`. Returns the records, evenly sampled and NaN where nothing was measured, then the
+    columns that drive and follow.
+    """
     if output is None and branches is None:
         raise RecordError(
             "there is no output: give the column that follows by --output, or two branches of a "
@@ -77,8 +82,11 @@ def read_drive(
 
 
 def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
-    """Return the samples to fit as they are counted in the records that were read."""
-    from flexstage.records.rows import row_range
+    """Return the samples to fit, first and one behind the last, as counted in what was read.
+
+    The text counts them as they are in the files.
+    """
+    from flexstage.records.sampling import row_range
 
     given = row_range(text, "--train")
     if given is None:

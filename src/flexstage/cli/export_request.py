@@ -138,7 +138,10 @@ class ExportRequest:
 def read_hysteresis(
     given: Sequence[str],
 ) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
-    """Return the hysteresis of each drive."""
+    """Return the identified model of each drive, of texts ``NAME=FILE``.
+
+    A text may be ``usual`` or ``none`` alone, which is returned.
+    """
     from flexstage.hysteresis.model_file import read_model_file
 
     if len(given) == 1 and given[0] in ("usual", "none"):

@@ -11,7 +11,11 @@ if TYPE_CHECKING:
 
 
 def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
-    """Return a response as columns, for other programs."""
+    """Return a response as columns, for other programs.
+
+    Frequency; real and imaginary part, variance and coherence as far as they are known, and by how
+    much a window has mixed neighbouring lines.
+    """
     import numpy as np
 
     from flexstage.records import Channel, Record

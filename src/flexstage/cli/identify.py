@@ -44,7 +44,8 @@ from flexstage.errors import ModelError, RecordError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification.identify import Candidate, Identification
+    from flexstage.hysteresis.identification.identify import Identification
+    from flexstage.hysteresis.identification.model_choice import Candidate
     from flexstage.records import Record
 
 

@@ -150,7 +150,10 @@ def on_records(
     output_column: str | int,
     start: "Start | None" = None,
 ) -> "list[Prediction]":
-    """Return how a model predicts each of some records, after checking their units."""
+    """Return how a model predicts each of some records, after checking their units.
+
+    What the drive did before is found where `start` is None.
+    """
     from flexstage.hysteresis import predict as run
 
     sides = (
@@ -177,7 +180,10 @@ def _start(text: str) -> "Start | None":
 
 
 def moved_for(text: str, words: str) -> float:
-    """Return for how long a drive had moved, of an option ``--start``."""
+    """Return for how long a drive had moved [s], of an option ``--start``; inf for ever.
+
+    `words` are what else it may be, for a message.
+    """
     import math
 
     from flexstage.units import parse
@@ -207,7 +213,7 @@ def _total(found: "Sequence[Prediction]") -> dict[str, float]:
 
 
 def start_value(start: "Start") -> str | float:
-    """Return what a drive did before as JSON can hold it."""
+    """Return what a drive did before as JSON can hold it: a time [s], or a word."""
     return "long" if start == float("inf") else start
 
 

@@ -130,10 +130,21 @@ def read_records(
     labels: str | int | None = None,
     partial: "Sequence[str | int]" = (),
 ) -> "list[Record]":
-    """Read the files that a command was given."""
+    """Read the files that a command was given, one record for each.
+
+    `units` are those of `columns` (all, where None), then of `partial`: further columns, which may
+    be incomplete. `over` is what the samples must follow one another by: with point, rows of a text
+    need no times; with table, times are not looked at. `resample` is a rate of even times, or
+    median; with `even`, uneven times are refused. `labels` is the column that labels the rows, with
+    numbers or texts.
+    """
     from flexstage.records import evened, read_record
-    from flexstage.records.rows import row_range
-    from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, require_uniform
+    from flexstage.records.sampling import (
+        LARGEST_STEP,
+        LARGEST_UNEVEN_STEP,
+        require_uniform,
+        row_range,
+    )
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     new_rates = file_rates(resample, "--resample", len(files))
@@ -181,7 +192,7 @@ def read_records(
 
 
 def record_format(out: Path | None) -> str:
-    """Return the format that a record is written in.
+    """Return the format that the suffix of a path says; CSV where nothing is written.
 
     Examples
     --------
@@ -204,7 +215,10 @@ def _spelled(delimiter: str | None) -> str | None:
 
 
 def file_rates(text: str | None, option: str, files: int) -> "Sequence[float | None]":
-    """Return a rate for each file."""
+    """Return a rate for each file [Hz], of one or one for each; None where none is given.
+
+    That of --resample may be median, which is None as well.
+    """
     from flexstage.units import parse
 
     if text is None:

@@ -129,7 +129,11 @@ def study(
 
 
 def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
-    """Return a comparison as a table for the terminal, or as two where it is too narrow for one."""
+    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
+
+    A row for each quantity and axis: the values, and the difference of our best column to each
+    published one. `width` is that of the terminal in characters.
+    """
     from rich.text import Text
 
     from flexstage.report import display

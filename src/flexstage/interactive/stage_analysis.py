@@ -43,7 +43,7 @@ class StageAnalysis:
         return self.analysis.characteristics
 
     def value(self, quantity: str, axis: str) -> float:
-        """Return one figure."""
+        """Return one figure, such as ``max_stress`` of an axis [SI]."""
         return self.characteristics.value(quantity, axis)
 
     def plot(
@@ -51,7 +51,11 @@ class StageAnalysis:
         kind: Literal["response", "shape", "stress", "modes"] = "response",
         axis: str | None = None,
     ) -> "Figure":
-        """Draw the result.
+        """Draw the result; of the first axis where none is named.
+
+        ``response``: Bode diagram of an axis; ``shape``: the stage at the full stroke of an axis;
+        ``stress``: stress of every hinge; ``modes``: mode shapes on the mesh of the plane or solid
+        model.
 
         Examples
         --------
@@ -62,7 +66,10 @@ class StageAnalysis:
         return _figure(self.run, kind, axis)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return the characteristics as a data frame; needs pandas."""
+        """Return the characteristics as a data frame, in SI units; needs pandas.
+
+        Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom.
+        """
         return data_frame(self.characteristics.columns())
 
     def __repr__(self) -> str:

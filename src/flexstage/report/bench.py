@@ -59,9 +59,10 @@ class CentringTrial:
 
 
 def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
-    """Measure a virtual stage.
+    """Measure a virtual stage; a text says why that could not be done.
 
     It is made from published values and random errors, so that its figures are compared with none.
+    The seed is that of the virtual stage and of its measurement.
     """
     from flexstage.experiment.campaign.evaluate import evaluate
     from flexstage.experiment.virtual.as_built import as_built
@@ -76,11 +77,14 @@ def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
-    """Centre a scale with the virtual stage on a virtual table."""
+    """Centre a scale with the virtual stage on a virtual table; a text says why it failed.
+
+    The seed is that of noise and of the lines of the scale.
+    """
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
+    from flexstage.centring.rotary_table import VirtualBench
     from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
     try:
@@ -119,7 +123,10 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
 
 
 def bench_section(found: Measurement | str | None, file: str) -> str:
-    """Write half a page on the simulated measurement, which has a report of its own."""
+    """Write half a page on the simulated measurement, which has a page of its own.
+
+    Empty where it was not asked for. The file is the name of that page, beside this one.
+    """
     if found is None:
         return ""
     if isinstance(found, str):
@@ -190,7 +197,7 @@ def _resonances(found: Measurement) -> Iterator[str]:
 
 
 def centring_section(found: CentringTrial | str | None) -> str:
-    """Write the section on the scale that was centred."""
+    """Write the section on the scale that was centred; empty where it was not asked for."""
     if found is None:
         return ""
     if isinstance(found, str):
@@ -229,7 +236,7 @@ def centring_section(found: CentringTrial | str | None) -> str:
 
 
 def centring_results(found: CentringTrial | str | None) -> dict[str, Any]:
-    """Return the scale that was centred as plain data."""
+    """Return what is left of the eccentricity [m] and every step as plain data; or why not."""
     if found is None:
         return {}
     if isinstance(found, str):

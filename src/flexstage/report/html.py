@@ -54,18 +54,9 @@ class Chapter:
 
 
 def report_html(study: Study) -> str:
-    """Write the report of a study.
+    """Write the report of a study as one page: what was found, then chapters that are folded.
 
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        The page: what was found, then chapters that are folded. Those that have nothing to show are
-        left out.
+    Chapters that have nothing to show are left out.
     """
     stage = study.stage
     parts, links = [front_page(study)], [("summary", "Result")]
@@ -95,7 +86,10 @@ def report_html(study: Study) -> str:
 
 
 def report_pages(study: Study) -> dict[str, str]:
-    """Write the report of a study, and that of its simulated measurement."""
+    """Write the report of a study, and that of its simulated measurement, by name of the file.
+
+    They stand in one folder.
+    """
     pages = {"report.html": report_html(study)}
     if isinstance(study.virtual, Measurement):
         pages[_VIRTUAL_FILE] = measurement_text(study.virtual)

@@ -62,26 +62,10 @@ class Measurement:
 def measurement(
     found: "Characterisation", stage: "Stage | None", models: Sequence[str] = ()
 ) -> Measurement:
-    """Compare what was measured with the models of the stage and with what is published.
+    """Compare what was measured with models of the stage and with what is published of it.
 
-    Parameters
-    ----------
-    found : Characterisation
-        What the tests gave.
-    stage : Stage or None
-        The stage; nothing is compared where there is none.
-    models : sequence of str
-        Models to make of it.
-
-    Returns
-    -------
-    Measurement
-        Figures, references, differences and their verdicts.
-
-    Raises
-    ------
-    ModelError
-        There is no such model.
+    Nothing is compared where there is no stage; a model that cannot be made is left out, with the
+    reason.
     """
     from flexstage.errors import ConvergenceError, ModelError, StageError
     from flexstage.report.models import analyse_model, known_model
@@ -148,7 +132,7 @@ def _compared(own: Characteristic, other: Characteristic) -> Difference:
 
 
 def measurement_results(result: Measurement) -> dict[str, Any]:
-    """Return what was measured as plain data."""
+    """Return what was measured as plain data, in SI units."""
     return {
         "stage": result.stage.name if result.stage is not None else "",
         "origin": result.found.campaign.origin,

@@ -49,7 +49,10 @@ def measurement_text(result: Measurement) -> str:
 
 
 def measurement_section(result: Measurement, *, prefix: str = "") -> str:
-    """Write what was measured as a section of another page."""
+    """Write what was measured as a section of another page.
+
+    `prefix` begins the ids of its pictures, where a page has several such sections.
+    """
     whole = "".join(
         content if key == "figures" else f"<h3>{title}</h3>{content}"
         for key, (title, content) in _parts(result, prefix)

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+from flexstage import progress
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
@@ -71,10 +71,10 @@ def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
 
 def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
     from flexstage.fem import plane_model
-    from flexstage.fem.legs import bar_buckling_load, two_notch_bars
+    from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
     from flexstage.fem.stroke import with_stroke
 
-    with share(0.0, 0.4 if wanted.stroke else 1.0):
+    with progress.subtask(0.0, 0.4 if wanted.stroke else 1.0):
         run = _meshed(
             stage,
             wanted,
@@ -83,9 +83,9 @@ def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
         )
     if not wanted.stroke or run.mesh is None:
         return run
-    with share(0.4, 0.9):
+    with progress.subtask(0.4, 0.9):
         analysis, strokes = with_stroke(run.analysis, run.mesh)
-    with share(0.9, 1.0):
+    with progress.subtask(0.9, 1.0):
         bars = {body: bar_buckling_load(stage, body) for body in two_notch_bars(stage)}
     return replace(run, analysis=analysis, strokes=strokes, bars=bars)
 
@@ -141,27 +141,7 @@ MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
 
 
 def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRun:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Returns
-    -------
-    ModelRun
-        What the model says of the stage, and the mesh behind it.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state, or the model cannot give what is asked for.
-    """
+    """Analyse a stage with one of `MODELS`."""
     wanted = wanted or Wanted()
     known_model(model, wanted)
     return MODELS[model](stage, wanted)
@@ -179,25 +159,5 @@ def known_model(model: str, wanted: Wanted | None = None) -> None:
 
 
 def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-
-    Returns
-    -------
-    Analysis
-        What the model says of the stage.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state.
-    """
+    """Analyse a stage with one of `MODELS`, without its mesh."""
     return run_model(stage, model, Wanted(plane=plane)).analysis

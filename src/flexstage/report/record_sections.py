@@ -8,14 +8,14 @@ if TYPE_CHECKING:
 
 
 def validity_section(study: "Study") -> str:
-    """Return where the stage and its models stop being valid."""
+    """Return where the stage and its models stop being valid; empty where nothing is said of it."""
     notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
     notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
     return f'<div class="columns">{_list(notes)}</div>' if notes else ""
 
 
 def provenance_section(study: "Study") -> str:
-    """Return what the results rest on."""
+    """Return what the results rest on: settings of each model, versions, hash of the stage."""
     entries: list[tuple[str, str]] = []
     for name, analysis in study.analyses.items():
         settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
-from flexstage.lumped.stroke import StrokePath
-from flexstage.progress import share
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
 from flexstage.report.models import MODELS, ModelRun, Plane, Wanted, known_model, run_model
@@ -155,10 +155,10 @@ def run_study(
     whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis or virtual else 1.0)
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
-        with share(done / whole, (done + weight) / whole):
+        with progress.subtask(done / whole, (done + weight) / whole):
             own: Plane = "auto" if model == "solid" else plane
             try:
-                with share(0.0, 0.5 if model in _BOUNDED else 1.0):
+                with progress.subtask(0.0, 0.5 if model in _BOUNDED else 1.0):
                     runs[model] = run_model(
                         stage, model, replace(_ASKED.get(model, Wanted()), plane=own)
                     )
@@ -174,7 +174,7 @@ def run_study(
                 # plane strain belongs to wide notches; where it was used plane stress is the
                 # other bound
                 other: Plane = "stress" if "strain" in used else "strain"
-                with share(0.5, 1.0):
+                with progress.subtask(0.5, 1.0):
                     variant = run_model(stage, model, Wanted(plane=other)).analysis
                 variants[f"{model}, plane {other}"] = variant
     if not runs:
@@ -195,7 +195,7 @@ def run_study(
     if virtual:
         from flexstage.report.bench import run_centring, run_measurement
 
-        with share(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
+        with progress.subtask(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
             made = replace(
                 made,
                 virtual=run_measurement(stage, seed=seed),
@@ -203,7 +203,7 @@ def run_study(
             )
     if not hysteresis:
         return made
-    with share(1.0 - 0.5 * _EXPERIMENT, 1.0):
+    with progress.subtask(1.0 - 0.5 * _EXPERIMENT, 1.0):
         experiments, reasons = run_experiments(stage, made.main.system)
     return replace(made, experiments=experiments, experiments_left_out=reasons)
 

@@ -35,6 +35,8 @@ _LONGEST, _ALONE = 7.2, 4.2
 def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     """Draw a stage to scale, in millimetres.
 
+    With `key`, bodies and hinges are numbered, and the names of everything stand beside it.
+
     Examples
     --------
     >>> from flexstage.designs import design

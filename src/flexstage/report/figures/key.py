@@ -33,7 +33,7 @@ class Entry:
 
 
 def arrange(entries: list[Entry], height: float) -> list[list[Entry]]:
-    """Break a key into columns."""
+    """Break a key into columns of so many inches; the last row says how many were left out."""
     fit = max(int(height / _ROW), 8)
     columns = min(math.ceil(len(entries) / fit), _MOST_COLUMNS)
     if len(entries) > columns * fit:
@@ -50,7 +50,7 @@ def arrange(entries: list[Entry], height: float) -> list[list[Entry]]:
 
 
 def draw_key(axes: "Axes", columns: list[list[Entry]], height: float) -> None:
-    """Write the key."""
+    """Write the key on axes of its own, so many inches high, whose frame is taken off."""
     axes.set_axis_off()
     axes.set(xlim=(0.0, len(columns) * COLUMN_WIDTH), ylim=(-height, 0.0))
     for number, column in enumerate(columns):

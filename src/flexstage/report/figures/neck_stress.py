@@ -48,7 +48,10 @@ class Neck:
 
 
 def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck, ...]:
-    """Return the most stressed necks, one for all of the same profile and stress."""
+    """Return the most stressed necks, worst first, one for all of the same profile and stress.
+
+    The drive of the axis is at full stroke; none where no hinge bears stress.
+    """
     stress = analysis.hinge_stress[axis]
     hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
     largest = max(stress.values(), default=0.0)
@@ -78,7 +81,10 @@ def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck,
 
 
 def neck_sampler(model: "StageModel") -> "Sampler":
-    """Return what reads the fields of a model, finely enough for a picture of a neck."""
+    """Return what reads the fields of a model, finely enough for a picture of a neck.
+
+    In the plane, or on the middle plane of a solid.
+    """
     from flexstage.fem.sampling import Sampler
 
     return Sampler(model=model, divisions=_DIVISIONS)
@@ -87,7 +93,13 @@ def neck_sampler(model: "StageModel") -> "Sampler":
 def draw_neck_stress(
     model: "StageModel", analysis: Analysis, axis: str, *, sampler: "Sampler | None" = None
 ) -> "Figure":
-    """Draw the stress of the whole stage and about its most stressed necks."""
+    """Draw the stress of the whole stage and about its most stressed necks.
+
+    The drive of the axis is at full stroke, the others removed. The equivalent stress of von Mises,
+    in three dimensions on the middle plane, on the shape that is deformed by a factor that each
+    title tells; a neck stays in the middle of its picture. The ring marks where the surface of the
+    notch bears most. Several figures of one model may share its sampler.
+    """
     result = next((a for a in analysis.axes if a.axis == axis), None)
     if result is None:
         raise ModelError(f"the analysis has no axis '{axis}'")
