@@ -22,7 +22,7 @@ from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.dahl import Dahl

@@ -22,7 +22,7 @@ from flexstage.hysteresis.chain.polynomial_panels import (
     modes_through_panels,
     panels,
 )
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel, Segments
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 

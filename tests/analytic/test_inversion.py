@@ -9,7 +9,7 @@ import pytest
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking

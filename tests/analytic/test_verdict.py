@@ -9,7 +9,7 @@ import pytest
 from flexstage.errors import RecordError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.families.family import Data

@@ -165,7 +165,7 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
 
 def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
     from flexstage.centring import Harmonic
-    from flexstage.centring.polar import direction_estimate, length_estimate
+    from flexstage.centring.vector_interval import direction_estimate, length_estimate
 
     def part(own: "Estimate", other: "Estimate") -> "Estimate":
         return replace(

@@ -326,7 +326,7 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign.plan import Campaign, Instrument, Reading, Test
+    from flexstage.experiment.campaign.plan import Campaign, FileReading, SensorSpecification, Test
     from flexstage.units import parse
 
     if not files:
@@ -335,7 +335,7 @@ def _single(
             "--virtual-seed with --stage"
         )
     rate = None if sample_rate is None else parse(sample_rate, "frequency", bare_unit="Hz")
-    sensor = Instrument(
+    sensor = SensorSpecification(
         name="sensor",
         calibration=0.0 if calibration is None else relative(calibration),
         alignment=0.0 if alignment is None else parse(alignment, "angle"),
@@ -347,7 +347,7 @@ def _single(
         records=tuple(str(file) for file in files),
         columns=columns,
         units=_units(units),
-        reading=Reading(sample_rate=rate, skip_lines=skip_lines, **reading),
+        reading=FileReading(sample_rate=rate, skip_lines=skip_lines, **reading),
         along="sensor",
         transverse="sensor",
         angle="sensor",

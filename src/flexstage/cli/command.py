@@ -50,8 +50,8 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
 class CliCommand(TyperCommand):
     """A command: a usage line as manuals have it, options in sections, former names understood."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, _present(self.name, args))
+    def make_parser(self, ctx: Any) -> Any:
+        return _with_former_names(super().make_parser(ctx), self.name)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         # optional arguments are in brackets
@@ -76,10 +76,8 @@ class CliCommand(TyperCommand):
 class CliGroup(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        # what stands behind the name of a command is for that to read
-        own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
-        return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
+    def make_parser(self, ctx: Any) -> Any:
+        return _with_former_names(super().make_parser(ctx), self.name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         # the first paragraph of the help of each
@@ -93,15 +91,11 @@ class CliGroup(TyperGroup):
                 formatter.write_dl([(name.ljust(width), sentence) for name, sentence in rows])
 
 
-def _present(command: str | None, words: list[str]) -> list[str]:
-    """The words of a command line with the present names of its options."""
-    former = FORMER_OPTIONS.get(command or "", {})
-    end = words.index("--") if "--" in words else len(words)
-    made = list(words)
-    for i, word in enumerate(words[:end]):
-        name, sign, value = word.partition("=")
-        made[i] = former.get(name, name) + sign + value
-    return made
+def _with_former_names(parser: Any, command: str | None) -> Any:
+    # the parser knows a value from an option: a word that is a value stays as it is
+    for former, name in FORMER_OPTIONS.get(command or "", {}).items():
+        parser._long_opt[former] = parser._long_opt[name]
+    return parser
 
 
 def arguments(parameters: list[Any]) -> list[Any]:

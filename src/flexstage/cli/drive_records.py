@@ -86,7 +86,7 @@ def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | Non
 
     The text counts them as they are in the files.
     """
-    from flexstage.records.rows import row_range
+    from flexstage.records.sampling import row_range
 
     given = row_range(text, "--train")
     if given is None:

@@ -11,7 +11,8 @@ from flexstage.cli.terminal import make_table
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification.identify import Candidate, Identification
+    from flexstage.hysteresis.identification.identify import Identification
+    from flexstage.hysteresis.identification.model_choice import Candidate
     from flexstage.records import Record
 
 

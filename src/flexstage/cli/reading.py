@@ -140,8 +140,12 @@ def read_records(
     numbers or texts.
     """
     from flexstage.records import evened, read_record
-    from flexstage.records.rows import row_range
-    from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, require_uniform
+    from flexstage.records.sampling import (
+        LARGEST_STEP,
+        LARGEST_UNEVEN_STEP,
+        require_uniform,
+        row_range,
+    )
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     new_rates = file_rates(resample, "--resample", len(files))

@@ -41,7 +41,7 @@ def records(
 ) -> None:
     """List columns, units, rate and gaps of measured files."""
     from flexstage.records import read_record
-    from flexstage.records.rows import row_range
+    from flexstage.records.sampling import row_range
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     found = []

@@ -74,7 +74,7 @@ def _list(
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     start = _time(since)
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         found = opened.runs(
             stage=stage, serial_number=serial_number, kind=test, since=start, limit=limit
         )  # fmt: skip
@@ -99,7 +99,7 @@ def show(
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         entry = opened.run(identifier)
         models = opened.models(run=entry.identifier)
     state = _state_of(entry)
@@ -265,7 +265,7 @@ def calibrations(
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     time = _time(valid_at)
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         found = opened.calibrations(stage=stage, serial_number=serial_number, what=what, at=time)
         where = opened.address
     if json:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.actuator import Place, ScrewActuator, StackActuator, VoiceCoil
+from flexstage.designs.actuator import DrivePlace, ScrewActuator, StackActuator, VoiceCoil
 from flexstage.designs.nested_xy_parameters import require_positive
 from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
@@ -130,7 +130,7 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
                 )
             )
     middle = 0.5 * (platform_bottom + platform_top)
-    place = Place(
+    place = DrivePlace(
         name="x",
         pushes="platform",
         reacts="base",

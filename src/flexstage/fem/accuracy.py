@@ -29,7 +29,7 @@ _BEST_RATE, _WORST_RATE = 0.15, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class RefinementStep:
     """One mesh on the way."""
 
     settings: MeshSettings
@@ -50,7 +50,7 @@ class Refinement:
     """The last model."""
     analysis: Analysis
     """Its analysis; each characteristic carries the estimate of its error as its uncertainty."""
-    steps: tuple[Step, ...]
+    steps: tuple[RefinementStep, ...]
     """The meshes, coarsest first."""
     quantity: str
     """The quantity that was asked for."""
@@ -65,7 +65,7 @@ class Refinement:
         return estimate(self.steps, self.quantity)
 
 
-def estimate(steps: Sequence[Step], quantity: str) -> float:
+def estimate(steps: Sequence[RefinementStep], quantity: str) -> float:
     r"""Estimate the relative error of a quantity on the last mesh, the largest over the axes.
 
     Every step of a ladder raises the order, so that changes shrink as in a geometric series with
@@ -87,7 +87,7 @@ def estimate(steps: Sequence[Step], quantity: str) -> float:
     )
 
 
-def _left(steps: Sequence[Step], key: tuple[str, str]) -> float:
+def _left(steps: Sequence[RefinementStep], key: tuple[str, str]) -> float:
     """Estimate how far the last value of a quantity is from where it goes."""
     values = [step.values[key] for step in steps[-3:]]
     last = abs(values[-1] - values[-2])
@@ -138,7 +138,7 @@ def refine(
         )
     if quantity not in QUANTITIES:
         raise ModelError(f"unknown quantity '{quantity}': expected one of {', '.join(QUANTITIES)}")
-    steps: list[Step] = []
+    steps: list[RefinementStep] = []
     for k, settings in enumerate(ladder):
         # each step costs about twice the one before; how many there will be is not known
         with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
@@ -153,7 +153,9 @@ def refine(
             )
         seconds = time.perf_counter() - begun
         steps.append(
-            Step(settings=settings, unknowns=model.unknowns, seconds=seconds, values=values)
+            RefinementStep(
+                settings=settings, unknowns=model.unknowns, seconds=seconds, values=values
+            )
         )
         if len(steps) > 1 and estimate(steps, quantity) <= accuracy:
             return Refinement(
@@ -172,7 +174,7 @@ def refine(
 
 
 def _with_estimates(
-    analysis: Analysis, steps: Sequence[Step], quantity: str, accuracy: float
+    analysis: Analysis, steps: Sequence[RefinementStep], quantity: str, accuracy: float
 ) -> Analysis:
     rows = []
     for row in analysis.characteristics:

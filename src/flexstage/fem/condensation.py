@@ -12,11 +12,11 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.unit import METRE
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.names import MOUNTING, either, notch_region
+from flexstage.fem.mesh import sound_mesh
+from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import drive_vector
-from flexstage.fem.quality import sound_mesh
-from flexstage.fem.substructure import BODY, Reading, Substructure
+from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.traction import edge_means, neck_rows
 from flexstage.stage import mass_properties
 
@@ -84,7 +84,7 @@ class Condensed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recovery:
+class DisplacementRecovery:
     """The way back from the coordinates of a body to the displacement on its mesh."""
 
     continuum: Continuum
@@ -117,7 +117,7 @@ def condense(part: Substructure) -> Condensed:
     return _condense(part)[0]
 
 
-def recover(part: Substructure, condensed: Condensed) -> Recovery:
+def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
     """Return to the displacements of a body that was condensed before."""
     again, recovery = _condense(part)
     # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
@@ -132,10 +132,10 @@ def recover(part: Substructure, condensed: Condensed) -> Recovery:
     left, _, right = np.linalg.svd(now.T @ was)
     basis = recovery.basis.copy()
     basis[:, modes] = basis[:, modes] @ (left @ right)
-    return Recovery(continuum=recovery.continuum, basis=basis)
+    return DisplacementRecovery(continuum=recovery.continuum, basis=basis)
 
 
-def _condense(part: Substructure) -> tuple[Condensed, Recovery]:
+def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     stage = part.stage()
     faces = stage_faces(stage, [BODY])
     mesh = sound_mesh(stage, faces, part.mesh)
@@ -189,11 +189,11 @@ def _condense(part: Substructure) -> tuple[Condensed, Recovery]:
         unknowns=continuum.size,
         held=faces.held,
     )
-    return condensed, Recovery(continuum=continuum, basis=basis)
+    return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
 
 
 def _reading(
-    continuum: Continuum, reading: Reading, centre: tuple[float, float], motion: Array
+    continuum: Continuum, reading: PointReading, centre: tuple[float, float], motion: Array
 ) -> Array:
     """Displacement of a point; where there is no material, of what rides on the mean motion."""
     along = (math.cos(reading.direction), math.sin(reading.direction))

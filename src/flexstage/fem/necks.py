@@ -11,7 +11,7 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.stress import COMPONENTS
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
-from flexstage.fem.names import exactly, surface_edge
+from flexstage.fem.mesh_regions import exactly, surface_edge
 from flexstage.stage import Stage
 
 # along an element's edge; its ends lie on vertices, where the elements beside it are averaged

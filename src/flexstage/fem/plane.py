@@ -6,13 +6,12 @@ from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.mesh import MeshSettings, sound_mesh
+from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
-from flexstage.fem.quality import sound_mesh
 from flexstage.hinges import Leaf, plane_state
-from flexstage.hinges.compliance import PLANE_RULE, PlaneState
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
 

@@ -11,8 +11,8 @@ from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.geometry import Patch
-from flexstage.fem.names import body_region, either, exactly, notch_region, patch_edge
+from flexstage.fem.geometry import DrivePatch
+from flexstage.fem.mesh_regions import body_region, either, exactly, notch_region, patch_edge
 from flexstage.stage import Drive, Probe, Stage
 
 #: Whether the fixed bodies give way under the drives that react on them.
@@ -39,7 +39,11 @@ def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, 
 
 
 def _patch_vector(
-    continuum: Continuum, stage: Stage, patch: Patch, direction: tuple[float, float], reach: float
+    continuum: Continuum,
+    stage: Stage,
+    patch: DrivePatch,
+    direction: tuple[float, float],
+    reach: float,
 ) -> Array:
     """Mean displacement of a patch along a direction."""
     if patch.ends is not None:
@@ -67,7 +71,7 @@ def drive_vector(
     continuum: Continuum,
     stage: Stage,
     drive: Drive,
-    patches: Iterable[Patch],
+    patches: Iterable[DrivePatch],
     supports: Supports = "rigid",
 ) -> Array:
     r"""Return the elongation of a drive, :math:`d^T (\bar u_{push} - \bar u_{react})`.

@@ -5,8 +5,8 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh
+from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.names import MOUNTING
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.stage import Stage

@@ -12,7 +12,7 @@ from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.elasticity.loaded import stress_stiffening
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
-from flexstage.fem.model import Half, StageModel
+from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.ports import Supports, body_motion, drive_vector
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis
@@ -100,7 +100,7 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     """
     if steps < 3:
         raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
-    stage, half = model.stage, model.halves[0]
+    stage, half = model.stage, model.problems[0]
     continuum = half.continuum
     row = _drive_row(model, axis.drive)
     probe = stage.probe(axis.probe)
@@ -136,10 +136,10 @@ def _drive_row(model: StageModel, name: str) -> Array:
     drive = stage.drive(name)
     supports: Supports = "elastic" if model.system.settings["supports"] == "elastic" else "rigid"
     touched = patches(drive, stage.bodies)
-    return drive_vector(model.halves[0].continuum, stage, drive, touched, supports)
+    return drive_vector(model.problems[0].continuum, stage, drive, touched, supports)
 
 
-def _frequency_at(model: StageModel, half: Half, axis: AxisAnalysis, u: Array) -> float:
+def _frequency_at(model: StageModel, half: UncoupledProblem, axis: AxisAnalysis, u: Array) -> float:
     """Frequency of the mode at a loaded state that moves the axis most."""
     stage = model.stage
     probe = stage.probe(axis.probe)

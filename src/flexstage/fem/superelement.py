@@ -22,7 +22,7 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
-from flexstage.hinges.compliance import PLANE_RULE, PlaneState
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
 from flexstage.system import MechanicalSystem, StressMap

@@ -11,14 +11,14 @@ from numpy.polynomial import Legendre, Polynomial
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.unit import METRE
-from flexstage.fem.names import exactly, neck_edge
-from flexstage.fem.substructure import Neck
+from flexstage.fem.mesh_regions import exactly, neck_edge
+from flexstage.fem.substructure import CutNeck
 
 # Tractions without resultant go up to this degree; a neck is often one element wide.
 _HIGHEST = 6
 
 
-def edge_means(continuum: Continuum, necks: Sequence[Neck]) -> list[Array]:
+def edge_means(continuum: Continuum, necks: Sequence[CutNeck]) -> list[Array]:
     """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
 
     For each neck for each unknown of one component, up to the power p of the order of the mesh,
@@ -76,7 +76,7 @@ def _weights(degree: int) -> tuple[Array, Array, Array]:
     return table(beam), table(normal), table(shear)
 
 
-def neck_rows(neck: Neck, means: Array) -> tuple[Array, Array, Array]:
+def neck_rows(neck: CutNeck, means: Array) -> tuple[Array, Array, Array]:
     """Return means of the displacement over a neck.
 
     Of `edge_means`: those that do work with the tractions of a beam, along, across and the

@@ -29,8 +29,8 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
-from flexstage.hinges.compliance import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
+from flexstage.hinges.hinge_spring import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.profile import Array, Profile
 from flexstage.material import Material
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
     from flexstage.hysteresis.chain.lag import Lag
-    from flexstage.hysteresis.chain.resonance import StageModes
     from flexstage.hysteresis.chain.sensor import Sensor
+    from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
     from flexstage.hysteresis.excitations.coverage import memory_coverage
     from flexstage.hysteresis.excitations.design import excitation

@@ -40,7 +40,7 @@ class VirtualStack(HysteresisModel):
     Notes
     -----
     Validity: an invention for trials, of the size and shape that stacks have; no measured one. It
-    has no inverse.
+    has no inverse. State: that of `bent`, then that of `fading`.
 
     Examples
     --------

@@ -2,9 +2,10 @@ r"""The lumped model with finite rotations: energy, forces and tangent stiffness
 
 Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
 :math:`\mathbf x = (u, v, \vartheta)` that is seen from a frame turning with the *mean* rotation of
-its two bodies (`flexstage.lumped.frames`). Large rigid motion of the whole costs no energy, forces
-are the exact gradient and the tangent the exact Hessian of one energy, and at rest the tangent is
-the linear K. Masses are constant in these coordinates: T is quadratic with the linear M.
+its two bodies (`flexstage.lumped.joint_kinematics`). Large rigid motion of the whole costs no
+energy, forces are the exact gradient and the tangent the exact Hessian of one energy, and at rest
+the tangent is the linear K. Masses are constant in these coordinates: T is quadratic with the
+linear M.
 
 Validity: finite rotations of bodies, hinge stiffness constant. The shortening of a long leaf that
 bends into an S is not in a spring at its middle; for notches it is far below their elongation.
@@ -16,7 +17,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.frames import Connections, connections
+from flexstage.lumped.joint_kinematics import Connections, connections
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 
 

@@ -9,7 +9,7 @@ from flexstage.arrays import Array
 from flexstage.stage import Hinge
 
 
-class Layout:
+class BodyCoordinates:
     """Where the coordinates of each body stand among those of the stage.
 
     A free body has three coordinates: the displacement x, y of its centre of mass [m] and its
@@ -32,7 +32,7 @@ class Layout:
         return tuple(name + part for name in self.free for part in parts)
 
 
-def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
+def point_matrix(layout: BodyCoordinates, body: str, at: tuple[float, float]) -> Array:
     """Return the motion of a point of a body for each coordinate.
 
     Displacement x, y and rotation, shape (3, n); zero for a fixed body.
@@ -47,7 +47,7 @@ def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
     return matrix
 
 
-def hinge_matrix(layout: Layout, hinge: Hinge) -> Array:
+def hinge_matrix(layout: BodyCoordinates, hinge: Hinge) -> Array:
     """Return the deformation of a hinge for each coordinate.
 
     Motion of body b against body a at the neck, in the hinge's axes: along, across, rotation; shape

@@ -38,7 +38,7 @@ DampingKind = Literal["none", "hinge", "rayleigh"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Port:
+class SymbolicPort:
     """A drive or a probe in symbols."""
 
     name: str
@@ -83,9 +83,9 @@ class SymbolicModel:
     """The hinges."""
     body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
     """Mass and inertia of each free body."""
-    drives: tuple[Port, ...]
+    drives: tuple[SymbolicPort, ...]
     """Where the stage is driven."""
-    probes: tuple[Port, ...]
+    probes: tuple[SymbolicPort, ...]
     """Where it is read."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
@@ -99,7 +99,7 @@ class SymbolicModel:
         """Number of coordinates n."""
         return len(self.coordinates)
 
-    def drive(self, name: str) -> Port:
+    def drive(self, name: str) -> SymbolicPort:
         """Return a drive by name.
 
         Parameters
@@ -109,7 +109,7 @@ class SymbolicModel:
 
         Returns
         -------
-        Port
+        SymbolicPort
             The drive.
 
         Raises
@@ -119,7 +119,7 @@ class SymbolicModel:
         """
         return _find("drive", name, self.drives)
 
-    def probe(self, name: str) -> Port:
+    def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name.
 
         Parameters
@@ -129,7 +129,7 @@ class SymbolicModel:
 
         Returns
         -------
-        Port
+        SymbolicPort
             The probe.
 
         Raises
@@ -298,13 +298,13 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     else:
         C, D = {}, sp.S.Zero
 
-    def port(sight: Sight, i: int) -> Port:
+    def port(sight: Sight, i: int) -> SymbolicPort:
         stiffness = (
             table.drive_stiffness(i, sight.stiffness)
             if sight.stiffness
             else (None if sight.stiffness is None else sp.S.Zero)
         )
-        return Port(
+        return SymbolicPort(
             name=sight.name, vector=sight_vector(source, table, sight, numbers), stiffness=stiffness
         )
 
@@ -332,7 +332,7 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     )
 
 
-def _find(noun: str, name: str, ports: tuple[Port, ...]) -> Port:
+def _find(noun: str, name: str, ports: tuple[SymbolicPort, ...]) -> SymbolicPort:
     for port in ports:
         if port.name == name:
             return port

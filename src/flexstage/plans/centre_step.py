@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.centring.bench import CentreReading, table_reading
 from flexstage.centring.head_averaging import against_reference
 from flexstage.centring.procedure import centre
+from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.errors import PlanError
 from flexstage.plans.files import write_text

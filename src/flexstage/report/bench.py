@@ -82,9 +82,9 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     The seed is that of noise and of the lines of the scale.
     """
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
+    from flexstage.centring.rotary_table import VirtualBench
     from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
     try:

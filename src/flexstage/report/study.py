@@ -10,7 +10,7 @@ from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
-from flexstage.lumped.stroke import StrokePath
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
 from flexstage.report.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model

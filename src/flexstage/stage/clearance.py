@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.shapes import CHORD, Shape
 
 # Two polygons of arcs are off by CHORD each, so shapes that only touch overlap by at most twice
@@ -18,7 +18,7 @@ _FACING = -0.7
 _ARC_STEPS = 32
 
 
-def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
+def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
     """Find pairs of bodies and notches that fill the same place.
 
     The shapes are bodies without their notches, and notches.
@@ -53,7 +53,7 @@ def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
                 "overlap",
                 "move them apart, or give the outer one a hole for the inner one",
             )
-        yield Finding(
+        yield Issue(
             severity="error",
             code=code,
             what=(a.name, b.name),
@@ -64,7 +64,7 @@ def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
 
 def slots_between(
     shapes: list[Shape], wire_width: float, skip: set[frozenset[str]]
-) -> Iterator[Finding]:
+) -> Iterator[Issue]:
     """Find bodies and notches that are nearer to one another than the wire is wide.
 
     Two bodies face each other across the full length of the notch that joins them, so bodies are
@@ -92,7 +92,7 @@ def slots_between(
         gap = a.polygon.distance(b.polygon)
         if gap < wire_width - _SLACK:
             p, q = nearest_points(a.polygon, b.polygon)
-            yield Finding(
+            yield Issue(
                 severity="error",
                 code="narrow-slot",
                 what=(a.name, b.name),
@@ -102,7 +102,7 @@ def slots_between(
             )
 
 
-def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
+def slots_within(shape: Shape, wire_width: float) -> Iterator[Issue]:
     """Find slots and holes of one body that the wire does not fit into.
 
     What a disc as wide as the wire cannot reach outside of the body is either the rest of a sharp
@@ -124,7 +124,7 @@ def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
         width = _facing_distance(part, *sides, wire_width)
         if width is not None:
             where = part.representative_point()
-            yield Finding(
+            yield Issue(
                 severity="error",
                 code="narrow-slot",
                 what=(shape.name,),

@@ -8,11 +8,10 @@ import numpy as np
 from flexstage.characteristic import QUANTITIES, Characteristic
 from flexstage.material import Material
 from flexstage.stage import Stage
-from flexstage.system.axis import AxisAnalysis
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
-from flexstage.system.statics import probe_stiffness, static_loads
+from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 
 
 def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -> int:

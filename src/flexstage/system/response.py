@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
+from flexstage.system.statics import imposed_shape
 
 # Above this damping ratio, and below this angle of a mode in one step [rad], the closed form of a
 # step loses digits or does not exist.

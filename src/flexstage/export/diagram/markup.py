@@ -6,7 +6,7 @@ from flexstage.export.diagram.text import BASE
 
 
 def attributes(**given: object) -> str:
-    """Return attributes of an element.
+    """Return attributes, each behind a blank, with hyphens for underscores, without those of None.
 
     Examples
     --------
@@ -24,7 +24,7 @@ def attributes(**given: object) -> str:
 
 
 def path(points: list[tuple[float, float]], *, closed: bool = False, **given: object) -> str:
-    """Return a line through points."""
+    """Return a line through points [px]."""
     d = "M" + "L".join(f"{round(x, 2):g} {round(y, 2):g}" for x, y in points)
     return f"<path{attributes(d=d + ('Z' if closed else ''), **given)}/>"
 
@@ -32,7 +32,10 @@ def path(points: list[tuple[float, float]], *, closed: bool = False, **given: ob
 def text(
     words: str, x: float, y: float, *, size: float = BASE, anchor: str = "start", **given: object
 ) -> str:
-    """Return a line of text; what follows an underscore is lowered, up to a blank."""
+    """Return a line of text on a base line; what follows an underscore is lowered, up to a blank.
+
+    The anchor (``start``, ``middle``, ``end``) says what of it is at (x, y) [px].
+    """
     shown = attributes(
         x=round(x, 2),
         y=round(y, 2),

@@ -10,12 +10,12 @@ _WIDE = frozenset("mwMWΣ×→")
 
 
 def plain(text: str) -> str:
-    """Return a text without the marks of subscripts."""
+    """Return a text as it is read, without the marks of subscripts: ``kin`` for ``k_in``."""
     return text.replace("_", "")
 
 
 def text_width(text: str, size: float = BASE) -> float:
-    """Return a width that a text does not exceed.
+    """Return a width that a text does not exceed [px].
 
     Examples
     --------
@@ -27,7 +27,7 @@ def text_width(text: str, size: float = BASE) -> float:
 
 
 def wrapped(text: str, width: float, size: float = BASE) -> list[str]:
-    """Break a text into lines."""
+    """Break a text into lines; a word that is wider than a line stands alone."""
     lines: list[str] = []
     for word in text.split():
         if lines and text_width(f"{lines[-1]} {word}", size) <= width:

@@ -20,14 +20,20 @@ def form_of(code: HysteresisCode | None) -> str:
 
 
 def lag_rates(drive: ModelDrive) -> Array:
-    """Return one over the time constants of the creep of a drive."""
+    """Return one over the time constants of the creep of a drive [1/s].
+
+    There are none without creep, or without hysteresis.
+    """
     if drive.creep is None or drive.hysteresis is None:
         return np.zeros(0)
     return 1.0 / drive.creep.time_constants
 
 
 def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: str) -> str:
-    """Return the header with the sizes and the numbers of a model."""
+    """Return ``model_data.h``, with the sizes and the numbers of a model.
+
+    `codes` are those of the drives that have hysteresis; the first comment says the origin.
+    """
     rooms = _Rooms(model, codes)
     parts = [
         f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"

@@ -15,7 +15,7 @@ from flexstage.hysteresis.chain.polynomial_panels import (
     modes_through_panels,
     panels,
 )
-from flexstage.hysteresis.chain.resonance import StageModes, values_at_samples
+from flexstage.hysteresis.chain.stage_modes import StageModes, values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel, Segments, samples
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 

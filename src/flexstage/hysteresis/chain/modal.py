@@ -13,10 +13,11 @@ from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_neede
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
 
-# A piece of a step: closed form at less damping than this and over a longer angle than that.
-_DAMPED = 0.9
-_SHORT = 0.5
-_TERMS = 18
+# A piece of a step: closed form at less damping than this and over a longer angle [rad] than that,
+# else so many terms of a power series.
+_PIECE_DAMPING = 0.9
+_PIECE_ANGLE = 0.5
+_PIECE_TERMS = 18
 
 # Above this damping ratio the roots of a mode come close; below this angle closed forms of its
 # integrals lose digits.
@@ -308,19 +309,19 @@ def piece_of_step(
     Time s, the length h, the rates v, b and mu count in samples; w is the angle of the mode in a
     step [rad], zeta its damping ratio.
     """
-    if zeta <= _DAMPED and w * h >= _SHORT:
-        return _oscillate(z, v, w, zeta, h, a, b, c, mu)
+    if zeta <= _PIECE_DAMPING and w * h >= _PIECE_ANGLE:
+        return _piece_in_closed_form(z, v, w, zeta, h, a, b, c, mu)
     parts = int(np.ceil(max(w * max(1.0, 2.0 * zeta), abs(mu)) * h / 0.5))
     d = h / max(1, parts)
     for _ in range(max(1, parts)):
-        z, v = _series(z, v, w * d, zeta, d, a + c, (b - mu * c) * d, c, mu * d)
+        z, v = _piece_by_series(z, v, w * d, zeta, d, a + c, (b - mu * c) * d, c, mu * d)
         a += b * d
         c *= np.exp(-mu * d)
     return z, v
 
 
 @compiled
-def _series(
+def _piece_by_series(
     z: float,
     v: float,
     turn: float,
@@ -335,7 +336,7 @@ def _series(
     low, high = z, v * d
     at, speed = low + high, high
     term = c
-    for j in range(_TERMS):
+    for j in range(_PIECE_TERMS):
         if j == 0:
             force = f0
         elif j == 1:
@@ -353,7 +354,7 @@ def _series(
 
 
 @compiled
-def _oscillate(
+def _piece_in_closed_form(
     z: float,
     v: float,
     w: float,

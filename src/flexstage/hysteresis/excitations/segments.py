@@ -1,4 +1,4 @@
-"""What a record for identification holds, in which order, and what is left out first."""
+"""What a record for identification holds within its limits, in which order, what is left out."""
 
 import math
 from collections.abc import Iterator, Sequence

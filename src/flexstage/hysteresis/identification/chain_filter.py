@@ -11,7 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import IdentificationData, Section

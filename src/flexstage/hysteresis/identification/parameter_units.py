@@ -44,8 +44,8 @@ _BACKWARD: Mapping[str, str] = {
 def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> str:
     """Return the unit of a parameter.
 
-    The kind is without exponent where that is 1; a name may be an element, such as ``weights[3]``.
-    Units that nobody has said are called input and output.
+    Of a kind that has an exponent it is that for 1. A name may be an element, such as
+    ``weights[3]``; units that nobody has said are called input and output.
 
     Examples
     --------

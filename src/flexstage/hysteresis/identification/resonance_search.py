@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.measurement import Section, without_history
 
 #: Content of the input counts as excitation of a resonance above this many times the fastest cycle.

@@ -34,7 +34,7 @@ class AsymmetricBoucWen(HysteresisModel):
     -----
     Validity: inputs between the lowest and the highest; the asymmetry is that of the middle line,
     not of the width; minor loops that need not close; no dependence on rate, no creep. Exact to
-    rounding for an input of straight lines.
+    rounding for an input of straight lines. State: last input and h.
 
     Examples
     --------

@@ -46,7 +46,7 @@ class BoucWen(HysteresisModel):
     -----
     Validity: a loop that is odd about its centre (no asymmetry between up and down), minor loops
     that need not close, no dependence on rate, no creep. Exact to rounding for an input of straight
-    lines: 1e-18 m in a stroke of 60 um.
+    lines: 1e-18 m in a stroke of 60 um. State: last input and h.
 
     Examples
     --------

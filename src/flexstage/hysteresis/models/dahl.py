@@ -38,7 +38,7 @@ class Dahl(HysteresisModel):
     -----
     Validity: a loop that is odd about its centre and of the same width all along once F has come
     near F_c; minor loops that do not close; no dependence on rate, no creep. Exact to rounding
-    for an input of straight lines.
+    for an input of straight lines. State: last input and F.
 
     Examples
     --------

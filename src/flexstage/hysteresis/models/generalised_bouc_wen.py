@@ -36,7 +36,8 @@ class GeneralisedBoucWen(HysteresisModel):
     Notes
     -----
     Validity: a loop that need not be odd about its centre; minor loops that need not close; no
-    dependence on rate, no creep. Exact to rounding for an input of straight lines.
+    dependence on rate, no creep. Exact to rounding for an input of straight lines. State: last
+    input and h.
 
     Examples
     --------

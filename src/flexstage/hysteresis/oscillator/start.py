@@ -19,8 +19,8 @@ class EquationError:
 
     ``F u = m F y'' + c F y' + k F y + alpha F h(y; beta gamma, beta delta)`` where h is the
     hysteretic force for alpha = 1, which the displacement determines, and F a low pass that keeps
-    the frequencies at which the mass moves and drops the rest, which is noise. None for the mass
-    [kg] or the exponent nu where they are not known.
+    the frequencies at which the mass moves and drops the rest, which is noise. The mass
+    [kg] is None where it is not known.
 
     Notes
     -----

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, make_url
+from sqlalchemy import URL, Connection, Engine, NullPool, StaticPool, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
@@ -46,6 +46,25 @@ def catalogue_engine(address: str) -> Engine:
         raise RecordError(
             "a catalogue on PostgreSQL needs its driver: pip install 'flexstage[postgresql]'"
         ) from error
+
+
+def address_of(address: str) -> str:
+    """Return an address in full, without its password."""
+    return _url(address).render_as_string(hide_password=True)
+
+
+def is_absent_file(address: str) -> bool:
+    """Return whether a catalogue is a file that is not there."""
+    url = _url(address)
+    return url.get_backend_name() == "sqlite" and not Path(url.database or "").exists()
+
+
+def in_memory() -> Engine:
+    """Return what talks to an empty catalogue that leaves nothing behind."""
+    engine = create_engine("sqlite://", poolclass=StaticPool)
+    event.listen(engine, "connect", _prepare)
+    event.listen(engine, "begin", _begin)
+    return engine
 
 
 def require_address(address: str) -> None:

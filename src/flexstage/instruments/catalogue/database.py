@@ -8,7 +8,14 @@ from sqlalchemy import Engine
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from flexstage.instruments.catalogue.address import WRITES, catalogue_engine, default_catalogue
+from flexstage.instruments.catalogue.address import (
+    WRITES,
+    address_of,
+    catalogue_engine,
+    default_catalogue,
+    in_memory,
+    is_absent_file,
+)
 from flexstage.instruments.catalogue.failures import telling
 from flexstage.instruments.catalogue.migrations import LATEST, migrate, schema_version
 
@@ -20,13 +27,21 @@ _TRIES = 8
 class Database:
     """A database that holds the tables of this version."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, address: str = "") -> None:
         self._engine = engine
+        self._address = address or engine.url.render_as_string(hide_password=True)
 
     @classmethod
-    def open(cls, address: str | None = None) -> Self:
-        """Open a catalogue; make it, or lead it to this version, where that is needed."""
-        made = cls(catalogue_engine(address or default_catalogue()))
+    def open(cls, address: str | None = None, *, make: bool = True) -> Self:
+        """Open a catalogue; make it, or lead it to this version, where that is needed.
+
+        Where it is not to be made and is a file that is absent, it is empty, and none is written.
+        """
+        where = address or default_catalogue()
+        if make or not is_absent_file(where):
+            made = cls(catalogue_engine(where))
+        else:
+            made = cls(in_memory(), address_of(where))
         try:
             made._lead_to_this_version()
         except BaseException:
@@ -37,7 +52,7 @@ class Database:
     @property
     def address(self) -> str:
         """Where it is, without a password."""
-        return self._engine.url.render_as_string(hide_password=True)
+        return self._address
 
     def close(self) -> None:
         """Close all links to the database."""

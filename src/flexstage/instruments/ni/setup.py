@@ -20,6 +20,7 @@ class SensorInput:
 
     Examples
     --------
+    >>> import numpy as np
     >>> sensor = SensorInput(channel="Dev1/ai0", name="x", gain=-2.5e-5, offset=1.1e-4)
     >>> round(float(sensor.reading(np.array(1.3))) * 1e6, 6)
     77.5
@@ -61,6 +62,7 @@ class DriveOutput:
 
     Examples
     --------
+    >>> import numpy as np
     >>> drive = DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0)
     >>> drive.drive_range, float(drive.output(np.array(120.0)))
     ((-150.0, 150.0), 8.0)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.lumped.stroke import StrokePath
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.figures.style import CYCLE, INK, dress, new_figure
 from flexstage.report.quantities import number
 

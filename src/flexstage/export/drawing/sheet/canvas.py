@@ -21,13 +21,13 @@ class Box(NamedTuple):
     """A rectangle on the sheet, y downwards [mm]."""
 
     left: float
-    """Its edges [mm]."""
+    """Its left edge [mm]."""
     top: float
-    """Its edges [mm]."""
+    """Its upper edge [mm]."""
     right: float
-    """Its edges [mm]."""
+    """Its right edge [mm]."""
     bottom: float
-    """Its edges [mm]."""
+    """Its lower edge [mm]."""
 
     def meets(self, other: "Box", gap: float = 0.0) -> bool:
         """Tell whether two boxes overlap, or come nearer than a gap."""
@@ -40,7 +40,7 @@ class Box(NamedTuple):
 
 
 def text_width(text: str, size: float) -> float:
-    """Return about how wide a line of text is in a sans-serif face, rather too much.
+    """Return about how wide a line of text is in a sans-serif face [mm], rather too much.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class Canvas:
     def line(
         self, a: Pair, b: Pair, width: float = THIN, *, colour: str = "#000", dash: str = ""
     ) -> None:
-        """Draw a straight line."""
+        """Draw a straight line; `dash` has lengths of dashes and gaps [mm], spaces between."""
         dashed = f' stroke-dasharray="{dash}"' if dash else ""
         self._parts.append(
             f'<line x1="{_n(a[0])}" y1="{_n(a[1])}" x2="{_n(b[0])}" y2="{_n(b[1])}" '
@@ -87,7 +87,11 @@ class Canvas:
         *,
         fill: str = "none",
     ) -> None:
-        """Draw lines of segments and arcs as one shape; holes in it stay empty."""
+        """Draw lines of segments and arcs as one shape; holes in it stay empty.
+
+        A loop comes with whether it is closed: of an open one the last segment is left out. It has
+        y upwards, and `place` maps it to the sheet, which turns y over. A width of 0 draws no edge.
+        """
         d = " ".join(_path(loop, place, closed) for loop, closed in loops)
         stroke = f'stroke="#000" stroke-width="{width}"' if width else 'stroke="none"'
         self._parts.append(
@@ -95,7 +99,7 @@ class Canvas:
         )
 
     def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
-        """Draw the head of an arrow."""
+        """Draw the head of an arrow, which points along a direction of any length."""
         length = math.hypot(*towards)
         ux, uy = towards[0] / length, towards[1] / length
         back = (tip[0] - size * ux, tip[1] - size * uy)
@@ -115,7 +119,11 @@ class Canvas:
         bold: bool = False,
         colour: str = "#000",
     ) -> Box:
-        """Write a line of text."""
+        """Write a line of text, and return the room that it takes, which is kept in `boxes`.
+
+        The anchor says what of its base line is at the point [mm]; upright text is read from the
+        right.
+        """
         box = self.text_box(at, text, size, anchor=anchor, upright=upright)
         if not text:
             return box

@@ -1,4 +1,4 @@
-"""How a hysteresis model is fitted: its columns, and what is searched for."""
+"""How a hysteresis model is fitted: data and columns, what is searched for, what is held out."""
 
 import functools
 import operator
