@@ -9,8 +9,8 @@ from flexstage.control import LearningSettings, compensate, control_run, learn, 
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.two_degrees import ControlRun
 from flexstage.errors import ModelError, PlanError
-from flexstage.instruments.acquire import run_waveform
 from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform

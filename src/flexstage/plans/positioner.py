@@ -4,7 +4,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import PlanError
-from flexstage.instruments.protocol import Axis, Capability, Instrument
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
 from flexstage.plans.recorded import prepare_loops
 from flexstage.plans.setting import AxisSetting, axis_setting, estimated_stroke
@@ -106,7 +106,7 @@ class _AxisOf:
                 f"the instrument has no axis '{name}': its axes are {', '.join(instrument.axes)}"
             )
         self._instrument, self.name = instrument, name
-        self._axis: Axis = instrument.axes[name]
+        self._axis: MotionAxis = instrument.axes[name]
         can = Capability.CLOSED_LOOP in self._axis.capabilities
         voltage = self._axis.limits.voltage is not None
         self._setting: AxisSetting = axis_setting(

@@ -8,9 +8,9 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import PlanError
-from flexstage.instruments.acquire import record_blow, run_moves, run_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to
+from flexstage.instruments.record_run import record_blow, run_moves, run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform

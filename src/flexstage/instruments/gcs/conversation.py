@@ -17,7 +17,7 @@ _STOP_PATIENCE = 0.1
 _LARGEST = 64 * 2**20
 
 
-class Exchange:
+class Conversation:
     """Questions and answers of one thread at a time; only `send_stop` may be called by others."""
 
     def __init__(self, transport: Transport, timeout: float, clock: Callable[[], float]) -> None:
@@ -131,7 +131,7 @@ class Exchange:
             self.query_error("ERR?")
 
     def ask(self, command: str, timeout: float) -> list[str]:
-        """Ask a question."""
+        """Ask a question; the time-out is that of silence [s]."""
         data = command.encode("ascii")
         self._send(data if len(command) == 1 else data + b"\n", command)
         try:
@@ -150,12 +150,12 @@ class Exchange:
         )
 
     def tell(self, command: str) -> int:
-        """Give a command."""
+        """Give a command; return the number of the error that it led to, 0 for none."""
         self._send(command.encode("ascii") + b"\nERR?\n", "ERR?")
         return self._error_code(command)
 
     def query_error(self, command: str) -> int:
-        """Ask for the latest error."""
+        """Ask for the latest error, 0 for none; sentences say that it is about the command."""
         self._send(b"ERR?\n", "ERR?")
         return self._error_code(command)
 
@@ -256,7 +256,7 @@ class Exchange:
 
 
 def shown(command: str) -> str:
-    r"""Return a command as a sentence can show it.
+    r"""Return a command as a sentence can show it: cut, or as the number of a character.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.gcs.axis import AxisFacts
-from flexstage.instruments.gcs.core import Core
+from flexstage.instruments.gcs.connection import Connection
 from flexstage.instruments.gcs.recorder import ChannelFacts
 from flexstage.instruments.gcs.tuning import tunable
 from flexstage.instruments.gcs.units import WireUnit, axis_unit
@@ -30,7 +30,7 @@ class Memory:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Survey:
+class Discovery:
     """What is there."""
 
     axes: tuple[AxisFacts, ...]
@@ -40,32 +40,34 @@ class Survey:
     base_rate_hz: float
     """Rate of the loop [Hz]."""
     recorder: Memory | None
-    """Their tables; None where there is none."""
+    """Tables of its recorder; None where there is none."""
     waves: Memory | None
-    """Their tables; None where there is none."""
+    """Tables of its wave generator; None where there is none."""
 
 
-def survey(core: Core, stage: Stage, axes: Mapping[str, str] | None = None) -> Survey:
-    """Ask what is there."""
-    listed = [line.strip() for line in core.client.ask("SAI?")]
+def discover(
+    connection: Connection, stage: Stage, axes: Mapping[str, str] | None = None
+) -> Discovery:
+    """Ask what is there; `axes` names the controller's axis by the name of the stage's."""
+    listed = [line.strip() for line in connection.client.ask("SAI?")]
     chosen = _chosen(listed, stage, axes)
-    outputs = _outputs(core, stage, listed, chosen)
+    outputs = _outputs(connection, stage, listed, chosen)
     found = tuple(
-        _axis(core, stage, name, identifier, listed.index(identifier), outputs.get(name))
+        _axis(connection, stage, name, identifier, listed.index(identifier), outputs.get(name))
         for name, identifier in chosen.items()
     )
-    if core.profile.knows("SVO?"):
+    if connection.profile.knows("SVO?"):
         identifiers = [axis.identifier for axis in found]
-        states = core.client.ask_values("SVO?", identifiers)
-        core.servo = {a: bool(on) for a, on in zip(identifiers, states, strict=True)}
-    step = core.number_parameter("1", r"servo update time")
+        states = connection.client.ask_values("SVO?", identifiers)
+        connection.servo = {a: bool(on) for a, on in zip(identifiers, states, strict=True)}
+    step = connection.number_parameter("1", r"servo update time")
     base = 0.0 if step is None or not step > 0.0 else 1.0 / step
-    return Survey(
+    return Discovery(
         axes=found,
-        channels=_channels(core, found),
+        channels=_channels(connection, found),
         base_rate_hz=base,
-        recorder=_recorder(core) if base else None,
-        waves=_waves(core, len(listed)) if base else None,
+        recorder=_recorder(connection) if base else None,
+        waves=_waves(connection, len(listed)) if base else None,
     )
 
 
@@ -94,33 +96,33 @@ def _chosen(listed: Sequence[str], stage: Stage, axes: Mapping[str, str] | None)
 
 
 def _outputs(
-    core: Core, stage: Stage, listed: Sequence[str], chosen: Mapping[str, str]
+    connection: Connection, stage: Stage, listed: Sequence[str], chosen: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the number of the piezo channel of each axis that has one.
 
     Channels belong to axes in their order; axes that the stage moves by screws have none.
     """
-    if not core.profile.knows("VOL?", "SVA"):
+    if not connection.profile.knows("VOL?", "SVA"):
         return {}
     screws = {chosen[n] for n in chosen if isinstance(stage.drive(stage.axis(n).drive), Screw)}
     piezo = [identifier for identifier in listed if identifier not in screws]
     count = len(piezo)
-    if core.profile.knows("TPC?"):
-        count = core.client.ask_whole("TPC?")
+    if connection.profile.knows("TPC?"):
+        count = connection.client.ask_whole("TPC?")
     places = {identifier: str(i) for i, identifier in enumerate(piezo, 1) if i <= count}
     return {name: places[i] for name, i in chosen.items() if i in places}
 
 
 def _axis(
-    core: Core, stage: Stage, name: str, identifier: str, index: int, output: str | None
+    connection: Connection, stage: Stage, name: str, identifier: str, index: int, output: str | None
 ) -> AxisFacts:
-    profile = core.profile
-    word = core.client.ask_texts("PUN?", [identifier])[0] if profile.knows("PUN?") else "um"
+    profile = connection.profile
+    word = connection.client.ask_texts("PUN?", [identifier])[0] if profile.knows("PUN?") else "um"
     unit = axis_unit(word, identifier, name)
-    position = _range(core, "TMN?", "TMX?", identifier, unit.factor)
-    voltage = None if output is None else _range(core, "VMI?", "VMA?", output, 1.0)
-    slew = core.number_parameter(identifier, r"largest slew-rate.*\[V/s\]") or None
-    speed = core.number_parameter(identifier, r"largest speed.*\[um/s\]")
+    position = _range(connection, "TMN?", "TMX?", identifier, unit.factor)
+    voltage = None if output is None else _range(connection, "VMI?", "VMA?", output, 1.0)
+    slew = connection.number_parameter(identifier, r"largest slew-rate.*\[V/s\]") or None
+    speed = connection.number_parameter(identifier, r"largest speed.*\[um/s\]")
     own = AxisLimits(
         position=position,
         voltage=voltage,
@@ -148,10 +150,10 @@ def _axis(
     )
 
 
-def _range(core: Core, low: str, high: str, name: str, factor: float) -> Range | None:
-    if not core.profile.knows(low, high):
+def _range(connection: Connection, low: str, high: str, name: str, factor: float) -> Range | None:
+    if not connection.profile.knows(low, high):
         return None
-    ends = [core.client.ask_values(question, [name])[0] * factor for question in (low, high)]
+    ends = [connection.client.ask_values(question, [name])[0] * factor for question in (low, high)]
     if not ends[0] < ends[1]:
         raise ControllerError(
             f"the controller says '{low}' {ends[0]:g} and '{high}' {ends[1]:g} of {name}, which is "
@@ -160,16 +162,16 @@ def _range(core: Core, low: str, high: str, name: str, factor: float) -> Range |
     return ends[0], ends[1]
 
 
-def _channels(core: Core, axes: Sequence[AxisFacts]) -> tuple[ChannelFacts, ...]:
-    if not core.profile.knows("TSC?"):
+def _channels(connection: Connection, axes: Sequence[AxisFacts]) -> tuple[ChannelFacts, ...]:
+    if not connection.profile.knows("TSC?"):
         return ()
-    count = core.client.ask_whole("TSC?")
-    names = core.profile.parameter(r"^channel name")
-    units = core.profile.parameter(r"^channel unit")
+    count = connection.client.ask_whole("TSC?")
+    names = connection.profile.parameter(r"^channel name")
+    units = connection.profile.parameter(r"^channel unit")
     found = []
     for number in range(1, count + 1):
-        name = str(number) if names is None else core.read_parameter(str(number), names)
-        word = "" if units is None else core.read_parameter(str(number), units)
+        name = str(number) if names is None else connection.read_parameter(str(number), names)
+        word = "" if units is None else connection.read_parameter(str(number), units)
         turns = word.lower() == "urad"
         unit = _sensor_unit(word, number, axes)
         found.append(
@@ -188,22 +190,24 @@ def _sensor_unit(word: str, number: int, axes: Sequence[AxisFacts]) -> float:
     return unit.factor
 
 
-def _recorder(core: Core) -> Memory | None:
-    if not core.profile.knows("DRC", "DRR?", "DRL?", "RTR", "DRT"):
+def _recorder(connection: Connection) -> Memory | None:
+    if not connection.profile.knows("DRC", "DRR?", "DRL?", "RTR", "DRT"):
         return None
-    tables = core.client.ask_whole("TNR?") if core.profile.knows("TNR?") else _FEW_TABLES
-    capacity = core.number_parameter("1", r"data recorder points per table")
+    tables = (
+        connection.client.ask_whole("TNR?") if connection.profile.knows("TNR?") else _FEW_TABLES
+    )
+    capacity = connection.number_parameter("1", r"data recorder points per table")
     if capacity is None:
-        most = core.number_parameter("1", r"data recorder max points")
+        most = connection.number_parameter("1", r"data recorder max points")
         capacity = _FEW_SAMPLES if most is None else most / tables
     return Memory(tables=tables, capacity=int(capacity))
 
 
-def _waves(core: Core, axes: int) -> Memory | None:
-    if not core.profile.knows("WAV", "WSL", "WGO", "WGC", "WTR"):
+def _waves(connection: Connection, axes: int) -> Memory | None:
+    if not connection.profile.knows("WAV", "WSL", "WGO", "WGC", "WTR"):
         return None
-    tables = core.number_parameter("1", r"number of waves")
-    capacity = core.number_parameter("1", r"max wave points")
+    tables = connection.number_parameter("1", r"number of waves")
+    capacity = connection.number_parameter("1", r"max wave points")
     return Memory(
         tables=axes if tables is None else int(tables),
         capacity=_FEW_SAMPLES * axes if capacity is None else int(capacity),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from flexstage.errors import ControllerError
 from flexstage.instruments.gcs.client import GcsClient
-from flexstage.instruments.gcs.profile import Profile, Wire
+from flexstage.instruments.gcs.profile import ControllerProfile, TransferLimits
 from flexstage.instruments.gcs.replies import excerpt, number
 
 #: Simulated time that passes with a question that is repeated, at most [s].
@@ -28,19 +28,19 @@ _NAMES = {
 }
 
 
-class Core:
+class Connection:
     """Link, clock and memory of a controller."""
 
     def __init__(
         self,
         client: GcsClient,
-        profile: Profile,
-        wire: Wire,
+        profile: ControllerProfile,
+        transfer: TransferLimits,
         *,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
-        self.client, self.profile, self.wire = client, profile, wire
+        self.client, self.profile, self.transfer = client, profile, transfer
         self._clock, self._sleep = clock, sleep
         #: Whether position control is on, as far as is known, by identifier of the axis.
         self.servo: dict[str, bool] = {}
@@ -65,7 +65,7 @@ class Core:
             raise
 
     def read_parameter(self, item: str, key: int) -> str:
-        """Return the value of a parameter."""
+        """Return the value of a parameter of an axis, a channel, or ``1`` for the controller."""
         question = f"SPA? {item} 0x{key:08X}"
         lines = self.client.ask(question)
         name, equals, value = lines[0].partition("=")
@@ -82,7 +82,10 @@ class Core:
         return value.strip()
 
     def number_parameter(self, item: str, pattern: str) -> float | None:
-        """Return a number among the parameters."""
+        """Return a number among the parameters, by a regular expression for its name.
+
+        None where the controller has no such parameter.
+        """
         key = self.profile.parameter(pattern)
         if key is None:
             return None
@@ -91,7 +94,7 @@ class Core:
     # state ----------------------------------------------------------------------------------
 
     def check_state(self, cause: ControllerError | None = None) -> None:
-        """Compare what the controller has with what was set here."""
+        """Compare what the controller has with what was set here; the cause gave reason to ask."""
         lost: list[str] = []
         wanted = [axis for axis, on in self.servo.items() if on]
         if wanted and self.profile.knows("SVO?"):
@@ -136,11 +139,11 @@ class Core:
     # time -----------------------------------------------------------------------------------
 
     def now(self) -> float:
-        """Return the time of the computer's clock."""
+        """Return the time of the computer's clock [s]."""
         return self._clock()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: that of the controller where it is simulated and fast."""
+        """Let time pass [s]: that of the controller where it is simulated and fast."""
         key = self._numbers["time"]
         if seconds <= 0.0:
             return
@@ -154,13 +157,13 @@ class Core:
             self._sleep(seconds)
 
     def patience(self, timeout: float) -> "Patience":
-        """Return a limit for waiting."""
+        """Return a limit for waiting [s]."""
         return Patience(self, timeout)
 
     def between_questions(self) -> None:
         """Wait a little before a question is repeated; in fast time the question itself waits."""
         if not self.fast:
-            self._sleep(self.wire.poll)
+            self._sleep(self.transfer.poll)
 
     def settings(self) -> Mapping[str, str]:
         """Return what was set, without asking."""
@@ -172,21 +175,19 @@ class Core:
 
 
 class Patience:
-    """Counts the time of waiting, also where simulated time runs fast.
+    """Counts the time of waiting [s], also where simulated time runs fast.
 
-    Notes
-    -----
     In fast time each question counts as a quarter of a second divided by ten, since it may be
     answered before that has passed: what is waited for may take up to ten times the time-out.
     """
 
-    def __init__(self, core: Core, timeout: float) -> None:
-        self._core, self._end = core, core.now() + timeout
+    def __init__(self, connection: Connection, timeout: float) -> None:
+        self._connection, self._end = connection, connection.now() + timeout
         self._questions = 1 + int(10.0 * timeout / FAST_TIME_STEP)
 
     def over(self) -> bool:
         """Say whether it has ended, and count one more question."""
         self._questions -= 1
-        if self._core.fast:
+        if self._connection.fast:
             return self._questions <= 0
-        return self._core.now() >= self._end
+        return self._connection.now() >= self._end

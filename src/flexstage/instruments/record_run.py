@@ -1,4 +1,8 @@
-"""One record, from the choice of its signals to its last sample."""
+"""Runs that are recorded: waveforms, holds, blows and moves, on any instrument.
+
+The samples are read while they are recorded and handed to a writer at once, so that what was
+recorded before a link was lost, or a program died, is kept.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -9,7 +13,10 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
-from flexstage.instruments.protocol import Instrument, Signal
+from flexstage.instruments.checks import check_position, check_waveform
+from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.ramp import lead_to, require_loop
+from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 
 
@@ -17,14 +24,197 @@ class SampleWriter(Protocol):
     """Takes samples as they come."""
 
     def append(self, first: int, columns: Mapping[str, Array]) -> object:
-        """Keep samples of every column."""
+        """Keep samples of every column [SI], the first of them by its number from 0."""
         ...
+
+
+def run_waveform(
+    instrument: Instrument,
+    waveform: Waveform,
+    signals: Sequence[Signal],
+    *,
+    rate_hz: float,
+    cycles: int = 1,
+    feedforward: Waveform | None = None,
+    writer: SampleWriter | None = None,
+    before: int = 0,
+    after: int = 0,
+    timeout: float | None = None,
+) -> Record:
+    """Run a waveform and record what happens.
+
+    The whole waveform is checked before anything moves; the axes are led slowly to its first
+    sample; the recorder starts with the waveform, so that sample 0 of the record is the instant of
+    sample 0 of the waveform.
+
+    The position control is off for a waveform of voltages, on for one of positions, beside which
+    a feedforward of voltages can be given. The record says which rate the instrument could keep.
+    With samples `before` the waveform the recorder is started first, and how many they became is
+    known only to the reaction of the link: the notes of the record say so. `timeout` is how long to
+    wait for the record beyond its own duration [s]; 10 s and half of that duration where not given.
+
+    Raises
+    ------
+    LimitError, ModelError
+        The waveform leaves the limits, the record does not fit, or what is given does not go
+        together; nothing has been moved.
+    ControllerError
+        The instrument refuses, a sensor gives no number, or the record does not come to its end;
+        the stage was stopped.
+    NotConnectedError
+        The link was lost; the sentence says how many samples are safe.
+    """
+    if cycles < 1:
+        raise LimitError(f"a recorded waveform runs 1 time or more, got {cycles}")
+    if before < 0 or after < 0:
+        raise ModelError(f"samples before and after cannot be negative, got {before} and {after}")
+    limits = {name: axis.limits for name, axis in instrument.axes.items()}
+    check_waveform(limits, waveform, cycles=cycles)
+    if feedforward is not None:
+        if (waveform.quantity, feedforward.quantity) != ("position", "voltage"):
+            raise ModelError(
+                "a feedforward is of voltages beside a waveform of positions, got "
+                f"{feedforward.quantity} beside {waveform.quantity}"
+            )
+        check_waveform(limits, feedforward, cycles=cycles)
+    first = {name: float(values[0]) for name, values in waveform.values.items()}
+    require_loop(instrument, first, waveform.quantity)
+    duration = waveform.duration * cycles
+
+    def samples(rate: float) -> int:
+        return max(round(duration * rate), 2) + before + after
+
+    run = RecordedRun(instrument, signals, writer)
+    run.configure(rate_hz, samples)  # what cannot be recorded shows before anything moves
+    with run.stopping():
+        lead_to(instrument, first, waveform.quantity)
+        waves = instrument.waves
+        waves.load(waveform, feedforward=feedforward)
+        run.configure(rate_hz, samples)
+        if before:
+            instrument.recorder.start()
+            run.read(timeout, until=before)
+            run.notes.append(
+                f"the waveform was started after {before} samples or a little more, as fast as the "
+                "link allowed"
+            )
+            waves.start(cycles)
+        else:
+            instrument.recorder.arm()
+            waves.start(cycles)
+        run.read(timeout)
+        run.wait(waves.running, "the waveform", timeout)
+    return run.record()
+
+
+def record_now(
+    instrument: Instrument,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    samples: int,
+    writer: SampleWriter | None = None,
+    *,
+    timeout: float | None = None,
+) -> Record:
+    """Record while the instrument does what it does, such as to hold its place.
+
+    2 samples at least; time-out and errors are those of `run_waveform`.
+    """
+    run = RecordedRun(instrument, signals, writer)
+    with run.stopping():
+        run.configure(rate_hz, lambda _: samples)
+        instrument.recorder.start()
+        run.read(timeout)
+    return run.record()
+
+
+def record_blow(
+    instrument: Instrument,
+    axis: str,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    samples: int,
+    writer: SampleWriter | None = None,
+    *,
+    timeout: float | None = None,
+) -> Record:
+    """Record a blow of the hammer along an axis; `signals` are its ``force`` and ``response``."""
+    if Capability.IMPACT not in instrument.capabilities:
+        raise ModelError(
+            f"the {instrument.identity.model} has no hammer: strike the stage by hand and read "
+            "the record of the hammer's own instrument"
+        )
+    run = RecordedRun(instrument, signals, writer)
+    with run.stopping():
+        run.configure(rate_hz, lambda _: samples)
+        instrument.recorder.arm()
+        instrument.strike(axis)
+        run.read(timeout)
+    return run.record()
+
+
+def run_moves(
+    instrument: Instrument,
+    axis: str,
+    positions: Sequence[float],
+    dwell: float,
+    signals: Sequence[Signal],
+    *,
+    rate_hz: float,
+    settle: float = 0.1,
+    command: str = "command",
+    writer: SampleWriter | None = None,
+    timeout: float | None = None,
+) -> Record:
+    """Move an axis from place to place [m] and record while it stands at each of them.
+
+    For instruments without a generator of waveforms, and for drives that are slow. Before each
+    record it waits `settle` [s], then records for `dwell` [s]; the column `command` holds the
+    commanded position, for the writer too. The time counts the recorded samples alone.
+    """
+    if not len(positions):
+        raise ModelError("moves need at least one position, got none")
+    require_loop(instrument, {axis: 0.0}, "position")
+    mover = instrument.axes[axis]
+    for position in positions:
+        check_position(mover.limits, position, axis)
+    parts: list[Record] = []
+    done = 0
+    for k, position in enumerate(positions):
+        with progress.subtask(k / len(positions), (k + 1) / len(positions)):
+            run = RecordedRun(
+                instrument, signals, writer, first=done, extra=(command, float(position))
+            )
+            with run.stopping():
+                mover.move_to(float(position))
+                instrument.pause(settle)
+                run.configure(rate_hz, lambda rate: max(round(dwell * rate), 2))
+                instrument.recorder.start()
+                run.read(timeout)
+            parts.append(run.record())
+            done += parts[-1].size
+    rate = parts[0].sample_rate_hz
+    return Record(
+        channels=tuple(
+            Channel(
+                name=c.name, values=np.concatenate([p.channel(c.name).values for p in parts]),
+                unit=c.unit,
+            )
+            for c in parts[0].channels
+        ),
+        time=np.arange(done) / rate,
+        source=parts[0].source,
+        notes=(*parts[0].notes, "the motion from place to place is left out of the time"),
+        attributes=parts[0].attributes,
+    )  # fmt: skip
 
 
 class RecordedRun:
     """One record, from the choice of its signals to its last sample.
 
-    Samples are read while they are recorded; each is looked at, kept, and handed to the writer.
+    Samples are read while they are recorded; each is looked at, kept, and handed to the writer,
+    for which the first has the number `first`. `extra` is a column that does not change: its name
+    and value [m].
     """
 
     def __init__(
@@ -50,7 +240,7 @@ class RecordedRun:
         self._waited = 0.0
 
     def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
-        """Choose what is recorded, and how much at the rate that the instrument keeps."""
+        """Choose what is recorded, and how many samples at the rate that is kept [Hz]."""
         recorder, rate = self.instrument.recorder, float(rate_hz)
         if not 0.0 < rate < np.inf:
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
@@ -79,7 +269,10 @@ class RecordedRun:
         return _Stopping(self)
 
     def read(self, timeout: float | None, until: int | None = None) -> None:
-        """Read samples until all of them, or as many as are asked for, are there."""
+        """Read samples until all of them, or `until` so many, are there.
+
+        `timeout` is beyond the time of the samples themselves [s], on the instrument's clock.
+        """
         recorder = self.instrument.recorder
         goal = self.samples if until is None else until
         expected = (goal - self.done) / self.rate
@@ -103,7 +296,7 @@ class RecordedRun:
             waited += step
 
     def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
-        """Wait until something has ended."""
+        """Wait until something has ended, 10 s [s] where no time is given."""
         waited, most = 0.0, 10.0 if timeout is None else timeout
         while busy():
             if waited > most:
@@ -114,7 +307,7 @@ class RecordedRun:
             waited += 0.01
 
     def record(self) -> Record:
-        """Return all samples."""
+        """Return all samples; the time counts from 0 [s]."""
         identity = self.instrument.identity
         columns = [(s.name, s.unit) for s in self.signals]
         if self.extra is not None:
