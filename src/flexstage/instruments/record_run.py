@@ -296,7 +296,7 @@ class RecordedRun:
             waited += step
 
     def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
-        """Wait until something has ended, 10 s [s] where no time is given."""
+        """Wait until something has ended, for 10 s where no time is given."""
         waited, most = 0.0, 10.0 if timeout is None else timeout
         while busy():
             if waited > most:

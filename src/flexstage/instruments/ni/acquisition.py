@@ -83,7 +83,8 @@ class NiAcquisition(Instrument):
     card's clock later; where a multiplexer leads the inputs to one converter, each further sensor
     is sampled one conversion later, which `settings` says. Connecting moves nothing; the outputs
     are read back where the card can. `close` leads the drives to their safe voltages, unless the
-    setup says not to, since a card goes on giving what it gave.
+    setup says not to, since a card goes on giving what it gave. `limits` are further ones by axis,
+    at the drive, beside those of the stage, the card and the amplifier.
 
     Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
     of a record are those that were commanded and not measured.
