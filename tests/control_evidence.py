@@ -15,8 +15,8 @@ from flexstage.arrays import Array
 from flexstage.control import (
     Learning,
     LearningSettings,
+    ServoDesign,
     Trajectory,
-    Tuning,
     Way,
     control_run,
     learn,
@@ -27,11 +27,11 @@ from flexstage.control import (
 )
 from flexstage.control.feedforward import conditioning_waveform
 from flexstage.control.tracking_run import RunTracking, evaluate_run
-from flexstage.control.two_degrees import ControlRun
+from flexstage.control.two_degree_of_freedom import ControlRun
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, excitation, identify
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.stage import Block, VirtualStage
+from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 
@@ -57,7 +57,7 @@ class Bench:
     stage: VirtualStage
     axis: str
     model: DriveModel
-    tuning: Tuning
+    tuning: ServoDesign
     middle: float
     reach: tuple[float, float]
     told: list[Array] = field(default_factory=list)
@@ -76,12 +76,12 @@ class Bench:
     def number(self) -> int:
         return self.stage.axes.index(self.axis)
 
-    def open_loop(self, voltage: Array) -> Block:
+    def open_loop(self, voltage: Array) -> StageSamples:
         command = np.zeros((len(self.stage.axes), voltage.size))
         command[self.number] = voltage
         return self._kept(self.stage.run(command, [False] * len(self.stage.axes)))
 
-    def _kept(self, block: Block) -> Block:
+    def _kept(self, block: StageSamples) -> StageSamples:
         """Remember what the drive was told: a thousand voltages a second are enough for creep."""
         self.told.append(block.command[self.number, :: int(RATE_HZ) // 1000])
         return block
@@ -91,7 +91,7 @@ class Bench:
         told = np.concatenate(self.told)
         return Waveform(values={self.axis: told}, sample_rate_hz=1e3, quantity="voltage")
 
-    def closed_loop(self, target: Array, feedforward: Array | None = None) -> Block:
+    def closed_loop(self, target: Array, feedforward: Array | None = None) -> StageSamples:
         command = np.zeros((len(self.stage.axes), target.size))
         command[self.number] = target
         servo = [a == self.axis for a in self.stage.axes]
@@ -101,7 +101,7 @@ class Bench:
             added[self.number] = feedforward
         return self._kept(self.stage.run(command, servo, added))
 
-    def carry_out(self, run: ControlRun) -> Block:
+    def carry_out(self, run: ControlRun) -> StageSamples:
         """Return what happens over all periods of a run."""
         if run.lead_in is not None:
             before = self.open_loop(run.lead_in.values[self.axis])
@@ -124,7 +124,7 @@ class Bench:
         """Compare the true position with the reference."""
         return self.errors_of(run, self.carry_out(run))
 
-    def errors_of(self, run: ControlRun, block: Block) -> RunTracking:
+    def errors_of(self, run: ControlRun, block: StageSamples) -> RunTracking:
         """Compare the true position of a run that was carried out."""
         got = block.position[self.number]
         return evaluate_run(run.trajectory, self.axis, got, skip=run.settling)
@@ -223,7 +223,7 @@ def feedback_figures(own: Bench) -> dict[str, float]:
     limits = {own.axis: own.stage.limits[own.axis]}
     found: dict[str, float] = {}
 
-    def error(way: Way, wanted: Trajectory, model: DriveModel, tuning: Tuning) -> float:
+    def error(way: Way, wanted: Trajectory, model: DriveModel, tuning: ServoDesign) -> float:
         run = control_run(
             way, wanted, periods=3 if wanted is slow else 50, models={own.axis: model},
             servo={own.axis: tuning.settings}, reading_delay=READING_DELAY, limits=limits,

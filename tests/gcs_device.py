@@ -16,7 +16,7 @@ from flexstage.instruments.twin.device import (
     RefusedError,
 )
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 
 RATE = 10e3
 #: Displacement of the drives [m/V].
@@ -389,4 +389,4 @@ def talk(session, text):
 
 def opened(kind="piezo", *, model=OWN):
     """A session of a controller of its own."""
-    return Session(controller(kind, model=model))
+    return ServerSession(controller(kind, model=model))

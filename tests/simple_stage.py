@@ -12,7 +12,7 @@ from flexstage.errors import ModelError
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.stage import Block, Blow
+from flexstage.instruments.twin.stage import Blow, StageSamples
 
 GAIN = np.array([4.7e-7, 3.9e-7])  # m/V
 POLE = np.array([0.62, 0.71])  # of the first-order lag, a sample
@@ -62,7 +62,9 @@ class SimpleStage:
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
         self._settings[axis] = settings
 
-    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
         n = command.shape[1]
         beside = np.full((2, n), np.nan) if feedforward is None else feedforward
         self.commands = np.hstack((self.commands, command))
@@ -73,8 +75,10 @@ class SimpleStage:
             assert not any(servo)
             advance = np.round(command / STEP) * STEP
             reading = np.vstack((REDUCTION * advance, ACROSS * REDUCTION * advance[:1]))
-            return Block(time=time, reading=reading, position=reading[:2], voltage=0.0 * advance,
-                         command=advance)  # fmt: skip
+            return StageSamples(
+                time=time, reading=reading, position=reading[:2], voltage=0.0 * advance,
+                command=advance,
+            )  # fmt: skip
         position, volts = np.empty((2, n)), np.empty((2, n))
         for k in range(n):
             for i, axis in enumerate(self.axes):
@@ -91,7 +95,9 @@ class SimpleStage:
                 self.position[i] += share * (GAIN[i] * self.volts[i] - self.position[i])
             position[:, k], volts[:, k] = self.position, self.volts
         reading = np.vstack((position, ACROSS * position[:1]))
-        return Block(time=time, reading=reading, position=position, voltage=volts, command=volts)
+        return StageSamples(
+            time=time, reading=reading, position=position, voltage=volts, command=volts
+        )
 
     def strike(self, axis: str) -> Blow:
         rate = 8192.0

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from flexstage.errors import PlanError
-from flexstage.plans.command import Command, Strike
+from flexstage.plans.axis_limits import AxisSetting
+from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.plans.design import design_command, whole_part
 from flexstage.plans.excite import (
+    BidirectionalTargets,
     Blows,
     Chirp,
     Corners,
-    Cycles,
     Designed,
+    EqualCycles,
     Falling,
     Hold,
     Multisine,
-    Positioning,
-    Staircase,
+    RisingSteps,
 )
-from flexstage.plans.setting import AxisSetting
 
 X = AxisSetting(axis="x", quantity="voltage", low=-13.0, high=107.0, largest_rate=4e4,
                 natural_frequency_hz=870.0)  # fmt: skip
@@ -27,14 +27,14 @@ SCREW = AxisSetting(axis="x", quantity="position", low=0.0, high=330e-6, largest
                     smallest_step=0.47e-6)  # fmt: skip
 
 
-def made(wanted, *settings: AxisSetting, rate: float = 1e3, **more) -> Command:
+def made(wanted, *settings: AxisSetting, rate: float = 1e3, **more) -> CommandWaveform:
     found = design_command(wanted, {s.axis: s for s in settings or (X,)}, rate, **more)
-    assert isinstance(found, Command)
+    assert isinstance(found, CommandWaveform)
     return found
 
 
 def test_a_triangle_has_two_slopes_and_meets_both_ends():
-    found = made(Cycles(axis="x", rate=2.0, cycles=3, condition=2, low=0.1, high=0.9))
+    found = made(EqualCycles(axis="x", rate=2.0, cycles=3, condition=2, low=0.1, high=0.9))
     v = found.waveform.values["x"]
     assert (v.min(), v.max()) == (pytest.approx(-1.0), pytest.approx(95.0))
     assert np.unique(np.round(np.abs(np.diff(v)) * 1e3, 6)) == pytest.approx([96.0 * 4.0])
@@ -43,7 +43,9 @@ def test_a_triangle_has_two_slopes_and_meets_both_ends():
 
 
 def test_a_cosine_is_one():
-    v = made(Cycles(axis="x", rate=1.0, cycles=1, condition=0, shape="cosine")).waveform.values["x"]
+    v = made(
+        EqualCycles(axis="x", rate=1.0, cycles=1, condition=0, shape="cosine")
+    ).waveform.values["x"]
     t = np.arange(1001) / 1e3
     # of rounding in the cosine and in the ends
     assert v == pytest.approx(47.0 - 60.0 * np.cos(2.0 * np.pi * t), abs=1e-12)
@@ -102,7 +104,7 @@ def test_a_chirp_repeats_without_a_jump_and_covers_its_band():
 
 
 def test_steps_rest_on_their_levels_and_keep_to_the_rate():
-    found = made(Staircase(axis="x", levels=5, dwell=0.1, at=0.4, settle=0.3), SCREW, rate=500.0)
+    found = made(RisingSteps(axis="x", levels=5, dwell=0.1, at=0.4, settle=0.3), SCREW, rate=500.0)
     v = found.waveform.values["x"]
     rests = [level for level in np.unique(v) if np.count_nonzero(v == level) >= 50]
     # of a screw: its smallest step
@@ -111,22 +113,24 @@ def test_steps_rest_on_their_levels_and_keep_to_the_rate():
     assert found.first == 150
     assert found.waveform.largest_rate("x") <= 0.29e-3
     with pytest.raises(PlanError, match="would end at"):
-        made(Staircase(axis="x", advance=30e-6, levels=9, at=0.4), SCREW)
+        made(RisingSteps(axis="x", advance=30e-6, levels=9, at=0.4), SCREW)
     with pytest.raises(PlanError, match="'step' in volts"):
-        made(Staircase(axis="x"))
+        made(RisingSteps(axis="x"))
 
 
 def test_targets_are_gone_to_from_both_sides_again_and_again():
-    from flexstage.experiment.motion.dwells import staircase_dwells
+    from flexstage.experiment.motion.staircase_levels import staircase_dwells
 
-    found = made(Positioning(axis="x", targets=6, rounds=3, dwell=0.2, low=0.1, high=0.9), SCREW)
+    found = made(
+        BidirectionalTargets(axis="x", targets=6, rounds=3, dwell=0.2, low=0.1, high=0.9), SCREW
+    )
     v = found.waveform.values["x"]
     gone = staircase_dwells(v).approaches(v)
     assert gone.upward.shape == gone.downward.shape == (6, 3)
     assert gone.upward[:, 0] == pytest.approx(np.linspace(0.1, 0.9, 6) * 330e-6)
     assert gone.targets.size == 6
     with pytest.raises(PlanError, match="commanded by voltage"):
-        made(Positioning(axis="x"))
+        made(BidirectionalTargets(axis="x"))
 
 
 def test_a_hold_rests_and_a_blow_has_no_samples():
@@ -170,7 +174,7 @@ def test_rates_are_whole_parts_of_the_highest():
 def test_a_command_of_several_cycles_goes_on_without_a_jump():
     from dataclasses import replace
 
-    one = made(Cycles(axis="x", rate=5.0, cycles=1, condition=0))
+    one = made(EqualCycles(axis="x", rate=5.0, cycles=1, condition=0))
     values = {"x": one.waveform.values["x"][:-1]}
     found = replace(one, waveform=replace(one.waveform, values=values), cycles=3)
     time = np.array([-1.0, 0.0, 0.05, 0.1, 0.2, 0.2995, 0.5999, 7.0])
@@ -187,9 +191,9 @@ def test_a_command_of_several_cycles_goes_on_without_a_jump():
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        (Cycles(axis="x", rate=200.0), "raise command_rate"),
-        (Cycles(axis="x", rate=1e-3, cycles=9), "at most 5000000"),
-        (Staircase(axis="x", step=1e-4, levels=1e5), "at most 5000000"),
+        (EqualCycles(axis="x", rate=200.0), "raise command_rate"),
+        (EqualCycles(axis="x", rate=1e-3, cycles=9), "at most 5000000"),
+        (RisingSteps(axis="x", step=1e-4, levels=1e5), "at most 5000000"),
     ],
 )
 def test_what_cannot_be_sampled_is_refused(wanted, words: str):

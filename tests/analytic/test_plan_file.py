@@ -4,7 +4,7 @@ import pytest
 
 from flexstage.errors import PlanError
 from flexstage.plans import dry_run, find_plan, plan_stage, read_plan, ready_plans
-from flexstage.plans.excite import Cycles, Multisine
+from flexstage.plans.excite import EqualCycles, Multisine
 from flexstage.plans.file import plan_from_text
 from flexstage.plans.verbs import Identify, Measure, Verify
 
@@ -29,7 +29,7 @@ def test_units_are_read_and_what_is_left_out_is_as_usual():
         "amplitude: 250 mV, period: 500 ms}}\n"
     )
     loops = plan.step("loops").action
-    assert isinstance(loops, Cycles)
+    assert isinstance(loops, EqualCycles)
     assert (loops.rate, loops.cycles, loops.condition, loops.shape) == (0.5, 4.0, 1.0, "triangle")
     sines = plan.step("sines").action
     assert isinstance(sines, Multisine)

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from flexstage.errors import ModelError
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.servo import Notch, ServoSettings
+from flexstage.instruments.twin.axis_state import Ramp
 from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.device import Device, Refusal, RefusedError
-from flexstage.instruments.twin.profiles import Ramp
 from tests.simple_stage import ACROSS, GAIN, PIEZO, RANGE, SCREW, STEP, SimpleStage
 
 T = 1e-4  # a sample of the loop [s]

@@ -15,9 +15,13 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.plant import DriveChain, Plant
 from flexstage.hysteresis.virtual_stack import virtual_stack
 from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.charge import ChargeDrive
 from flexstage.instruments.twin.piezo_stage import PiezoStage
-from flexstage.instruments.twin.stack import free_displacements, relaxed_stacks, stack_arrays
+from flexstage.instruments.twin.stack import (
+    ChargeDrive,
+    free_displacements,
+    relaxed_stacks,
+    stack_arrays,
+)
 from flexstage.system import modes, static_forces
 from tests.twin_parts import SLOPES, damped_system, small_stage
 

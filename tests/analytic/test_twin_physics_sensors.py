@@ -8,8 +8,8 @@ import pytest
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.instruments.twin.beside import kinds_of
 from flexstage.instruments.twin.build import virtual_stage
+from flexstage.instruments.twin.parasitic_motion import kinds_of
 from flexstage.instruments.twin.sensors import AxisSensor, Disturbances, SensorBench
 from tests.twin_parts import small_stage
 

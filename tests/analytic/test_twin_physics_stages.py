@@ -15,7 +15,7 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.delivered import largest_slope
+from flexstage.instruments.twin.default_servo import largest_slope
 from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewStage
 from flexstage.instruments.twin.stage import VirtualStage

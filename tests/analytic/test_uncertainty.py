@@ -18,11 +18,14 @@ from flexstage.experiment.uncertainty.correlation import (
     groups,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.draws import sampler
-from flexstage.experiment.uncertainty.expression import Expression
-from flexstage.experiment.uncertainty.functions import FUNCTIONS, hypot
+from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
 from flexstage.experiment.uncertainty.influence import DISTRIBUTIONS, Influence, influence_from
-from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, numerical_tolerance, validate
+from flexstage.experiment.uncertainty.monte_carlo import (
+    monte_carlo,
+    numerical_tolerance,
+    sampler,
+    validate,
+)
 from flexstage.experiment.uncertainty.propagate import propagate
 from flexstage.experiment.uncertainty.sensor import ROLES, SensorSetup, measured
 

@@ -12,7 +12,7 @@ from flexstage.designs import design
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.twin.piezo_stage import PiezoStage
 from flexstage.instruments.twin.screw_stage import ScrewStage
-from flexstage.instruments.twin.stage import Block, VirtualStage
+from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 
 FIELDS = ("time", "reading", "position", "voltage", "command")
 # past the end of a block of drawn noise
@@ -24,7 +24,7 @@ def made(name: str) -> PiezoStage | ScrewStage:
     return virtual_stage(design(name), model="lumped", seed=11)
 
 
-def joined(blocks: list[Block]) -> dict[str, np.ndarray]:
+def joined(blocks: list[StageSamples]) -> dict[str, np.ndarray]:
     return {f: np.concatenate([getattr(b, f) for b in blocks], axis=-1) for f in FIELDS}
 
 

@@ -16,7 +16,7 @@ from flexstage.instruments.twin.clock import Pacemaker
 from flexstage.instruments.twin.controller_models import MODELS
 from flexstage.instruments.twin.interpreter import Interpreter
 from flexstage.instruments.twin.server import GcsServer
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import RATE, FormulaDevice, controller, opened
 
 NUMBER = rb"-?\d\.\d{9}e[+-]\d\d"
@@ -214,7 +214,7 @@ def test_a_soft_limit_holds_a_waveform_too():
 def test_an_axis_on_its_way_to_its_zero_says_so():
     device = FormulaDevice()
     interpreter = Interpreter(device, Pacemaker(device))  # nothing passes but by hand
-    session = Session(interpreter)
+    session = ServerSession(interpreter)
     device.set_commands({"1": 100.0, "2": 50.0})
     device.advance(1.0)
     assert session.feed(b"ATZ\nATZ?\n\x05SVO?\n") == b"1=0 \n2=0\n3\n1=0 \n2=0\n"

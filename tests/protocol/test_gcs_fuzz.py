@@ -12,7 +12,7 @@ import pytest
 
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import FormulaDevice
 from tests.tiers import sizes
 
@@ -151,7 +151,7 @@ def fuzz(count, seed):
     rng = random.Random(seed)
     device = FormulaDevice()
     interpreter = Interpreter(device, FastTime(device))
-    session = Session(interpreter)
+    session = ServerSession(interpreter)
     times, calls, answered = [], 0, 0
     for i in range(count):
         if i % (count // 10) == 0:
@@ -199,7 +199,7 @@ def test_random_bytes_cut_anywhere():
     answers = []
     for largest in (1 << 20, 1000, 7):
         device = FormulaDevice()
-        sessions.append(Session(Interpreter(device, FastTime(device))))
+        sessions.append(ServerSession(Interpreter(device, FastTime(device))))
         cut = random.Random(largest)
         said, at = bytearray(), 0
         while at < len(data):
@@ -221,7 +221,7 @@ def test_random_lines_to_the_simulated_stage(name):
     from flexstage.instruments.twin.controller import VirtualController
 
     device = VirtualController(virtual_stage(design(name), model="lumped", seed=2))
-    session = Session(Interpreter(device, FastTime(device)))
+    session = ServerSession(Interpreter(device, FastTime(device)))
     rng = random.Random(21)
     errors = set()
     for _ in range(1500):

@@ -6,7 +6,7 @@ so that every number below follows from the speeds of the device by hand.
 
 import pytest
 
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import RATE, controller, opened, talk
 
 IDENTITY = b"flexstage, formula (simulated), 7, 1.2\n"
@@ -291,4 +291,4 @@ def test_records_and_waves_are_read_by_the_reader_of_measured_files(session, tmp
 
 def test_the_identity_always_says_that_it_is_simulated():
     interpreter = controller()
-    assert b"simulated" in Session(interpreter).feed(b"*IDN?\n")
+    assert b"simulated" in ServerSession(interpreter).feed(b"*IDN?\n")

@@ -7,15 +7,14 @@ import pytest
 from flexstage.errors import NotConnectedError
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.loopback import open_session
-from flexstage.instruments.twin.session import LONGEST_LINE, Session
+from flexstage.instruments.twin.session import LONGEST_LINE, ServerSession, open_session
 from tests.gcs_device import FormulaDevice, controller, opened, talk
 
 
 @pytest.fixture
 def two():
     interpreter = controller(hold=True)
-    return interpreter, Session(interpreter), Session(interpreter)
+    return interpreter, ServerSession(interpreter), ServerSession(interpreter)
 
 
 def test_the_first_that_changes_something_holds_control(two):
@@ -53,13 +52,13 @@ def test_a_client_that_leaves_does_not_free_the_control_of_another(two):
 
 def test_all_clients_may_command_as_at_a_real_controller():
     interpreter = controller()
-    first, second = Session(interpreter), Session(interpreter)
+    first, second = ServerSession(interpreter), ServerSession(interpreter)
     assert talk(first, "SVO 1 1 2 1\nMOV 1 5") == ("", 0)
     assert talk(second, "MOV 1 7 2 3\nONT?\nONT?\nMOV?")[1] == 0
     assert interpreter.in_control is None
     assert first.feed(b"MOV? 1\n") == b"1=7.000000000e+00\n"
     # a stop is told to all who have given commands, and to nobody who has only looked
-    looking = Session(interpreter)
+    looking = ServerSession(interpreter)
     first.feed(b"MOV 1 50\n")
     assert looking.feed(b"POS?\n\x18")[-1:] == b"\n"
     assert [s.feed(b"ERR?\n") for s in (first, second, looking)] == [b"10\n"] * 3
@@ -70,7 +69,7 @@ def test_all_clients_may_command_as_at_a_real_controller():
 @pytest.mark.parametrize("line", ["STP 1", "STP 1 2", "STP x y z"])
 def test_a_stop_with_too_many_words_stops_and_then_complains(line):
     interpreter = controller()
-    first, second = Session(interpreter), Session(interpreter)
+    first, second = ServerSession(interpreter), ServerSession(interpreter)
     first.feed(b"SVO 1 1 2 1\nMOV 1 50 2 30\nPOS?\n")
     assert second.feed(line.encode() + b"\nERR?\nERR?\n") == b"24\n0\n"
     assert first.feed(b"ERR?\n\x05") == b"10\n0\n"
@@ -220,7 +219,7 @@ def test_a_simulation_that_breaks_down_is_a_hardware_error():
             raise ControllerError("broken")
 
     device = FormulaDevice()
-    session = Session(Interpreter(device, Broken(device)))
+    session = ServerSession(Interpreter(device, Broken(device)))
     assert session.feed(b"POS?\n") == b""
     assert session.error == 333
 
@@ -229,7 +228,7 @@ def test_simulated_time_is_not_led_on_where_it_is_real():
     from flexstage.instruments.twin.clock import Pacemaker
 
     device = FormulaDevice()
-    session = Session(Interpreter(device, Pacemaker(device)))
+    session = ServerSession(Interpreter(device, Pacemaker(device)))
     assert talk(session, "SPA? 1 0x7F000002\nSPA 1 0x7F000001 1") == ("1 0x7F000002=0\n", [34])
 
 

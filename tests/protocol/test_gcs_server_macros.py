@@ -1,12 +1,12 @@
 """Macros of the simulated GCS controller: written, listed, started, and never without end."""
 
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import controller, opened
 
 
 def test_a_macro_is_its_writers_until_it_ends():
     interpreter = controller()
-    first, second = Session(interpreter), Session(interpreter)
+    first, second = ServerSession(interpreter), ServerSession(interpreter)
     first.feed(b"SVO 1 1\nMAC BEG GO\nMOV 1 5\n")
     assert first.feed(b"ERR?\nPOS?\n") == b""  # lines of the macro, ERR? too
     assert second.feed(b"MOV? 1\nMAC BEG X\nERR?\n") == b"1=0.000000000e+00\n1001\n"

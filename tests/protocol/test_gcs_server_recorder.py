@@ -2,7 +2,7 @@
 
 from flexstage.instruments.twin.clock import FastTime
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import FormulaDevice, opened, talk
 
 
@@ -39,7 +39,7 @@ def test_what_was_recorded_is_read_as_what_it_was():
 def test_triggers_of_the_recorder():
     def recording(lines):
         device = FormulaDevice()
-        session = Session(Interpreter(device, FastTime(device)))
+        session = ServerSession(Interpreter(device, FastTime(device)))
         assert talk(session, "DRC 1 1 7\n" + lines)[1] == 0
         return device.recording() or device.recorded() > 0
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from flexstage.instruments.servo import Notch, ServoSettings
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 from tests.gcs_device import controller, opened, talk
 
 E = "{:.9e}".format
@@ -32,7 +32,7 @@ def test_parameters_are_listed_with_type_and_items():
 def test_settings_of_control_are_changed_together():
     """Gains in um on the wire; a notch by its gain and its width, as 2 zeta of zeros and poles."""
     interpreter = controller()
-    session = Session(interpreter)
+    session = ServerSession(interpreter)
     line = (
         b"SPA 2 0x07000300 0.3 2 0x07000301 1500 2 0x08000101 1200 2 0x08000201 0.04 "
         b"2 0x08000301 0.7 2 0x08000100 0 2 0x7F000010 2500\n"
@@ -60,7 +60,7 @@ def test_settings_of_control_are_changed_together():
 
 def test_settings_changed_elsewhere_are_told():
     interpreter = controller()
-    session = Session(interpreter)
+    session = ServerSession(interpreter)
     session.feed(b"SPA 1 0x08000100 0 1 0x08000102 900\n")
     interpreter.device.set_servo_settings("1", ServoSettings(notches=(Notch(frequency_hz=456.0),)))
     said = session.feed(b"SPA? 1 0x08000100 1 0x08000102\n")

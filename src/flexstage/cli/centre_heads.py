@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexstage.cli.common import positive_length
+from flexstage.cli.options import positive_length
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
 from flexstage.cli.centre_setting import Setting
-from flexstage.cli.common import console, make_table
+from flexstage.cli.terminal import console, make_table
 
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
@@ -165,7 +165,7 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
 
 def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
     from flexstage.centring import Harmonic
-    from flexstage.centring.polar import direction_estimate, length_estimate
+    from flexstage.centring.vector_interval import direction_estimate, length_estimate
 
     def part(own: "Estimate", other: "Estimate") -> "Estimate":
         return replace(

@@ -58,7 +58,7 @@ def setting(
         fit_harmonics,
         run_out,
     )
-    from flexstage.centring.in_scale import scale_harmonic
+    from flexstage.centring.harmonic_fit import scale_harmonic
 
     if len({h.radial for h in heads}) > 1:
         raise RecordError("the columns of errors must all be angles, or all lengths")

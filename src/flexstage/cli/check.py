@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.cli.common import JsonOption, StageArgument, count, load_stage, print_json
+from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.terminal import count, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,9 +17,10 @@ if TYPE_CHECKING:
 
 def check(stage: StageArgument, json: JsonOption = False) -> None:
     """Check a stage: geometry, hinges, supports and drives."""
+    from flexstage.designs import find_stage
     from flexstage.stage.checks import check as check_stage
 
-    described = load_stage(stage)
+    described = find_stage(stage)
     issues = check_stage(described)
     errors = sum(f.severity == "error" for f in issues)
     if json:

@@ -47,7 +47,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
 }
 
 
-class Command(TyperCommand):
+class CliCommand(TyperCommand):
     """A command: a usage line as manuals have it, options in sections, former names understood."""
 
     def make_parser(self, ctx: Any) -> Any:
@@ -73,7 +73,7 @@ class Command(TyperCommand):
                 formatter.write_dl(rows)
 
 
-class Group(TyperGroup):
+class CliGroup(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
     def make_parser(self, ctx: Any) -> Any:

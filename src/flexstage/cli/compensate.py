@@ -5,17 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    CurrentOption,
-    JsonOption,
-    SlewOption,
-    console,
-    file_option,
-    print_json,
-    write_file,
-)
+from flexstage.cli.options import CurrentOption, JsonOption, SlewOption
+from flexstage.cli.output_files import file_option, write_file
 from flexstage.cli.predict import moved_for
-from flexstage.cli.records import (
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -29,6 +22,7 @@ from flexstage.cli.records import (
     read_records,
     record_format,
 )
+from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:

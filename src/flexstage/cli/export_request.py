@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.cli.common import name_for_files
+from flexstage.cli.output_files import name_for_files
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ class ExportRequest:
     def run(self) -> "ModelRun":
         """The analysis by the chosen model, and its mesh."""
         from flexstage.report import run_model
-        from flexstage.report.models import Wanted
+        from flexstage.report.models import ModelOptions
 
-        return run_model(self.stage, self.model, Wanted(plane=self.plane))  # type: ignore[arg-type]
+        return run_model(self.stage, self.model, ModelOptions(plane=self.plane))  # type: ignore[arg-type]
 
     @property
     def system(self) -> "MechanicalSystem":

@@ -5,18 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    InputUnitOption,
-    JsonOption,
-    OutputUnitOption,
-    console,
-    figure_option,
-    make_table,
-    print_json,
-    write_file,
-)
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.records import (
+from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption
+from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -27,6 +19,7 @@ from flexstage.cli.records import (
     SkipLinesOption,
     TimeOption,
 )
+from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import ModelError, UnitError
 
 if TYPE_CHECKING:

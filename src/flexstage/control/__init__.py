@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.control.design import Requirements, Tuning, tune
+    from flexstage.control.delay_calibration import trimmed_model
+    from flexstage.control.design import Requirements, ServoDesign, tune
     from flexstage.control.feedforward import (
         Compensation,
         compensate,
@@ -28,8 +29,7 @@ if TYPE_CHECKING:
     from flexstage.control.trajectories.staircase import staircase
     from flexstage.control.trajectories.trajectory import Trajectory, band_limited
     from flexstage.control.trajectories.triangle import triangle
-    from flexstage.control.trim import trimmed_model
-    from flexstage.control.two_degrees import (
+    from flexstage.control.two_degree_of_freedom import (
         Way,
         carry_out,
         control_run,
@@ -41,9 +41,9 @@ __all__ = [
     "Learning",
     "LearningSettings",
     "Requirements",
+    "ServoDesign",
     "Trajectory",
     "Trial",
-    "Tuning",
     "Way",
     "band_limited",
     "carry_out",

@@ -67,7 +67,7 @@ class Requirements:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tuning:
+class ServoDesign:
     """Settings of a control, and what they keep."""
 
     settings: ServoSettings
@@ -95,7 +95,7 @@ def tune(
     requirements: Requirements | None = None,
     mains_hz: float | None = None,
     resonance: tuple[float, float] | None = None,
-) -> Tuning:
+) -> ServoDesign:
     """Return settings for the position control of an identified drive.
 
     Parameters
@@ -121,7 +121,7 @@ def tune(
 
     Returns
     -------
-    Tuning
+    ServoDesign
         The settings and their margins.
 
     Raises
@@ -142,7 +142,7 @@ def tune_plant(
     kind: str = "auto",
     requirements: Requirements | None = None,
     mains_hz: float | None = None,
-) -> Tuning:
+) -> ServoDesign:
     r"""Return the settings with the largest integral gain that keeps the requirements.
 
     The integral gain is what is left of slow errors (K. J. Astrom, H. Panagopoulos, T. Hagglund,
@@ -191,7 +191,7 @@ def tune_plant(
         )
     margins = [loop_margins(case, best) for case in cases]
     nominal = loop_margins(plant, best)
-    return Tuning(
+    return ServoDesign(
         settings=best,
         nominal=nominal,
         worst=_worst(margins),

@@ -10,7 +10,7 @@ from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table
 from flexstage.interactive.stages import stage_of
-from flexstage.report.models import ModelRun, Plane, Wanted, run_model
+from flexstage.report.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.report.quantities import display
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem
@@ -137,10 +137,10 @@ def analyse(
     >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
     321.2 Hz
     """
-    wanted = Wanted(
+    options = ModelOptions(
         plane=plane, accuracy=accuracy, quantity=quantity, supports=supports, stroke=stroke
     )
-    return StageAnalysis(run=run_model(stage_of(stage), model, wanted))
+    return StageAnalysis(run=run_model(stage_of(stage), model, options))
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":

@@ -15,51 +15,53 @@ from flexstage.plans.identify_step import identified_from, identify_model
 from flexstage.plans.measure_step import measure, measured_from
 from flexstage.plans.plan import Step
 from flexstage.plans.results import CommandedStep, StepResult
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Centre, Characterise, Compensate, Identify, Measure, Verify
 from flexstage.plans.verify_step import verified_from, verify
-from flexstage.plans.work import Work
 
 
-def carry_out(work: Work, step: Step) -> list[Path]:
+def carry_out(context: RunContext, step: Step) -> list[Path]:
     """Do what a step asks for, and write what it gives."""
     action = step.action
     if isinstance(action, Measure):
-        return [measure(work, step.name, action)]
+        return [measure(context, step.name, action)]
     if isinstance(action, Identify):
-        return [identify_model(work, step.name, action)]
+        return [identify_model(context, step.name, action)]
     if isinstance(action, Verify):
-        return verify(work, step.name, action)
+        return verify(context, step.name, action)
     if isinstance(action, Centre):
-        return [centre_scale(work, step.name, action)]
+        return [centre_scale(context, step.name, action)]
     return []
 
 
-def result_of(work: Work, step: Step, files: list[Path], *, now: bool) -> StepResult:
+def result_of(context: RunContext, step: Step, files: list[Path], *, now: bool) -> StepResult:
     """Return the result of a step from what it wrote, now or in an earlier run."""
     action, name = step.action, step.name
     if isinstance(action, Excite):
-        return _commanded(work, name, action)
+        return _commanded(context, name, action)
     if isinstance(action, Measure):
-        return measured_from(work, name, action, files[0], now=now)
+        return measured_from(context, name, action, files[0], now=now)
     if isinstance(action, Characterise):
-        return characterised(work, name, action)
+        return characterised(context, name, action)
     if isinstance(action, Identify):
-        return identified_from(work, name, action, files[0])
+        return identified_from(context, name, action, files[0])
     if isinstance(action, Compensate):
-        result, work.commands[name] = compensated(work, name, action)
+        result, context.commands[name] = compensated(context, name, action)
         return result
     if isinstance(action, Verify):
-        return verified_from(work, name, action, files)
-    return centred_from(work, name, action, files[0])
+        return verified_from(context, name, action, files)
+    return centred_from(context, name, action, files[0])
 
 
-def _commanded(work: Work, name: str, action: Excite) -> CommandedStep:
-    limits = {axis: own.limits for axis, own in work.instrument.axes.items()}
-    settings = settings_of(action, work.stage, limits=limits, natural_frequency_hz=work.frequency)
-    made = design_command(
-        action, settings, work.plan.defaults.command_rate, base_rate_hz=work.base_rate_hz
+def _commanded(context: RunContext, name: str, action: Excite) -> CommandedStep:
+    limits = {axis: own.limits for axis, own in context.instrument.axes.items()}
+    settings = settings_of(
+        action, context.stage, limits=limits, natural_frequency_hz=context.frequency
     )
-    work.commands[name] = made
+    made = design_command(
+        action, settings, context.plan.defaults.command_rate, base_rate_hz=context.base_rate_hz
+    )
+    context.commands[name] = made
     axis = "".join(action.moved)
     if isinstance(made, Strike):
         return CommandedStep(

@@ -8,38 +8,38 @@ from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
 from flexstage.instruments.catalogue.folder import enter_folder
 from flexstage.plans.results import IdentifiedStep
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.state import file_hash
-from flexstage.plans.work import Work
 from flexstage.provenance import content_hash
 
 
-def enter_all(work: Work, catalogue: str | None) -> tuple[str, ...]:
+def enter_all(context: RunContext, catalogue: str | None) -> tuple[str, ...]:
     """Enter every record and model of a run; what cannot be entered is told and never lost."""
     if catalogue is None:
         return ()
     try:
-        entered = enter_folder(work.folder, catalogue)
+        entered = enter_folder(context.folder, catalogue)
         problems = list(entered.problems)
         if not problems:
             runs = {entry.file: entry.identifier for entry in entered.runs}
-            _enter_models(work, catalogue, runs)
+            _enter_models(context, catalogue, runs)
     except (FlexstageError, OSError) as error:
         problems = [str(error)]
     return tuple(
-        f"not in the catalogue: {said}; enter it later by 'flexstage runs add {work.folder}'"
+        f"not in the catalogue: {said}; enter it later by 'flexstage runs add {context.folder}'"
         for said in problems
     )
 
 
-def _enter_models(work: Work, catalogue: str, runs: dict[str, str]) -> None:
-    found = [step for step in work.results.values() if isinstance(step, IdentifiedStep)]
+def _enter_models(context: RunContext, catalogue: str, runs: dict[str, str]) -> None:
+    found = [step for step in context.results.values() if isinstance(step, IdentifiedStep)]
     if not found:
         return
     stage = StageEntry(
-        name=work.stage.name,
-        serial_number=work.serial_number,
-        design=work.plan.stage,
-        hash=content_hash(work.stage),
+        name=context.stage.name,
+        serial_number=context.serial_number,
+        design=context.plan.stage,
+        hash=content_hash(context.stage),
     )
     with Catalogue.open(catalogue) as database:
         for step in found:
@@ -51,7 +51,7 @@ def _enter_models(work: Work, catalogue: str, runs: dict[str, str]) -> None:
                     figures={f"{k} [%]": v for k, v in step.errors_percent.items()},
                     stage=stage,
                     created=_made(step.file),
-                    run=_source(work, step.name, runs),
+                    run=_source(context, step.name, runs),
                     sha256=file_hash(step.file),
                 )
             )
@@ -61,9 +61,9 @@ def _made(file: Path) -> datetime.datetime:
     return datetime.datetime.fromtimestamp(file.stat().st_mtime, datetime.UTC)
 
 
-def _source(work: Work, name: str, runs: dict[str, str]) -> str:
+def _source(context: RunContext, name: str, runs: dict[str, str]) -> str:
     """Return the identifier of the last record that a model was identified from."""
-    action = work.plan.step(name).action
+    action = context.plan.step(name).action
     last = getattr(action, "of", ("",))[-1]
-    file = work.measured(last).file.relative_to(work.folder).as_posix()
+    file = context.measured(last).file.relative_to(context.folder).as_posix()
     return runs.get(file, "")

@@ -1,4 +1,7 @@
-"""The step that centres an encoder scale with the stage."""
+"""The step that centres an encoder scale with the stage.
+
+Two axes of the instrument are the positioner; table and heads are simulated.
+"""
 
 import json
 import math
@@ -7,21 +10,153 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.centring.bench import CentreReading, table_reading
+from flexstage.arrays import Array
 from flexstage.centring.head_averaging import against_reference
 from flexstage.centring.procedure import centre
+from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.errors import PlanError
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
+from flexstage.instruments.ramp import lead_to
+from flexstage.plans.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.plans.files import write_text
-from flexstage.plans.positioner import InstrumentPositioner
-from flexstage.plans.recorded import park
+from flexstage.plans.recorded_command import park, prepare_loops
 from flexstage.plans.results import CentredStep
-from flexstage.plans.results_centring import CentredMove
+from flexstage.plans.run_context import RunContext
+from flexstage.plans.step_results import CentredMove
 from flexstage.plans.verbs import Centre
-from flexstage.plans.work import Work
+from flexstage.stage import Stage
 
+#: Readings that are averaged, a millisecond apart: one period of the mains.
+_READINGS = 20
+#: Uncertainty of a move in open loop, as a share of its length; of one under control [1].
+_OPEN, _CLOSED = 0.05, 1e-4
+#: Smallest move of an axis with a piezo stack [m].
+_RESOLUTION = 5e-9
 _ORDERS = range(1, 25)
 _NOTES = ("table and heads are simulated; the scale is where the stage's sensors say that it is",)
+
+
+class InstrumentPositioner:
+    """Two axes of an instrument, commanded in metres from the middle of their ranges.
+
+    Notes
+    -----
+    Validity: in open loop a command in metres is a share of the estimated stroke, and hysteresis is
+    part of the uncertainty of a move.
+    """
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        stage: Stage,
+        axes: tuple[str, str],
+        channels: tuple[int, int],
+        *,
+        closed_loop: bool,
+    ) -> None:
+        self._instrument, self._channels = instrument, channels
+        self._axes = [_AxisOf(instrument, stage, a, closed_loop) for a in axes]
+        self._position = (0.0, 0.0)
+        self.middle = np.zeros(2)
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and greatest command of each axis [m]."""
+        x, y = self._axes
+        return (-x.half, x.half), (-y.half, y.half)
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """The last command [m]."""
+        return self._position
+
+    @property
+    def resolution(self) -> tuple[float, float]:
+        """Standard uncertainty with which an axis takes a command [m]."""
+        x, y = self._axes
+        return x.resolution, y.resolution
+
+    @property
+    def hysteresis(self) -> tuple[float, float]:
+        """Standard uncertainty of a move as a share of its length [1]."""
+        x, y = self._axes
+        return x.share, y.share
+
+    @property
+    def backlash(self) -> tuple[float, float]:
+        """Play of each axis on turning back; every command is approached from below [m]."""
+        return 0.0, 0.0
+
+    def settable(self, x: float, y: float) -> tuple[float, float]:
+        """Return the nearest commands within the limits that can be set."""
+        first, second = (a.settable(c) for a, c in zip(self._axes, (x, y), strict=True))
+        return first, second
+
+    def move_to(self, x: float, y: float) -> tuple[float, float]:
+        """Move both axes."""
+        self._position = self.settable(x, y)
+        for axis, command in zip(self._axes, self._position, strict=True):
+            axis.go(command)
+        return self._position
+
+    def to_middle(self) -> None:
+        """Go to the middle of both ranges, and take what the sensors read there for zero."""
+        self.move_to(*(-a.half for a in self._axes))
+        self.move_to(0.0, 0.0)
+        self.middle = np.zeros(2)
+        self.middle = self.reading()
+
+    def reading(self) -> Array:
+        """Return where the sensors see the platform, from the middle [m], shape (2,)."""
+        found = np.zeros(2)
+        for _ in range(_READINGS):
+            found += [self._instrument.channel(number) for number in self._channels]
+            self._instrument.pause(1e-3)
+        return found / _READINGS - self.middle
+
+
+class _AxisOf:
+    """One axis: commands in metres from the middle, sent as positions or voltages."""
+
+    def __init__(self, instrument: Instrument, stage: Stage, name: str, closed: bool) -> None:
+        if name not in instrument.axes:
+            raise PlanError(
+                f"the instrument has no axis '{name}': its axes are {', '.join(instrument.axes)}"
+            )
+        self._instrument, self.name = instrument, name
+        self._axis: MotionAxis = instrument.axes[name]
+        can = Capability.CLOSED_LOOP in self._axis.capabilities
+        voltage = self._axis.limits.voltage is not None
+        self._setting: AxisSetting = axis_setting(
+            stage, name, closed_loop=closed and can, limits=self._axis.limits
+        )
+        self._by_position = self._setting.quantity == "position"
+        prepare_loops(instrument, [name], self._setting.quantity)
+        span = self._setting.high - self._setting.low
+        # what a metre is in the unit of the command
+        self._scale = 1.0 if self._by_position else span / estimated_stroke(stage, name)
+        self.half = 0.5 * span / self._scale
+        step = self._setting.smallest_step
+        self._quantum = step or 0.0
+        self.resolution = 0.5 * step if step else _RESOLUTION
+        self.share = _CLOSED if self._by_position or not voltage else _OPEN
+
+    def settable(self, command: float) -> float:
+        inside = min(max(command, -self.half), self.half)
+        if not self._quantum:
+            return inside
+        steps = round(inside / self._quantum)
+        most = int(self.half / self._quantum)
+        return min(max(steps, -most), most) * self._quantum
+
+    def go(self, command: float) -> None:
+        middle = 0.5 * (self._setting.low + self._setting.high)
+        value = min(max(middle + self._scale * command, self._setting.low), self._setting.high)
+        if self._by_position:
+            self._axis.move_to(value)
+        else:
+            lead_to(self._instrument, {self.name: value}, "voltage", time=0.2)
 
 
 class _Bench:
@@ -43,13 +178,13 @@ class _Bench:
         return table_reading(found, self._table.radius)
 
 
-def centre_scale(work: Work, name: str, action: Centre) -> Path:
+def centre_scale(context: RunContext, name: str, action: Centre) -> Path:
     """Centre the scale, and write every measurement and move."""
-    park(work.instrument, action.axes)
-    first, second = (int(work.plan.sensor(s).channel) for s in action.sensors)
+    park(context.instrument, action.axes)
+    first, second = (int(context.plan.sensor(s).channel) for s in action.sensors)
     positioner = InstrumentPositioner(
-        work.instrument,
-        work.stage,
+        context.instrument,
+        context.stage,
         action.axes,
         (first, second),
         closed_loop=action.closed_loop,
@@ -87,14 +222,14 @@ def centre_scale(work: Work, name: str, action: Centre) -> Path:
         moves=tuple(moves),
         notes=_NOTES,
     )
-    target = work.folder / "records" / f"{name}.json"
+    target = context.folder / "records" / f"{name}.json"
     write_text(target, json.dumps(asdict(result), indent=1) + "\n")
     return target
 
 
-def centred_from(work: Work, name: str, action: Centre, file: Path) -> CentredStep:
+def centred_from(context: RunContext, name: str, action: Centre, file: Path) -> CentredStep:
     """Return the result of a step from its file."""
-    del work, action
+    del context, action
     try:
         read = json.loads(file.read_text(encoding="utf-8"))
         moves = tuple(

@@ -12,8 +12,8 @@ from flexstage.experiment.campaign.results import Characterisation, Figure
 from flexstage.plans.excite import Blows, Chirp, Multisine
 from flexstage.plans.measure_step import RESPONSE, corner_visits
 from flexstage.plans.results import CharacterisedStep
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Characterise, Measure
-from flexstage.plans.work import Work
 from flexstage.records import Record
 
 #: Roles that a kind of test reads.
@@ -28,36 +28,36 @@ _ROLES: dict[str, tuple[str, ...]] = {
 _COMMANDED = ("motion", "positioning", "staircase")
 
 
-def characterised(work: Work, name: str, action: Characterise) -> CharacterisedStep:
+def characterised(context: RunContext, name: str, action: Characterise) -> CharacterisedStep:
     """Evaluate the records of earlier steps."""
-    tests = tuple(_test(work, step) for step in action.of)
-    virtual = work.instrument.identity.simulated
+    tests = tuple(_test(context, step) for step in action.of)
+    virtual = context.instrument.identity.simulated
     campaign = Campaign(
-        stage=work.plan.stage,
+        stage=context.plan.stage,
         origin="virtual" if virtual else "measured",
-        instruments=tuple(sensor.instrument for sensor in work.plan.sensors),
+        instruments=tuple(sensor.instrument for sensor in context.plan.sensors),
         tests=tests,
         notes=(
             *(("the instrument is a simulation: nothing was measured",) if virtual else ()),
-            *work.plan.notes,
+            *context.plan.notes,
         ),
     )
 
     def load(test: Test) -> list[Record]:
-        measured = work.measured(test.name)
+        measured = context.measured(test.name)
         if test.kind == "workspace":
             return [corner_visits(measured.evaluated, test.columns.x or "", test.columns.y or "")]
         return [measured.evaluated]
 
     found = evaluate(campaign, load)
-    return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(work, found)))
+    return CharacterisedStep(name=name, found=found, ratios=tuple(_ratios(context, found)))
 
 
-def _ratios(work: Work, found: Characterisation) -> Iterator[Figure]:
+def _ratios(context: RunContext, found: Characterisation) -> Iterator[Figure]:
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
         stroke = result.details.get("stroke")
-        record = work.measured(result.test.name).record
+        record = context.measured(result.test.name).record
         if stroke is None or record.channel("command").unit != "m":
             continue
         sensor = found.campaign.setup(result.test.along)
@@ -75,13 +75,13 @@ def _ratios(work: Work, found: Characterisation) -> Iterator[Figure]:
         )
 
 
-def _test(work: Work, name: str) -> Test:
+def _test(context: RunContext, name: str) -> Test:
     """Return the description of a test that a step has measured."""
-    action = work.plan.step(name).action
+    action = context.plan.step(name).action
     assert isinstance(action, Measure)
     kind = action.test or ""
-    source = work.plan.step(action.of).action
-    axis = work.plan.axis_of(name)
+    source = context.plan.step(action.of).action
+    axis = context.plan.axis_of(name)
     roles = {r: s for r, s in action.roles.items() if r in _ROLES[kind]}
     if kind != "response" and not roles:
         raise PlanError(
@@ -105,7 +105,7 @@ def _test(work: Work, name: str) -> Test:
         name=name,
         kind=kind,
         axis=axis,
-        records=(work.measured(name).file.name,),
+        records=(context.measured(name).file.name,),
         columns=Columns(**given),  # type: ignore[arg-type]
         along=action.along or action.x,
         transverse=action.across or action.vertical,

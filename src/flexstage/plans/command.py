@@ -6,7 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.errors import PlanError
 from flexstage.instruments.waveform import Quantity, Waveform
+
+#: More samples do not fit into memory.
+_MOST_SAMPLES = 5_000_000
+
+
+def require_size(size: float, kind: str) -> None:
+    """Refuse a command that would not fit into memory, before it is made."""
+    if size > _MOST_SAMPLES:
+        raise PlanError(
+            f"the command '{kind}' would have {size:.0f} samples, and at most {_MOST_SAMPLES} are "
+            "allowed: make it shorter, or lower command_rate"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +33,7 @@ class Strike:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Command:
+class CommandWaveform:
     """What axes are to do."""
 
     waveform: Waveform

@@ -10,19 +10,19 @@ from flexstage.errors import PlanError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.waveform import Waveform
-from flexstage.plans.command import Command
+from flexstage.plans.axis_limits import axis_setting
+from flexstage.plans.command import CommandWaveform
 from flexstage.plans.reference import reference_trajectory, settled_range
 from flexstage.plans.results import CompensatedStep
-from flexstage.plans.setting import axis_setting
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Compensate, Reference
-from flexstage.plans.work import Work
 
 #: Share of the positions that may be commanded that is kept clear at each end.
 _CLEAR = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Course:
+class ReferenceTrajectory:
     """A reference for the axis of a model."""
 
     trajectory: Trajectory
@@ -47,30 +47,30 @@ class Course:
         return np.asarray(self.trajectory.positions[self.axis], dtype=np.float64)
 
 
-def course_of(
-    work: Work,
+def reference_of(
+    context: RunContext,
     model: str,
     wanted: Reference,
     drive: DriveModel | None = None,
     *,
     controlled: bool = False,
-) -> Course:
+) -> ReferenceTrajectory:
     """Return the reference for the axis of a model."""
-    found = work.identified(model)
+    found = context.identified(model)
     used = found.model if drive is None else drive
-    limits = work.instrument.axes[found.axis].limits
-    setting = axis_setting(work.stage, found.axis, limits=limits)
+    limits = context.instrument.axes[found.axis].limits
+    setting = axis_setting(context.stage, found.axis, limits=limits)
     voltages, readings = settled_range(used, (setting.low, setting.high), wanted.rate)
     if controlled and limits.position is not None:
         readings = _within(readings, limits.position, found.axis)
     trajectory = reference_trajectory(
-        wanted, found.axis, readings, work.plan.defaults.command_rate, work.base_rate_hz
+        wanted, found.axis, readings, context.plan.defaults.command_rate, context.base_rate_hz
     )
     own = AxisLimits(
         position=limits.position, voltage=voltages, speed=limits.speed, slew=limits.slew,
         safe_voltage=min(max(limits.safe_voltage, voltages[0]), voltages[1]),
     )  # fmt: skip
-    return Course(
+    return ReferenceTrajectory(
         trajectory=trajectory,
         model=used,
         limits=own,
@@ -94,7 +94,9 @@ def _within(
     return low, high
 
 
-def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]) -> Command:
+def joined(
+    course: ReferenceTrajectory, lead_in: Waveform, voltage: Waveform, notes: tuple[str, ...]
+) -> CommandWaveform:
     """Return voltages over all periods, after those that condition the drive."""
     axis, period = course.axis, course.positions
     before = lead_in.values[axis]
@@ -103,7 +105,7 @@ def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[st
     reference = np.concatenate(
         (np.full(before.size, period[0]), np.tile(period, periods), period[:1])
     )
-    return Command(
+    return CommandWaveform(
         waveform=Waveform(
             values={axis: values}, sample_rate_hz=voltage.sample_rate_hz, quantity="voltage"
         ),
@@ -114,9 +116,11 @@ def joined(course: Course, lead_in: Waveform, voltage: Waveform, notes: tuple[st
     )
 
 
-def compensated(work: Work, name: str, action: Compensate) -> tuple[CompensatedStep, Command]:
+def compensated(
+    context: RunContext, name: str, action: Compensate
+) -> tuple[CompensatedStep, CommandWaveform]:
     """Make the command by which an axis follows a reference."""
-    course = course_of(work, action.model, action.reference)
+    course = reference_of(context, action.model, action.reference)
     axis = course.axis
     made = compensate(
         {axis: course.model},

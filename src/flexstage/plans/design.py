@@ -9,22 +9,21 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.instruments.waveform import Waveform
-from flexstage.plans.command import Command, Strike
+from flexstage.plans.axis_limits import AxisSetting
+from flexstage.plans.command import CommandWaveform, Strike, require_size
 from flexstage.plans.excite import (
+    BidirectionalTargets,
     Blows,
     Chirp,
     Corners,
-    Cycles,
     Designed,
+    EqualCycles,
     Excite,
     Falling,
     Hold,
     Multisine,
-    Positioning,
-    Staircase,
+    RisingSteps,
 )
-from flexstage.plans.setting import AxisSetting
-from flexstage.plans.size import require_size
 
 #: A step from level to level lasts this long, or longer where the limits ask for it [s].
 _STEP_TIME = 5e-3
@@ -46,25 +45,25 @@ def design_command(
     sample_rate_hz: float,
     *,
     base_rate_hz: float = BASE_RATE_HZ,
-) -> Command | Strike:
+) -> CommandWaveform | Strike:
     """Return the samples of a command.
 
     Examples
     --------
     >>> x = AxisSetting(axis="x", quantity="voltage", low=0.0, high=120.0)
-    >>> made = design_command(Cycles(axis="x", rate=0.5, cycles=3), {"x": x}, 1000.0)
+    >>> made = design_command(EqualCycles(axis="x", rate=0.5, cycles=3), {"x": x}, 1000.0)
     >>> made.duration, made.first, float(made.waveform.values["x"].max())
     (8.001, 2000, 120.0)
     """
     if isinstance(wanted, Blows):
         return Strike(axis=wanted.axis, hits=int(wanted.hits))
     fs = whole_part(sample_rate_hz, base_rate_hz)
-    makers: dict[type, Callable[..., Command]] = {
-        Cycles: _cycles,
+    makers: dict[type, Callable[..., CommandWaveform]] = {
+        EqualCycles: _cycles,
         Falling: _falling,
         Designed: _designed,
-        Staircase: _staircase,
-        Positioning: _positioning,
+        RisingSteps: _staircase,
+        BidirectionalTargets: _positioning,
         Hold: _hold,
     }
     if isinstance(wanted, Corners):
@@ -89,11 +88,11 @@ def whole_part(rate_hz: float, base_rate_hz: float) -> float:
     return base_rate_hz / max(round(base_rate_hz / rate_hz), 1)
 
 
-def _command(setting: AxisSetting, values: Array, rate: float, **more: object) -> Command:
+def _command(setting: AxisSetting, values: Array, rate: float, **more: object) -> CommandWaveform:
     waveform = Waveform(
         values={setting.axis: values}, sample_rate_hz=rate, quantity=setting.quantity
     )
-    return Command(waveform=waveform, reference={}, **more)  # type: ignore[arg-type]
+    return CommandWaveform(waveform=waveform, reference={}, **more)  # type: ignore[arg-type]
 
 
 def _samples_of_cycle(kind: str, rate_hz: float, sample_rate_hz: float, cycles: float) -> int:
@@ -107,7 +106,7 @@ def _samples_of_cycle(kind: str, rate_hz: float, sample_rate_hz: float, cycles: 
     return n
 
 
-def _cycles(w: Cycles, s: AxisSetting, fs: float) -> Command:
+def _cycles(w: EqualCycles, s: AxisSetting, fs: float) -> CommandWaveform:
     n = _samples_of_cycle(w.kind, w.rate, fs, w.cycles + w.condition)
     k = np.arange(int((w.cycles + w.condition) * n) + 1)
     phase = k / n
@@ -119,7 +118,7 @@ def _cycles(w: Cycles, s: AxisSetting, fs: float) -> Command:
     return _command(s, low + (high - low) * share, fs, first=int(w.condition) * n, period=n)
 
 
-def _falling(w: Falling, s: AxisSetting, fs: float) -> Command:
+def _falling(w: Falling, s: AxisSetting, fs: float) -> CommandWaveform:
     before, whole = w.condition, w.full + w.falling
     n = _samples_of_cycle(w.kind, w.rate, fs, before + whole)
     cycle = np.arange(int((before + whole) * n) + 1) / n - before
@@ -128,7 +127,7 @@ def _falling(w: Falling, s: AxisSetting, fs: float) -> Command:
     return _command(s, s.low + (s.high - s.low) * share, fs, first=int(before) * n, period=n)
 
 
-def _designed(w: Designed, s: AxisSetting, fs: float) -> Command:
+def _designed(w: Designed, s: AxisSetting, fs: float) -> CommandWaveform:
     from flexstage.hysteresis import excitation
 
     if s.quantity != "voltage":
@@ -150,7 +149,7 @@ def _designed(w: Designed, s: AxisSetting, fs: float) -> Command:
     return _command(s, made.voltage, fs, notes=made.warnings)
 
 
-def _small(w: Multisine | Chirp, s: AxisSetting, fs: float, base: float) -> Command:
+def _small(w: Multisine | Chirp, s: AxisSetting, fs: float, base: float) -> CommandWaveform:
     if s.quantity != "voltage":
         raise PlanError(
             f"small sines are for a piezo stack in open loop, and axis '{s.axis}' has none"
@@ -228,7 +227,7 @@ def _levels(
     return np.concatenate(parts), wait
 
 
-def _staircase(w: Staircase, s: AxisSetting, fs: float) -> Command:
+def _staircase(w: RisingSteps, s: AxisSetting, fs: float) -> CommandWaveform:
     height = w.advance if s.quantity == "position" else w.step
     if height is None and s.quantity == "position":
         height = s.smallest_step
@@ -246,7 +245,7 @@ def _staircase(w: Staircase, s: AxisSetting, fs: float) -> Command:
     return _command(s, samples, fs, first=wait)
 
 
-def _positioning(w: Positioning, s: AxisSetting, fs: float) -> Command:
+def _positioning(w: BidirectionalTargets, s: AxisSetting, fs: float) -> CommandWaveform:
     if s.quantity != "position":
         raise PlanError(f"targets are positions, and axis '{s.axis}' is commanded by voltage")
     rise = np.linspace(s.place(w.low), s.place(w.high), int(w.targets))
@@ -263,13 +262,13 @@ def _positioning(w: Positioning, s: AxisSetting, fs: float) -> Command:
     return _command(s, samples, fs)
 
 
-def _hold(w: Hold, s: AxisSetting, fs: float) -> Command:
+def _hold(w: Hold, s: AxisSetting, fs: float) -> CommandWaveform:
     wait, n = round(w.settle * fs), max(round(w.duration * fs), 2)
     require_size(wait + n, w.kind)
     return _command(s, np.full(wait + n, s.place(w.at)), fs, first=wait)
 
 
-def _corners(w: Corners, settings: list[AxisSetting], fs: float) -> Command:
+def _corners(w: Corners, settings: list[AxisSetting], fs: float) -> CommandWaveform:
     if len({s.quantity for s in settings}) > 1:
         raise PlanError("corners need two axes that are commanded in the same way")
     rest, way = max(round(w.dwell * fs), 4), max(round(w.travel * fs), 1)
@@ -297,7 +296,9 @@ def _corners(w: Corners, settings: list[AxisSetting], fs: float) -> Command:
     )
     # the first round brings both axes into the memory that all later ones share
     first = 4 * (rest + way)
-    return Command(waveform=waveform, first=first, reference={}, corner=np.concatenate(number))
+    return CommandWaveform(
+        waveform=waveform, first=first, reference={}, corner=np.concatenate(number)
+    )
 
 
 def _text(value: float, s: AxisSetting) -> str:

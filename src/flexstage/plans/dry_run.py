@@ -8,12 +8,17 @@ import numpy as np
 from flexstage.errors import FlexstageError, LimitError
 from flexstage.instruments.checks import check_waveform
 from flexstage.instruments.limits import AxisLimits
-from flexstage.plans.command import Command, Strike
+from flexstage.plans.axis_limits import (
+    AxisSetting,
+    axis_setting,
+    estimated_stroke,
+    lowest_frequency,
+)
+from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.plans.design import BASE_RATE_HZ, design_command
 from flexstage.plans.excite import Excite
 from flexstage.plans.plan import Plan, Step
 from flexstage.plans.reference import reference_rate, require_whole_cycles
-from flexstage.plans.setting import AxisSetting, axis_setting, estimated_stroke, lowest_frequency
 from flexstage.plans.verbs import Centre, Compensate, Measure, Verify
 from flexstage.stage import Stage
 
@@ -225,7 +230,7 @@ def _planned(
 
 
 def _command(
-    step: Step, action: Excite, made: Command | Strike, settings: Mapping[str, AxisSetting]
+    step: Step, action: Excite, made: CommandWaveform | Strike, settings: Mapping[str, AxisSetting]
 ) -> PlannedStep:
     if isinstance(made, Strike):
         what = f"{made.hits} blows along {made.axis}, drives taken out"
@@ -253,7 +258,7 @@ def _limits(s: AxisSetting) -> AxisLimits:
     return AxisLimits(position=(s.low, s.high), speed=s.largest_rate)
 
 
-def _motion(made: Command, s: AxisSetting) -> PlannedMotion:
+def _motion(made: CommandWaveform, s: AxisSetting) -> PlannedMotion:
     values = made.waveform.values[s.axis]
     return PlannedMotion(
         axis=s.axis,

@@ -8,8 +8,8 @@ from flexstage.errors import PlanError
 from flexstage.hysteresis import ModelFile, identify, model_text, read_model_file
 from flexstage.plans.files import write_text
 from flexstage.plans.results import CharacterisedStep, IdentifiedStep
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Identify
-from flexstage.plans.work import Work
 from flexstage.provenance import provenance
 
 #: Share of a record, from its start, that the largest deviation leaves out: it remembers what was
@@ -17,22 +17,22 @@ from flexstage.provenance import provenance
 SETTLED = 0.1
 
 
-def identify_model(work: Work, name: str, action: Identify) -> Path:
+def identify_model(context: RunContext, name: str, action: Identify) -> Path:
     """Identify a model from the records of earlier steps, and write it."""
-    steps = [work.measured(step) for step in action.of]
+    steps = [context.measured(step) for step in action.of]
     found = identify(
         [step.evaluated for step in steps],
         "command",
         action.output,
         model=action.models,
-        resonance=_resonance(work, name, action),
+        resonance=_resonance(context, name, action),
     )
     errors = {"rms": found.rms_percent, "max": found.max_percent}
     if found.heldout_rms_percent is not None:
         errors["held-out rms"] = found.heldout_rms_percent
     if found.heldout_max_percent is not None:
         errors["held-out max"] = found.heldout_max_percent
-    made = provenance(found.model, {"plan": work.title, "step": name})
+    made = provenance(found.model, {"plan": context.title, "step": name})
     file = ModelFile(
         model=found.model,
         errors=errors,
@@ -40,36 +40,36 @@ def identify_model(work: Work, name: str, action: Identify) -> Path:
         provenance={
             "version": made.version,
             "created": made.created,
-            "stage": work.stage.name,
-            "serial_number": work.serial_number,
-            "axis": work.plan.axis_of(name),
+            "stage": context.stage.name,
+            "serial_number": context.serial_number,
+            "axis": context.plan.axis_of(name),
             "records": [step.file.name for step in steps],
-            "plan": work.title,
+            "plan": context.title,
             "step": name,
-            "simulated": work.instrument.identity.simulated,
+            "simulated": context.instrument.identity.simulated,
         },
     )
-    target = work.folder / "models" / f"{name}.yaml"
+    target = context.folder / "models" / f"{name}.yaml"
     write_text(target, model_text(file))
     return target
 
 
-def _resonance(work: Work, name: str, action: Identify) -> tuple[float, float] | None:
+def _resonance(context: RunContext, name: str, action: Identify) -> tuple[float, float] | None:
     """Return frequency [Hz] and damping ratio of the mode that was measured in place."""
     if action.resonance is None:
         return None
-    found = work.results[action.resonance]
+    found = context.results[action.resonance]
     if not isinstance(found, CharacterisedStep):
         raise PlanError(f"step '{action.resonance}' has found no resonance")
-    axis = work.plan.axis_of(name)
+    axis = context.plan.axis_of(name)
     frequency = found.found.figure("natural_frequency_hz", axis).estimate.value
     return frequency, found.found.figure("damping_ratio", axis).estimate.value
 
 
-def identified_from(work: Work, name: str, action: Identify, file: Path) -> IdentifiedStep:
+def identified_from(context: RunContext, name: str, action: Identify, file: Path) -> IdentifiedStep:
     """Return the result of a step from its model file."""
     read = read_model_file(file)
-    record = work.measured(action.of[-1]).evaluated
+    record = context.measured(action.of[-1]).evaluated
     voltage = record.channel("command").values
     measured = record.channel(action.output).values
     dt = 1.0 / record.sample_rate_hz
@@ -79,7 +79,7 @@ def identified_from(work: Work, name: str, action: Identify, file: Path) -> Iden
     modelled = modelled + float(np.mean(measured[late] - modelled[late]))
     return IdentifiedStep(
         name=name,
-        axis=work.plan.axis_of(name),
+        axis=context.plan.axis_of(name),
         model=read.model,
         kind=read.model.hysteresis.kind,
         file=file,

@@ -6,11 +6,11 @@ import numpy as np
 
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Signal
-from flexstage.plans.command import Command, Strike
-from flexstage.plans.recorded import record_command, record_strikes
+from flexstage.plans.command import CommandWaveform, Strike
+from flexstage.plans.recorded_command import record_command, record_strikes
 from flexstage.plans.results import MeasuredStep
+from flexstage.plans.run_context import RunContext
 from flexstage.plans.verbs import Measure
-from flexstage.plans.work import Work
 from flexstage.records import Record, read_record
 from flexstage.stage import PiezoStack
 
@@ -18,13 +18,13 @@ from flexstage.stage import PiezoStack
 RESPONSE = "acceleration {}"
 
 
-def measure(work: Work, name: str, action: Measure) -> Path:
+def measure(context: RunContext, name: str, action: Measure) -> Path:
     """Run the command of a step and record it."""
-    command = work.commands[action.of]
-    axis = work.plan.axis_of(name)
-    about = work.metadata(name, action.test or "identification", axis)
-    rate = action.rate or work.plan.defaults.rate
-    stream = work.folder / "records" / f"{name}.stream"
+    command = context.commands[action.of]
+    axis = context.plan.axis_of(name)
+    about = context.metadata(name, action.test or "identification", axis)
+    rate = action.rate or context.plan.defaults.rate
+    stream = context.folder / "records" / f"{name}.stream"
     if isinstance(command, Strike):
         outputs = action.output or (command.axis,)
         signals = [Signal(kind="force", source=command.axis, name="force", unit="N")]
@@ -32,31 +32,33 @@ def measure(work: Work, name: str, action: Measure) -> Path:
             Signal(kind="response", source=a, name=RESPONSE.format(a), unit="m/s^2")
             for a in outputs
         ]
-        return record_strikes(work.instrument, command, signals, rate, stream, about)
+        return record_strikes(context.instrument, command, signals, rate, stream, about)
     sensors = dict.fromkeys((*action.roles.values(), *action.output, *action.also))
-    signals = [work.signal(sensor) for sensor in sensors]
-    signals += _drives(work, command)
+    signals = [context.signal(sensor) for sensor in sensors]
+    signals += _drives(context, command)
     if not signals:
         raise PlanError(f"step '{name}' records nothing: name a sensor")
-    return record_command(work.instrument, command, signals, rate, stream, about)
+    return record_command(context.instrument, command, signals, rate, stream, about)
 
 
-def _drives(work: Work, command: Command) -> list[Signal]:
+def _drives(context: RunContext, command: CommandWaveform) -> list[Signal]:
     """The voltages of the drives that move, as far as they have one."""
     found = []
     for axis in command.axes:
-        if isinstance(work.stage.drive(work.stage.axis(axis).drive), PiezoStack):
+        if isinstance(context.stage.drive(context.stage.axis(axis).drive), PiezoStack):
             column = "voltage" if len(command.axes) == 1 else f"voltage {axis}"
             found.append(Signal(kind="voltage", source=axis, name=column, unit="V"))
     return found
 
 
-def measured_from(work: Work, name: str, action: Measure, file: Path, *, now: bool) -> MeasuredStep:
+def measured_from(
+    context: RunContext, name: str, action: Measure, file: Path, *, now: bool
+) -> MeasuredStep:
     """Return the result of a step from its file."""
     record = read_record(file)
-    command = work.commands[action.of]
+    command = context.commands[action.of]
     first = period = 0
-    if isinstance(command, Command):
+    if isinstance(command, CommandWaveform):
         rate = record.sample_rate_hz / command.waveform.sample_rate_hz
         # a record that was taken at places has no samples between them
         whole = abs(record.size - command.waveform.size * rate) < 3.0 * max(rate, 1.0)
@@ -64,7 +66,7 @@ def measured_from(work: Work, name: str, action: Measure, file: Path, *, now: bo
         period = round(command.period * rate) if whole else 0
     return MeasuredStep(
         name=name,
-        axis=work.plan.axis_of(name),
+        axis=context.plan.axis_of(name),
         test=action.test or "",
         record=record,
         first=first,

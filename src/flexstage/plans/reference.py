@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.control import Trajectory, sine, triangle
 from flexstage.errors import PlanError
 from flexstage.hysteresis import DriveModel
-from flexstage.plans.size import require_size
+from flexstage.plans.command import require_size
 from flexstage.plans.verbs import Reference, Verify
 
 #: Samples in a cycle, at least.

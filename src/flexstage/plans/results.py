@@ -10,14 +10,15 @@ from flexstage.experiment.campaign.results import Figure
 from flexstage.instruments.protocol import Identity
 from flexstage.plans.excite import Blows
 from flexstage.plans.plan import Plan
-from flexstage.plans.results_centring import CentredStep
-from flexstage.plans.results_commands import (
+from flexstage.plans.step_results import (
+    CentredStep,
     CharacterisedStep,
     CommandedStep,
     CompensatedStep,
+    IdentifiedStep,
     MeasuredStep,
+    VerifiedStep,
 )
-from flexstage.plans.results_models import IdentifiedStep, VerifiedStep
 from flexstage.plans.verbs import Measure
 from flexstage.stage import Stage
 

@@ -1,9 +1,14 @@
-"""Carries out a plan on an instrument, and takes it up again where it was interrupted."""
+"""Carries out a plan on an instrument, and takes it up again where it was interrupted.
+
+A step is not repeated where the hash of what it depends on, its fingerprint, is that of the run
+before and its files are whole.
+"""
 
 import datetime
+import hashlib
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,21 +18,31 @@ from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
-from flexstage.instruments.protocol import Instrument
+from flexstage.instruments.protocol import Identity, Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.plans.carry_out import carry_out, result_of
 from flexstage.plans.cataloguing import enter_all
+from flexstage.plans.command import CommandWaveform, Strike
 from flexstage.plans.dry_run import dry_run, natural_frequency
 from flexstage.plans.files import write_text
-from flexstage.plans.fingerprint import command_hash, files_hash, fingerprint
-from flexstage.plans.leftovers import clear_leftovers
-from flexstage.plans.plan import Plan, Step
+from flexstage.plans.plan import Plan, SensorEntry, Step
 from flexstage.plans.results import PlanResult
 from flexstage.plans.results_file import results_text
-from flexstage.plans.state import RunState, StepState, file_hash, read_state, write_state
-from flexstage.plans.work import Work, base_rate_of
+from flexstage.plans.run_context import RunContext, base_rate_of
+from flexstage.plans.state import (
+    RunState,
+    StepState,
+    clear_leftovers,
+    file_hash,
+    read_state,
+    write_state,
+)
+from flexstage.plans.verbs import Characterise, Measure
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
+
+#: Verbs that move the stage.
+_MOVING = ("measure", "verify", "centre")
 
 
 def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> Stage:
@@ -131,7 +146,7 @@ def run_plan(
     where = Path(folder)
     _require_possible(plan, own, only, instrument)
     serial = plan.serial_number or instrument.identity.serial_number
-    work = Work(
+    context = RunContext(
         plan=plan,
         title=plan.title or title,
         stage=own,
@@ -143,23 +158,23 @@ def run_plan(
         settings=dict(instrument.settings()),
         frequency=natural_frequency(plan, own),
     )
-    state = _begun(work, resume=resume)
+    state = _begun(context, resume=resume)
     began = time.monotonic()
     told: tuple[str, ...] = ()
     try:
         with _locked(instrument, serial or own.name), guarded(instrument):
-            state = _run_steps(work, state, plan.chosen(only))
+            state = _run_steps(context, state, plan.chosen(only))
             to_safe(instrument)
     finally:
         # what was recorded until then is entered too
-        told = enter_all(work, catalogue)
+        told = enter_all(context, catalogue)
     finished = _now()
     write_state(where, replace(state, finished=finished))
     result = PlanResult(
         plan=plan,
         stage=own,
         instrument=instrument.identity,
-        settings=work.settings,
+        settings=context.settings,
         serial_number=serial,
         operator=operator,
         note=note,
@@ -167,9 +182,9 @@ def run_plan(
         finished=finished,
         duration=time.monotonic() - began,
         folder=where,
-        title=work.title,
-        steps=tuple(work.results[s.name] for s in plan.steps if s.name in work.results),
-        notes=(*_notes(work), *told),
+        title=context.title,
+        steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
+        notes=(*_notes(context), *told),
     )
     write_text(where / "results.json", results_text(result))
     return result
@@ -184,16 +199,16 @@ def _require_possible(
         raise PlanError(f"{problem}; nothing has been moved")
 
 
-def _begun(work: Work, *, resume: bool) -> RunState:
+def _begun(context: RunContext, *, resume: bool) -> RunState:
     """Return the state to go on from, and make the folder."""
-    folder = work.folder
+    folder = context.folder
     before = read_state(folder)
     if before is not None and not resume:
         raise PlanError(
             f"'{folder}' contains a run already: continue it with --resume, or choose another "
             "folder"
         )
-    identity = work.instrument.identity
+    identity = context.instrument.identity
     told = {f: getattr(identity, f) for f in ("vendor", "model", "serial_number", "firmware")}
     told["simulated"] = identity.simulated
     if before is not None and before.instrument.get("simulated") != identity.simulated:
@@ -202,21 +217,21 @@ def _begun(work: Work, *, resume: bool) -> RunState:
             f"'{folder}' holds a run on {kinds[bool(before.instrument.get('simulated'))]}, and "
             f"this is {kinds[identity.simulated]}: choose another folder"
         )
-    if before is not None and before.stage != work.stage.name:
+    if before is not None and before.stage != context.stage.name:
         raise PlanError(
             f"'{folder}' holds a run on the stage '{before.stage}', and this is "
-            f"'{work.stage.name}': choose another folder"
+            f"'{context.stage.name}': choose another folder"
         )
     for part in ("records", "models"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     state = RunState(
-        plan=work.title,
-        stage=work.stage.name,
-        stage_hash=content_hash(work.stage),
-        serial_number=work.serial_number,
+        plan=context.title,
+        stage=context.stage.name,
+        stage_hash=content_hash(context.stage),
+        serial_number=context.serial_number,
         instrument=told,
-        operator=work.operator,
-        note=work.note,
+        operator=context.operator,
+        note=context.note,
         version=flexstage.__version__,
         started=_now() if before is None else before.started,
         steps={} if before is None else before.steps,
@@ -234,21 +249,21 @@ def _locked(instrument: Instrument, name: str) -> Iterator[None]:
         yield
 
 
-def _run_steps(work: Work, state: RunState, steps: tuple[Step, ...]) -> RunState:
+def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) -> RunState:
     outputs: dict[str, str] = {}
-    identity = work.instrument.identity
+    identity = context.instrument.identity
     for k, step in enumerate(steps):
         with progress.subtask(k / len(steps), (k + 1) / len(steps)):
             progress.update(step.name[:17])
-            mark = fingerprint(step, work.plan, work.stage, identity, outputs)
+            mark = _fingerprint(step, context.plan, context.stage, identity, outputs)
             before = state.steps.get(step.name)
-            now = before is None or not _whole(work.folder, before, mark)
+            now = before is None or not _whole(context.folder, before, mark)
             if now:
-                state = _carried_out(work, state, step, mark)
-            files = [work.folder / name for name in state.steps[step.name].files]
-            with _told(work, state, step):
-                work.results[step.name] = result_of(work, step, files, now=now)
-            outputs[step.name] = _output(work, step, state.steps[step.name])
+                state = _carried_out(context, state, step, mark)
+            files = [context.folder / name for name in state.steps[step.name].files]
+            with _told(context, state, step):
+                context.results[step.name] = result_of(context, step, files, now=now)
+            outputs[step.name] = _output(context, step, state.steps[step.name])
     return state
 
 
@@ -263,24 +278,24 @@ def _whole(folder: Path, step: StepState, mark: str) -> bool:
     return True
 
 
-def _carried_out(work: Work, state: RunState, step: Step, mark: str) -> RunState:
+def _carried_out(context: RunContext, state: RunState, step: Step, mark: str) -> RunState:
     """Do a step; whatever happens, the state on disk says how far it came."""
     before = state.steps.get(step.name)
-    partial = clear_leftovers(work.folder, step.name, () if before is None else before.partial)
+    partial = clear_leftovers(context.folder, step.name, () if before is None else before.partial)
     running = StepState(status="running", fingerprint=mark, partial=partial, started=_now())
     state = state.with_step(step.name, running)
-    write_state(work.folder, state)
-    with _told(work, state, step):
-        files = carry_out(work, step)
-    digits = {path.relative_to(work.folder).as_posix(): file_hash(path) for path in files}
+    write_state(context.folder, state)
+    with _told(context, state, step):
+        files = carry_out(context, step)
+    digits = {path.relative_to(context.folder).as_posix(): file_hash(path) for path in files}
     done = replace(running, status="complete", files=digits, finished=_now())
     state = state.with_step(step.name, done)
-    write_state(work.folder, state)
+    write_state(context.folder, state)
     return state
 
 
 @contextmanager
-def _told(work: Work, state: RunState, step: Step) -> Iterator[None]:
+def _told(context: RunContext, state: RunState, step: Step) -> Iterator[None]:
     """Write down why a step ended early, and name it in the message."""
     try:
         yield
@@ -291,26 +306,61 @@ def _told(work: Work, state: RunState, step: Step) -> Iterator[None]:
         if not before.files:
             status = "failed" if isinstance(error, Exception) else "interrupted"
             ended = replace(before, status=status, finished=_now(), message=message)
-            write_state(work.folder, state.with_step(step.name, ended))
+            write_state(context.folder, state.with_step(step.name, ended))
         if isinstance(error, FlexstageError) and f"'{step.name}'" not in message:
             error.args = (f"step '{step.name}': {message}", *error.args[1:])
         raise
 
 
-def _output(work: Work, step: Step, done: StepState) -> str:
+def _output(context: RunContext, step: Step, done: StepState) -> str:
     """Return the hash of what later steps use of a step."""
-    command = work.commands.get(step.name)
+    command = context.commands.get(step.name)
     if command is not None:
-        return command_hash(command)
-    return files_hash(done.files) if done.files else done.fingerprint
+        return _command_hash(command)
+    return _files_hash(done.files) if done.files else done.fingerprint
 
 
-def _notes(work: Work) -> tuple[str, ...]:
-    notes = list(work.plan.notes)
-    if work.instrument.identity.simulated:
+def _notes(context: RunContext) -> tuple[str, ...]:
+    notes = list(context.plan.notes)
+    if context.instrument.identity.simulated:
         notes.insert(0, "the instrument is a simulation: nothing was measured")
     return tuple(notes)
 
 
 def _now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _fingerprint(
+    step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
+) -> str:
+    """Return the hash of everything that the result of a step depends on."""
+    words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]
+    words += [f"{name}={upstream[name]}" for name in step.needs]
+    if step.verb in _MOVING:
+        # which sensor is read where, but not how well it is known
+        sensors = tuple(SensorEntry(name=s.name, channel=s.channel, unit=s.unit)
+                        for s in plan.sensors)  # fmt: skip
+        words += [content_hash(sensors), content_hash(replace(instrument, firmware=""))]
+    if isinstance(step.action, Characterise):
+        tests = [plan.step(name).action for name in step.action.of]
+        words += [content_hash(plan.sensors)]
+        words += [content_hash(test) for test in tests if isinstance(test, Measure)]
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+def _command_hash(command: CommandWaveform | Strike) -> str:
+    """Return the hash of the samples of a command."""
+    if isinstance(command, Strike):
+        return content_hash(command)
+    found = hashlib.sha256(f"{command.quantity} {command.waveform.sample_rate_hz!r}".encode())
+    for axis, values in command.waveform.values.items():
+        found.update(axis.encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
+
+
+def _files_hash(files: Mapping[str, str]) -> str:
+    """Return the hash of files from the hashes of each."""
+    words = "\n".join(f"{name} {files[name]}" for name in sorted(files))
+    return hashlib.sha256(words.encode()).hexdigest()

@@ -30,26 +30,21 @@ if TYPE_CHECKING:
     from flexstage.report.figures.stroke import draw_stroke
     from flexstage.report.figures.style import encode
     from flexstage.report.html import report_html
-    from flexstage.report.measurement import (
-        Measurement,
-        measurement,
-    )
+    from flexstage.report.measurement import MeasurementComparison, compare_measurement
     from flexstage.report.models import MODELS, ModelRun, analyse_model, run_model
     from flexstage.report.quantities import display, number
-    from flexstage.report.results import (
-        results_json,
-        study_results,
-    )
+    from flexstage.report.results import results_json, study_results
     from flexstage.report.study import Study, run_study
 
 __all__ = [
     "MODELS",
     "Comparison",
-    "Measurement",
+    "MeasurementComparison",
     "ModelRun",
     "Study",
     "analyse_model",
     "compare",
+    "compare_measurement",
     "display",
     "draw_bode",
     "draw_budget",
@@ -78,7 +73,6 @@ __all__ = [
     "draw_stroke",
     "draw_workspace",
     "encode",
-    "measurement",
     "number",
     "report_html",
     "results_json",

@@ -13,7 +13,7 @@ from flexstage.errors import FlexstageError
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.resonance import draw_resonance
 from flexstage.report.figures.style import inline_svg
-from flexstage.report.measurement import Measurement, set_beside
+from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.page import captioned, figure, row_of, table_html
 from flexstage.report.quantities import beside, display
 
@@ -58,7 +58,7 @@ class CentringTrial:
     """Angles of their samples [rad]."""
 
 
-def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
+def run_measurement(stage: "Stage", *, seed: int) -> MeasurementComparison | str:
     """Measure a virtual stage; a text says why that could not be done.
 
     It is made from published values and random errors, so that its figures are compared with none.
@@ -73,7 +73,7 @@ def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
         found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     except FlexstageError as error:
         return str(error)
-    return set_beside(found, stage, Characteristics())
+    return compare_with_references(found, stage, Characteristics())
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
@@ -82,9 +82,9 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     The seed is that of noise and of the lines of the scale.
     """
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
+    from flexstage.centring.rotary_table import VirtualBench
     from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
     try:
@@ -122,7 +122,7 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     )
 
 
-def bench_section(found: Measurement | str | None, file: str) -> str:
+def bench_section(found: MeasurementComparison | str | None, file: str) -> str:
     """Write half a page on the simulated measurement, which has a page of its own.
 
     Empty where it was not asked for. The file is the name of that page, beside this one.
@@ -141,7 +141,7 @@ def bench_section(found: Measurement | str | None, file: str) -> str:
     )
 
 
-def _main_figures(found: Measurement) -> str:
+def _main_figures(found: MeasurementComparison) -> str:
     """A row for each main quantity, a column for each axis."""
     axes = list(dict.fromkeys(r.figure.axis for r in found.rows if r.figure.quantity in _MAIN))
     lines = []
@@ -168,7 +168,7 @@ def _with_spread(estimate: "Estimate", factor: float) -> str:
     return f"{value} ± {spread}"
 
 
-def _resonances(found: Measurement) -> Iterator[str]:
+def _resonances(found: MeasurementComparison) -> Iterator[str]:
     published = Characteristics(() if found.stage is None else found.stage.published)
     estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
     for i, result in enumerate(found.found.results):

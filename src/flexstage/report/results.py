@@ -9,7 +9,7 @@ from flexstage.report.models import ModelRun
 from flexstage.system import Analysis, load_readings
 
 if TYPE_CHECKING:
-    from flexstage.report.measurement import Measurement
+    from flexstage.report.measurement import MeasurementComparison
     from flexstage.report.study import Study
 
 
@@ -148,7 +148,7 @@ def study_results(study: "Study") -> dict[str, Any]:
     }
 
 
-def _virtual(found: "Measurement | str | None") -> dict[str, Any]:
+def _virtual(found: "MeasurementComparison | str | None") -> dict[str, Any]:
     from flexstage.report.measurement import measurement_results
 
     if found is None:

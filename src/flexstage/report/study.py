@@ -13,7 +13,7 @@ from flexstage.lumped import mechanism, stroke_path
 from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
-from flexstage.report.models import MODELS, ModelRun, Plane, Wanted, known_model, run_model
+from flexstage.report.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from flexstage.experiment.campaign.results import Characterisation
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
     from flexstage.report.bench import CentringTrial
-    from flexstage.report.measurement import Measurement
+    from flexstage.report.measurement import MeasurementComparison
 
 #: What a study asks of a model beyond its usual mesh.
-_ASKED: Mapping[str, Wanted] = {"plane": Wanted(accuracy=1e-3, stroke=True)}
+_ASKED: Mapping[str, ModelOptions] = {"plane": ModelOptions(accuracy=1e-3, stroke=True)}
 
 #: Models of which the other choice of plane state is shown as well: it costs little.
 _BOUNDED = ("lumped", "plane")
@@ -64,7 +64,7 @@ class Study:
     """Why that could not be done, by axis."""
     measured: "Characterisation | None" = None
     """What was measured of the stage; its rows stand in the table."""
-    virtual: "Measurement | str | None" = None
+    virtual: "MeasurementComparison | str | None" = None
     """What measuring a virtual stage gave, or why that could not be done."""
     centring: "CentringTrial | str | None" = None
     """An encoder scale that was centred on the virtual table, or why that could not be done."""
@@ -147,7 +147,7 @@ def run_study(
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     for model in models:  # before the first of them has taken its minutes
-        known_model(model, Wanted(plane=plane))
+        known_model(model, ModelOptions(plane=plane))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
@@ -160,7 +160,7 @@ def run_study(
             try:
                 with progress.subtask(0.0, 0.5 if model in _BOUNDED else 1.0):
                     runs[model] = run_model(
-                        stage, model, replace(_ASKED.get(model, Wanted()), plane=own)
+                        stage, model, replace(_ASKED.get(model, ModelOptions()), plane=own)
                     )
             except (ModelError, StageError) as error:
                 if len(models) == 1:
@@ -175,7 +175,7 @@ def run_study(
                 # other bound
                 other: Plane = "stress" if "strain" in used else "strain"
                 with progress.subtask(0.5, 1.0):
-                    variant = run_model(stage, model, Wanted(plane=other)).analysis
+                    variant = run_model(stage, model, ModelOptions(plane=other)).analysis
                 variants[f"{model}, plane {other}"] = variant
     if not runs:
         raise ModelError("; ".join(f"{model}: {why}" for model, why in left_out.items()))

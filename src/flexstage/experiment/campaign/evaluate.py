@@ -63,24 +63,9 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
 
 
 def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:
-    """Read the files of a campaign, and evaluate its tests.
+    """Read the files of a campaign, named from a folder, and evaluate its tests.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The tests.
-    folder : str or os.PathLike
-        Where its files are named from.
-
-    Returns
-    -------
-    Characterisation
-        What the tests gave.
-
-    Raises
-    ------
-    FlexstageError
-        A file cannot be read, or a test cannot be evaluated; the message names it.
+    What cannot be read or evaluated is named by its test.
     """
     base = Path(folder)
     if not campaign.tests:

@@ -12,7 +12,7 @@ from flexstage.errors import RecordError
 from flexstage.experiment.campaign.plan import Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.require import require_live, require_unclipped
-from flexstage.records.rows import row_range
+from flexstage.records.sampling import row_range
 
 #: Kinds of tests whose rows follow one another by number where the file has no time.
 _POINTS = frozenset(("workspace", "spheres", "positioning"))

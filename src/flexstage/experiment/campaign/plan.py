@@ -69,7 +69,7 @@ class Columns:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class FileReading:
     """How the files of a test are read; what they say themselves need not be repeated."""
 
     sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
@@ -91,7 +91,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instrument:
+class SensorSpecification:
     """A sensor by name, with what is known of its errors."""
 
     name: str
@@ -134,14 +134,7 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Test:
-    """One test: its records, and what is in them.
-
-    Raises
-    ------
-    ModelError
-        The kind, the excitation or the cycle is not known, there is no record, or a number is
-        impossible.
-    """
+    """One test: its records, and what is in them."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
@@ -157,7 +150,7 @@ class Test:
     """What is in which column."""
     units: Columns = field(default_factory=Columns)
     """Units of columns that do not say theirs."""
-    reading: Reading = field(default_factory=Reading)
+    reading: FileReading = field(default_factory=FileReading)
     """How the files are read."""
     along: str | None = None
     """Name of the instrument that reads position."""
@@ -243,19 +236,13 @@ class Test:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """Everything that was measured of a stage.
-
-    Raises
-    ------
-    ModelError
-        The origin is not known, two things share a name, or a test names an unknown instrument.
-    """
+    """Everything that was measured of a stage."""
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
     origin: str = "measured"
     """``measured``, or ``virtual`` where the records are simulated."""
-    instruments: tuple[Instrument, ...] = ()
+    instruments: tuple[SensorSpecification, ...] = ()
     """The sensors."""
     tests: tuple[Test, ...]
     """The tests."""
@@ -281,16 +268,5 @@ class Campaign:
                     )
 
     def setup(self, name: str | None) -> SensorSetup | None:
-        """Return what is known of an instrument.
-
-        Parameters
-        ----------
-        name : str or None
-            Its name.
-
-        Returns
-        -------
-        SensorSetup or None
-            What is known; None where no instrument is named.
-        """
+        """Return what is known of an instrument; None where none is named."""
         return next((i.setup for i in self.instruments if i.name == name), None)

@@ -10,10 +10,10 @@ from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.covariance import Worth, assess, meat
 from flexstage.experiment.modal.listing import listed, not_listed
+from flexstage.experiment.modal.mode_selection import significances, threshold
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
 from flexstage.experiment.modal.shapes import shape_from_residues
-from flexstage.experiment.modal.significance import significances, threshold
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
 # share of a response that a fit may leave before it is said

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.projection import Block, Projected, project
+from flexstage.experiment.modal.variable_projection import Projected, ResponseBlock, project
 
 _LAGS = 8
 # a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times
@@ -75,7 +75,7 @@ def meat(left: Complex, right: Complex, lags: Complex) -> Array:
     return total.real
 
 
-def assess(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Worth:
+def assess(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Worth:
     """Find the covariance of a fit from its Jacobian and its residual.
 
     Were the errors of all lines and responses independent, it would be s^2 (J^T J)^-1. Where the

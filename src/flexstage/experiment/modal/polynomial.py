@@ -16,7 +16,7 @@ _SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lines:
+class WeightedLines:
     """Responses at some frequencies, and how much each counts."""
 
     frequency_hz: Array
@@ -28,7 +28,7 @@ class Lines:
 
 
 def poles_by_order(
-    parts: Sequence[Lines],
+    parts: Sequence[WeightedLines],
     orders: Sequence[int],
     band: tuple[float, float],
     coefficients: Literal["complex", "real"] = "complex",
@@ -80,7 +80,9 @@ def poles_by_order(
     return tuple(found)
 
 
-def _moments(part: Lines, origin: float, step: float, top: int, real: bool) -> tuple[Any, Any]:
+def _moments(
+    part: WeightedLines, origin: float, step: float, top: int, real: bool
+) -> tuple[Any, Any]:
     """Return sum Y^H W Y over outputs, and L^-1 X^H W Y of each, where L L^H = X^H W X.
 
     With negative frequencies beside the positive ones, all sums are real.

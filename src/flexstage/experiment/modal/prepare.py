@@ -9,9 +9,9 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.polynomial import Lines
-from flexstage.experiment.modal.projection import Block
+from flexstage.experiment.modal.polynomial import WeightedLines
 from flexstage.experiment.modal.scatter import line_scatter
+from flexstage.experiment.modal.variable_projection import ResponseBlock
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 _POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
@@ -48,13 +48,13 @@ class Prepared:
     """Whether the weights stay what they are, given or chosen, whatever the fit leaves."""
     scatter: Array
     """How neighbouring lines scatter, shape (k, outputs, inputs)."""
-    block: Block
+    block: ResponseBlock
     """Responses to displacement, one column for each output and input."""
 
-    def lines(self) -> Lines:
+    def lines(self) -> WeightedLines:
         """Return the response as the polynomials take it."""
         weight = 1.0 / np.mean(self.deviation**2, axis=2)
-        return Lines(
+        return WeightedLines(
             frequency_hz=self.measured.frequency_hz, response=self.measured.response, weight=weight
         )
 
@@ -276,13 +276,13 @@ def _moving_mean(values: Array, width: int) -> Array:
 
 def _block(
     part: MeasuredResponse, powers: tuple[int, ...], deviation: Array, reference: float
-) -> Block:
+) -> ResponseBlock:
     omega = 2.0 * math.pi * part.frequency_hz
     motion = (1j * omega)[:, None] ** np.array(powers)[None, :]
     values = part.response / motion[:, :, None]
     # the error of a real or imaginary part has half the variance of both
     weights = math.sqrt(2.0) * np.abs(motion)[:, :, None] / deviation
-    return Block(
+    return ResponseBlock(
         s=np.asarray(1j * omega / reference, dtype=np.complex128),
         values=values.reshape(omega.size, -1),
         weights=weights.reshape(omega.size, -1),

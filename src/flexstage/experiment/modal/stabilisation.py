@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.polynomial import Lines, poles_by_order
+from flexstage.experiment.modal.polynomial import WeightedLines, poles_by_order
 from flexstage.experiment.modal.prepare import deviations
 from flexstage.experiment.spectra.response import MeasuredResponse
 
@@ -150,7 +150,7 @@ def stable_poles(
     if deviation is not None:
         weight = 1.0 / np.mean(deviation**2, axis=2)
         weight /= weight.mean()
-    lines = [Lines(frequency_hz=f, response=part.response, weight=weight)]
+    lines = [WeightedLines(frequency_hz=f, response=part.response, weight=weight)]
     return stabilised(
         lines,
         orders=orders,
@@ -161,7 +161,7 @@ def stable_poles(
 
 
 def stabilised(
-    lines: Sequence[Lines],
+    lines: Sequence[WeightedLines],
     *,
     orders: Sequence[int] | None,
     band: tuple[float, float],

@@ -103,7 +103,7 @@ def propagate(
     ----------
     function : callable
         The result from the influences, in their order; made of arithmetic and of the functions of
-        `flexstage.experiment.uncertainty.functions`.
+        `flexstage.experiment.uncertainty.expression`.
     influences : sequence of Influence
         What it depends on.
     correlations : Mapping, optional

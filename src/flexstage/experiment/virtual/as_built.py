@@ -127,23 +127,7 @@ class AsBuilt:
     """What was set, and to what."""
 
     def axis(self, name: str) -> AsBuiltAxis:
-        """Return an axis by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        AsBuiltAxis
-            The axis.
-
-        Raises
-        ------
-        ModelError
-            There is no such axis.
-        """
+        """Return an axis by name."""
         for axis in self.axes:
             if axis.name == name:
                 return axis

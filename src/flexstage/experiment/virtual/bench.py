@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.experiment.virtual.guide import MOTIONS
-from flexstage.experiment.virtual.laboratory import Laboratory, Sensor, drawn
+from flexstage.experiment.virtual.laboratory import BenchSensor, Laboratory, drawn
 from flexstage.records import Channel, Record
 from flexstage.system import modes
 
@@ -86,7 +86,7 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
 
 
 def _read(
-    sensor: Sensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
+    sensor: BenchSensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
 ) -> Array:
     clean = drawn(sensor, rng).read(truth, along, time)
     return clean + sensor.noise * rng.standard_normal(clean.size)

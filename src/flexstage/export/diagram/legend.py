@@ -3,11 +3,11 @@
 import numpy as np
 
 from flexstage.export.diagram.graph import Block, Diagram, SignalKind
-from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.markup import path, text, text_width, wrapped
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import block_cell
 from flexstage.export.diagram.symbols import symbol
-from flexstage.export.diagram.text import text_width, wrapped
+from flexstage.export.svg_elements import attributes
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from flexstage.export.diagram.cells import Cell, Pin
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.text import BASE, SMALL, plain, text_width
+from flexstage.export.diagram.markup import BASE, SMALL, plain, text_width
 
 SUM_RADIUS = 15.0
 # Distance of the inputs of a long sum, and of the outer ones from its ends.

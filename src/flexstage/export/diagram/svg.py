@@ -6,10 +6,10 @@ import flexstage
 from flexstage.export.diagram.cells import branches
 from flexstage.export.diagram.graph import Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.legend import LINES, foot
-from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.markup import SMALL, path, text, wrapped
 from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.symbols import inset, symbol
-from flexstage.export.diagram.text import SMALL, wrapped
+from flexstage.export.svg_elements import attributes
 
 _MARGIN = 24.0
 _FRAMES = {

@@ -4,10 +4,10 @@ import math
 from xml.sax.saxutils import escape
 
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.markup import SMALL, path, text
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import SUM_RADIUS, shape_width
-from flexstage.export.diagram.text import SMALL
+from flexstage.export.svg_elements import attributes
 
 Colour = str
 Point = tuple[float, float]

@@ -17,7 +17,7 @@ _PATIENCE, _ANSWER = 30, 10
 
 
 def default_catalogue() -> str:
-    """Return where the user's catalogue is."""
+    """Return where the user's catalogue is: ``$FLEXSTAGE_CATALOGUE``, else the platform's place."""
     return os.environ.get("FLEXSTAGE_CATALOGUE") or str(_data_folder() / "catalogue.sqlite")
 
 
@@ -32,7 +32,10 @@ def _data_folder() -> Path:
 
 
 def catalogue_engine(address: str) -> Engine:
-    """Return what talks to a catalogue."""
+    """Return what talks to a catalogue; nothing is opened, but the folder of a file is made.
+
+    The address is the path of a file, ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
+    """
     url = _url(address)
     if url.get_backend_name() == "sqlite":
         return _sqlite(url)

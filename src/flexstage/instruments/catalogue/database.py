@@ -1,13 +1,20 @@
-"""A database of this version: opened, led on, read and written."""
+"""A database of this version: opened, led on, read and written; what it says when it fails."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Self, TypeVar
 
 from sqlalchemy import Engine
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import (
+    DBAPIError,
+    IntegrityError,
+    InterfaceError,
+    OperationalError,
+    SQLAlchemyError,
+)
 from sqlalchemy.orm import Session
 
+from flexstage.errors import NotConnectedError, RecordError
 from flexstage.instruments.catalogue.address import (
     WRITES,
     address_of,
@@ -16,7 +23,6 @@ from flexstage.instruments.catalogue.address import (
     in_memory,
     is_absent_file,
 )
-from flexstage.instruments.catalogue.failures import telling
 from flexstage.instruments.catalogue.migrations import LATEST, migrate, schema_version
 
 _T = TypeVar("_T")
@@ -33,9 +39,10 @@ class Database:
 
     @classmethod
     def open(cls, address: str | None = None, *, make: bool = True) -> Self:
-        """Open a catalogue; make it, or lead it to this version, where that is needed.
+        """Open a catalogue, the user's own where none is named.
 
-        Where it is not to be made and is a file that is absent, it is empty, and none is written.
+        It is made, or led to this version, where that is needed. Where it is not to be made and is
+        a file that is absent, it is empty, and none is written.
         """
         where = address or default_catalogue()
         if make or not is_absent_file(where):
@@ -65,7 +72,7 @@ class Database:
         self.close()
 
     def _lead_to_this_version(self) -> None:
-        with telling(self.address):
+        with _telling(self.address):
             with self._engine.connect() as connection, connection.begin():
                 if schema_version(connection) == LATEST:
                     return
@@ -74,12 +81,12 @@ class Database:
 
     def read(self, work: Callable[[Session], _T]) -> _T:
         """Do work that only reads."""
-        with telling(self.address), Session(self._engine) as session:
+        with _telling(self.address), Session(self._engine) as session:
             return work(session)
 
     def write(self, work: Callable[[Session], _T]) -> _T:
         """Do work in one transaction, again where another program was first."""
-        with telling(self.address):
+        with _telling(self.address):
             for _ in range(_TRIES - 1):
                 try:
                     return self._once(work)
@@ -98,3 +105,25 @@ class Database:
         link = self._engine.connect().execution_options(**{WRITES: True})
         with link as connection, connection.begin():
             yield connection
+
+
+@contextmanager
+def _telling(address: str) -> Iterator[None]:
+    """Turn what a database raises in this block into errors of flexstage."""
+    try:
+        yield
+    except (OperationalError, InterfaceError) as error:
+        raise NotConnectedError(
+            f"the catalogue {address} cannot be used ({_reason(error)}): runs are safe in their "
+            "folders, and 'flexstage runs add FOLDER' enters them later"
+        ) from error
+    except SQLAlchemyError as error:
+        raise RecordError(
+            f"the catalogue {address} is not as it should be ({_reason(error)}): is it one of "
+            "flexstage?"
+        ) from error
+
+
+def _reason(error: SQLAlchemyError) -> str:
+    said = str(error.orig if isinstance(error, DBAPIError) else error).strip().splitlines()
+    return (said or [type(error).__name__])[0].strip()[:200]

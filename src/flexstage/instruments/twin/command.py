@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from flexstage.instruments.twin.state import ControllerState
+from flexstage.instruments.twin.gcs_state import ControllerState
 
 #: Lines of an answer; pieces of text that are made after the command, as they are sent; or nothing.
 Reply = Sequence[str] | Iterator[str] | None
@@ -24,7 +24,7 @@ Run = Callable[[ControllerState, Client, Sequence[str]], Reply]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
+class GcsCommand:
     """A command."""
 
     name: str

@@ -4,13 +4,18 @@ from collections.abc import Iterable, Sequence
 
 from flexstage import __version__
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.parameter import items_of, value_text
-from flexstage.instruments.twin.parameters import PARAMETERS, SIMULATED_TIME, listing
-from flexstage.instruments.twin.servo_draft import ServoDraft
-from flexstage.instruments.twin.state import ControllerState
-from flexstage.instruments.twin.words import chosen, number, unsigned, unsigned_or_hex
+from flexstage.instruments.twin.gcs_arguments import chosen, number, unsigned, unsigned_or_hex
+from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.twin.parameters import (
+    PARAMETERS,
+    SIMULATED_TIME,
+    items_of,
+    listing,
+    value_text,
+)
+from flexstage.instruments.twin.servo_parameters import ServoDraft
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0
@@ -60,7 +65,7 @@ def _versions(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
     ]
 
 
-def help_lines(commands: Iterable[Command]) -> list[str]:
+def help_lines(commands: Iterable[GcsCommand]) -> list[str]:
     """Return what ``HLP?`` answers."""
     listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
     return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
@@ -203,36 +208,38 @@ def _inputs(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands about the controller; ``HLP?`` is made from the list of all of them.
 IDENTITY = (
-    Command(name="*IDN?", arguments="", text="Get Device Identification", run=_identity),
-    Command(name="CCL", arguments="<Level> [<PSWD>]", text="Set Command Level", run=_level),
-    Command(name="CCL?", arguments="", text="Get Command Level", run=_read_level),
-    Command(name="CST?", arguments="[{<AxisID>}]", text="Get Stage Of Axis", run=_stage_names),
-    Command(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
-    Command(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
-    Command(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
-    Command(name="IDN?", arguments="", text="Get Device Identification", run=_identity),
-    Command(name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True),
-    Command(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
-    Command(
+    GcsCommand(name="*IDN?", arguments="", text="Get Device Identification", run=_identity),
+    GcsCommand(name="CCL", arguments="<Level> [<PSWD>]", text="Set Command Level", run=_level),
+    GcsCommand(name="CCL?", arguments="", text="Get Command Level", run=_read_level),
+    GcsCommand(name="CST?", arguments="[{<AxisID>}]", text="Get Stage Of Axis", run=_stage_names),
+    GcsCommand(name="CSV?", arguments="", text="Get Current Syntax Version", run=_syntax_version),
+    GcsCommand(name="ERR?", arguments="", text="Get Error Number", run=_read_error),
+    GcsCommand(name="HPA?", arguments="", text="Get List Of Available Parameters", run=_parameters),
+    GcsCommand(name="IDN?", arguments="", text="Get Device Identification", run=_identity),
+    GcsCommand(
+        name="RBT", arguments="", text="Reboot System", run=_reboot, changes=True, moves=True
+    ),
+    GcsCommand(name="SAI?", arguments="[ALL]", text="Get Axis Identifiers", run=_axis_names),
+    GcsCommand(
         name="SEP?",
         arguments="[{<ItemID> <PamID>}]",
         text="Get Parameters As Delivered",
         run=_read_delivered,
     ),
-    Command(
+    GcsCommand(
         name="SPA",
         arguments="{<ItemID> <PamID> <PamValue>}",
         text="Set Volatile Memory Parameters",
         run=_set_parameters,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="SPA?",
         arguments="[{<ItemID> <PamID>}]",
         text="Get Volatile Memory Parameters",
         run=_read_parameters,
     ),
-    Command(name="TPC?", arguments="", text="Get Number Of Output Channels", run=_outputs),
-    Command(name="TSC?", arguments="", text="Get Number Of Input Channels", run=_inputs),
-    Command(name="VER?", arguments="", text="Get Versions", run=_versions),
+    GcsCommand(name="TPC?", arguments="", text="Get Number Of Output Channels", run=_outputs),
+    GcsCommand(name="TSC?", arguments="", text="Get Number Of Input Channels", run=_inputs),
+    GcsCommand(name="VER?", arguments="", text="Get Versions", run=_versions),
 )

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply, Run
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply, Run
 from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import MICRO, ControllerState
-from flexstage.instruments.twin.words import chosen, number, one, pairs, printed, switch
+from flexstage.instruments.twin.gcs_arguments import chosen, number, one, pairs, printed, switch
+from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 
 def halt(state: ControllerState, client: Client, words: Sequence[str] = ()) -> None:
@@ -165,18 +165,18 @@ def _voltage_command(state: ControllerState, axis: str) -> str:
     return printed(state.device.command(axis))
 
 
-def _question(name: str, text: str, run: Run, *, poll: bool = False) -> Command:
-    return Command(name=name, arguments="[{<AxisID>}]", text=text, run=run, poll=poll)
+def _question(name: str, text: str, run: Run, *, poll: bool = False) -> GcsCommand:
+    return GcsCommand(name=name, arguments="[{<AxisID>}]", text=text, run=run, poll=poll)
 
 
-def _change(name: str, arguments: str, text: str, run: Run) -> Command:
-    return Command(name=name, arguments=arguments, text=text, run=run, changes=True, moves=True)
+def _change(name: str, arguments: str, text: str, run: Run) -> GcsCommand:
+    return GcsCommand(name=name, arguments=arguments, text=text, run=run, changes=True, moves=True)
 
 
 #: Commands of motion.
 MOTION = (
     _question("FRF?", "Get Referencing Result", of_axes(lambda _, __: "1")),
-    Command(name="HLT", arguments="[{<AxisID>}]", text="Halt Motion Smoothly", run=_halt),
+    GcsCommand(name="HLT", arguments="[{<AxisID>}]", text="Halt Motion Smoothly", run=_halt),
     _change("IMP", "<AxisID>", "Strike The Stage With A Hammer, Drives Taken Out", _strike),
     _change("MOV", "{<AxisID> <Position>}", "Set Target Position", _move(relative=False)),
     _question("MOV?", "Get Target Position", of_axes(_micro(lambda s, a: s.device.target(a)))),
@@ -191,7 +191,7 @@ MOTION = (
     _question("PLM?", "Get High Position Soft Limit", of_axes(_micro(lambda s, a: _soft(s, a, 1)))),
     _question("POS?", "Get Real Position", of_axes(_micro(lambda s, a: s.device.position(a)))),
     _question("PUN?", "Get Axis Unit", of_axes(lambda s, _: s.model.unit)),
-    Command(name="STP", arguments="", text="Stop All Axes", run=_stop),
+    GcsCommand(name="STP", arguments="", text="Stop All Axes", run=_stop),
     _change("SVA", "{<AxisID> <Amplitude>}", "Set Open-Loop Voltage", _set_voltage(relative=False)),
     _question("SVA?", "Get Open-Loop Voltage", of_axes(_voltage_command)),
     _change("SVO", "{<AxisID> <ServoState>}", "Set Servo Mode", _switch_servo),
@@ -199,7 +199,7 @@ MOTION = (
     _change("SVR", "{<AxisID> <Difference>}", "Set Relative Open-Loop Voltage", _set_voltage(True)),
     _question("TMN?", "Get Minimum Commandable Position", of_axes(_micro(_low))),
     _question("TMX?", "Get Maximum Commandable Position", of_axes(_micro(_high))),
-    Command(
+    GcsCommand(
         name="TSP?",
         arguments="[{<InputID>}]",
         text="Get Input Signal Position",
@@ -207,19 +207,19 @@ MOTION = (
     ),
     _change("VEL", "{<AxisID> <Velocity>}", "Set Velocity", _set_speed),
     _question("VEL?", "Get Velocity", of_axes(_micro(_speed))),
-    Command(
+    GcsCommand(
         name="VMA?",
         arguments="[{<OutputID>}]",
         text="Get Maximum Output Voltage",
         run=_of_outputs(lambda s, a: _soft_voltage(s, a, 1)),
     ),
-    Command(
+    GcsCommand(
         name="VMI?",
         arguments="[{<OutputID>}]",
         text="Get Minimum Output Voltage",
         run=_of_outputs(lambda s, a: _soft_voltage(s, a, 0)),
     ),
-    Command(
+    GcsCommand(
         name="VOL?",
         arguments="[{<OutputID>}]",
         text="Get Voltage Of Output Channel",

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.array_text import array_text
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import identity_line, nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
+from flexstage.instruments.twin.gcs_arguments import unsigned
+from flexstage.instruments.twin.gcs_state import ControllerState
 from flexstage.instruments.twin.record_store import RECORD_OPTIONS
-from flexstage.instruments.twin.state import ControllerState
-from flexstage.instruments.twin.words import unsigned
 
 #: What starts the recorder, by number.
 _TRIGGERS = {
@@ -137,53 +137,55 @@ def _records(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands of the data recorder.
 RECORDER = (
-    Command(
+    GcsCommand(
         name="DRC",
         arguments="{<RecTableID> <Source> <RecOption>}",
         text="Set Data Recorder Configuration",
         run=_configure,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="DRC?",
         arguments="[{<RecTableID>}]",
         text="Get Data Recorder Configuration",
         run=_configuration,
     ),
-    Command(
+    GcsCommand(
         name="DRL?",
         arguments="[{<RecTableID>}]",
         text="Get Number Of Recorded Points",
         run=_recorded,
         poll=True,
     ),
-    Command(
+    GcsCommand(
         name="DRR?",
         arguments="[<StartPoint> <NumberOfPoints> [{<RecTableID>}]]",
         text="Get Recorded Data Values",
         run=_records,
     ),
-    Command(
+    GcsCommand(
         name="DRT",
         arguments="{<RecTableID> <TriggerSource> <Value>}",
         text="Set Data Recorder Trigger Source",
         run=_set_trigger,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="DRT?",
         arguments="[{<RecTableID>}]",
         text="Get Data Recorder Trigger Source",
         run=_trigger,
     ),
-    Command(name="HDR?", arguments="", text="Get All Data Recorder Options", run=_options),
-    Command(
+    GcsCommand(name="HDR?", arguments="", text="Get All Data Recorder Options", run=_options),
+    GcsCommand(
         name="RTR",
         arguments="<RecTableRate>",
         text="Set Record Table Rate",
         run=_set_rate,
         changes=True,
     ),
-    Command(name="RTR?", arguments="", text="Get Record Table Rate", run=_rate),
-    Command(name="TNR?", arguments="", text="Get Number Of Record Tables", run=_number_of_tables),
+    GcsCommand(name="RTR?", arguments="", text="Get Record Table Rate", run=_rate),
+    GcsCommand(
+        name="TNR?", arguments="", text="Get Number Of Record Tables", run=_number_of_tables
+    ),
 )

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply, Run
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply, Run
 from flexstage.instruments.twin.commands_motion import of_axes
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import MICRO, ControllerState
-from flexstage.instruments.twin.words import chosen, number, pairs, switch
+from flexstage.instruments.twin.gcs_arguments import chosen, number, pairs, switch
+from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 
 def _set_zero(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
@@ -134,12 +134,12 @@ def _flag(value: Callable[[ControllerState, str], bool]) -> Run:
     return of_axes(lambda state, axis: str(int(value(state, axis))))
 
 
-def _change(name: str, arguments: str, text: str, run: Run, *, moves: bool = False) -> Command:
-    return Command(name=name, arguments=arguments, text=text, run=run, changes=True, moves=moves)
+def _change(name: str, arguments: str, text: str, run: Run, *, moves: bool = False) -> GcsCommand:
+    return GcsCommand(name=name, arguments=arguments, text=text, run=run, changes=True, moves=moves)
 
 
-def _question(name: str, text: str, run: Run) -> Command:
-    return Command(name=name, arguments="[{<AxisID>}]", text=text, run=run)
+def _question(name: str, text: str, run: Run) -> GcsCommand:
+    return GcsCommand(name=name, arguments="[{<AxisID>}]", text=text, run=run)
 
 
 _SWITCHED = "{<AxisID> <State>}"
@@ -147,7 +147,7 @@ _SWITCHED = "{<AxisID> <State>}"
 #: Commands of the set-up.
 SETUP = (
     _change("ATZ", "[{<AxisID> <LowValue>}]", "Set Automatic Zero Point", _set_zero, moves=True),
-    Command(
+    GcsCommand(
         name="ATZ?", arguments="[{<AxisID>}]", text="Get Automatic Zero Point State",
         run=of_axes(_zeroed), poll=True,
     ),
@@ -161,7 +161,7 @@ SETUP = (
     _change("NLM", "{<AxisID> <LowLimit>}", "Set Low Position Soft Limit",
             _soft_limit(of_voltage=False, high=False)),
     _change("ONL", "[<OutputID>] <State>", "Set Control Mode", _set_online),
-    Command(name="ONL?", arguments="[{<OutputID>}]", text="Get Control Mode", run=_online),
+    GcsCommand(name="ONL?", arguments="[{<OutputID>}]", text="Get Control Mode", run=_online),
     _change("PLM", "{<AxisID> <HighLimit>}", "Set High Position Soft Limit",
             _soft_limit(of_voltage=False, high=True)),
     _change("RON", _SWITCHED, "Set Reference Mode", _reference_mode),

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.commands_motion import of_axes, of_inputs
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import MICRO, ControllerState
-from flexstage.instruments.twin.words import chosen, printed, unsigned
+from flexstage.instruments.twin.gcs_arguments import chosen, printed, unsigned
+from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
 
 #: Bits of the status register.
 _SERVO, _MOVING, _ON_TARGET = 1 << 12, 1 << 13, 1 << 15
@@ -89,44 +89,44 @@ def _serial_number(state: ControllerState, _: Client, words: Sequence[str]) -> R
 
 #: Commands of the controller's state; inputs for the target, and switches of the stage, are none.
 STATUS = (
-    Command(
+    GcsCommand(
         name="AOS?",
         arguments="[{<AxisID>}]",
         text="Get Analog Input Offset",
         run=of_axes(lambda _, __: printed(0.0)),
     ),
-    Command(
+    GcsCommand(
         name="IFC?", arguments="[{<InterfacePam>}]", text="Get Interface Parameters",
         run=_interfaces,
     ),
-    Command(
+    GcsCommand(
         name="LIM?", arguments="[{<AxisID>}]", text="Indicate Limit Switches",
         run=of_axes(lambda _, __: "0"),
     ),
-    Command(
+    GcsCommand(
         name="OVF?", arguments="[{<AxisID>}]", text="Get Overflow State", run=of_axes(_overflow)
     ),
-    Command(
+    GcsCommand(
         name="SRG?",
         arguments="[{<AxisID> <RegisterID>}]",
         text="Query Status Register Value",
         run=_registers,
         poll=True,
     ),
-    Command(name="SSN?", arguments="", text="Get Device Serial Number", run=_serial_number),
-    Command(
+    GcsCommand(name="SSN?", arguments="", text="Get Device Serial Number", run=_serial_number),
+    GcsCommand(
         name="TAD?",
         arguments="[{<InputID>}]",
         text="Get ADC Value Of Input Signal",
         run=of_inputs(_digits),
     ),
-    Command(
+    GcsCommand(
         name="TNS?",
         arguments="[{<InputID>}]",
         text="Get Normalized Input Signal Value",
         run=of_inputs(lambda s, n: printed(_normalized(s, n))),
     ),
-    Command(
+    GcsCommand(
         name="TRS?", arguments="[{<AxisID>}]", text="Indicate Reference Switch",
         run=of_axes(lambda _, __: "0"),
     ),

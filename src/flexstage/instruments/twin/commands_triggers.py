@@ -6,11 +6,11 @@ The simulated controller has lines that nothing is connected to: their settings 
 from collections.abc import Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import ControllerState
-from flexstage.instruments.twin.words import number, switch, unsigned
+from flexstage.instruments.twin.gcs_arguments import number, switch, unsigned
+from flexstage.instruments.twin.gcs_state import ControllerState
 
 _LINES = 3
 #: Settings of a line: width, axis, kind, lowest and highest position, polarity, offset.
@@ -78,34 +78,34 @@ def _settings(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands of the digital outputs.
 TRIGGERS = (
-    Command(
+    GcsCommand(
         name="CTO",
         arguments="{<TrigOutID> <CTOPam> <Value>}",
         text="Set Configuration Of Trigger Output",
         run=_set_line,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="CTO?",
         arguments="[{<TrigOutID> <CTOPam>}]",
         text="Get Configuration Of Trigger Output",
         run=_settings,
     ),
-    Command(
+    GcsCommand(
         name="TWC",
         arguments="",
         text="Clear All Wave Related Triggers",
         run=_clear_points,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="TWS",
         arguments="{<TrigOutID> <PointNumber> <Switch>}",
         text="Set Trigger Line Actions To Waveform Points",
         run=_set_points,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="TWS?",
         arguments="[{<TrigOutID>}]",
         text="Get Trigger Line Actions At Waveform Points",

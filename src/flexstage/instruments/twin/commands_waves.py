@@ -7,12 +7,10 @@ import numpy as np
 
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.array_text import array_text
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import identity_line, nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import ControllerState
-from flexstage.instruments.twin.wave_command import segment
-from flexstage.instruments.twin.words import (
+from flexstage.instruments.twin.gcs_arguments import (
     LARGEST,
     chosen,
     number,
@@ -21,6 +19,8 @@ from flexstage.instruments.twin.words import (
     unsigned,
     unsigned_or_hex,
 )
+from flexstage.instruments.twin.gcs_state import ControllerState
+from flexstage.instruments.twin.wave_command import segment
 
 #: Bits of the start mode: begin at once; begin each cycle where the one before has ended.
 _START, _ONWARD = 1, 1 << 8
@@ -223,47 +223,47 @@ def _capacity(state: ControllerState, _: Client, words: Sequence[str]) -> Reply:
 
 #: Commands of the wave generator.
 WAVES = (
-    Command(
+    GcsCommand(
         name="GWD?",
         arguments="[<StartPoint> <NumberOfPoints> [{<WaveTableID>}]]",
         text="Get Wave Table Data",
         run=_samples,
     ),
-    Command(name="TWG?", arguments="", text="Get Number Of Wave Generators", run=_generators),
-    Command(
+    GcsCommand(name="TWG?", arguments="", text="Get Number Of Wave Generators", run=_generators),
+    GcsCommand(
         name="WAV",
         arguments="<WaveTableID> <AppendWave> <WaveType> <WaveTypeParameters>",
         text="Set Waveform Definition",
         run=_define,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WAV?",
         arguments="[<WaveTableID> [<WaveParameterID>]]",
         text="Get Waveform Length",
         run=_lengths,
     ),
-    Command(
+    GcsCommand(
         name="WCL",
         arguments="{<WaveTableID>}",
         text="Clear Wave Table Data",
         run=_clear,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WGC",
         arguments="{<WaveGenID> <Cycles>}",
         text="Set Number Of Wave Generator Cycles",
         run=_set_cycles,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WGC?",
         arguments="[{<WaveGenID>}]",
         text="Get Number Of Wave Generator Cycles",
         run=_cycles,
     ),
-    Command(
+    GcsCommand(
         name="WGO",
         arguments="{<WaveGenID> <StartMode>}",
         text="Set Wave Generator Start/Stop Mode",
@@ -271,60 +271,60 @@ WAVES = (
         changes=True,
         moves=True,
     ),
-    Command(
+    GcsCommand(
         name="WGO?",
         arguments="[{<WaveGenID>}]",
         text="Get Wave Generator Start/Stop Mode",
         run=_modes,
         poll=True,
     ),
-    Command(
+    GcsCommand(
         name="WGR",
         arguments="",
         text="Start Recording Again While Wave Generator Runs",
         run=_record_again,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WMS?",
         arguments="[{<WaveTableID>}]",
         text="Get Maximum Number Of Wave Table Points",
         run=_capacity,
     ),
-    Command(
+    GcsCommand(
         name="WOS",
         arguments="{<WaveGenID> <Offset>}",
         text="Set Wave Generator Output Offset",
         run=_set_offsets,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WOS?",
         arguments="[{<WaveGenID>}]",
         text="Get Wave Generator Output Offset",
         run=_offsets,
     ),
-    Command(
+    GcsCommand(
         name="WSL",
         arguments="{<WaveGenID> <WaveTableID>}",
         text="Connect Wave Table To Wave Generator",
         run=_choose,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WSL?",
         arguments="[{<WaveGenID>}]",
         text="Get Wave Table Of Wave Generator",
         run=_choices,
     ),
-    Command(
+    GcsCommand(
         name="WTR",
         arguments="{<WaveGenID> <WaveTableRate> <InterpolationType>}",
         text="Set Wave Generator Table Rate",
         run=_set_rate,
         changes=True,
     ),
-    Command(
+    GcsCommand(
         name="WTR?",
         arguments="[{<WaveGenID>}]",
         text="Get Wave Generator Table Rate",

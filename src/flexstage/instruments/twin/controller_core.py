@@ -15,7 +15,7 @@ from flexstage.instruments.twin.device import (
     Refusal,
     RefusedError,
 )
-from flexstage.instruments.twin.stage import Block, VirtualStage
+from flexstage.instruments.twin.stage import StageSamples, VirtualStage
 from flexstage.instruments.twin.time_source import duration
 from flexstage.instruments.twin.wave_tables import WaveTables
 from flexstage.stage import Stage
@@ -149,7 +149,7 @@ class ControllerCore:
         self._readings = block.reading[:, -1]
         self._recorder.take(first, count, lambda signal: self._values(signal, command, block))
 
-    def _values(self, signal: Signal, command: Array, block: Block) -> Array:
+    def _values(self, signal: Signal, command: Array, block: StageSamples) -> Array:
         """Return the samples of a block that a signal stands for."""
         if signal.kind == "channel":
             return block.reading[int(signal.source) - 1]

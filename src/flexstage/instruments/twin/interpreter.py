@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from flexstage.errors import ControllerError, FlexstageError
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import IDENTITY, delivered, help_lines, nothing
 from flexstage.instruments.twin.commands_motion import MOTION, halt, moving_bits
 from flexstage.instruments.twin.commands_recorder import RECORDER
@@ -16,8 +16,8 @@ from flexstage.instruments.twin.commands_waves import WAVES, running_bits
 from flexstage.instruments.twin.controller_models import OWN, ControllerModel
 from flexstage.instruments.twin.device import Device, RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
+from flexstage.instruments.twin.gcs_state import ControllerState
 from flexstage.instruments.twin.macros import Macros
-from flexstage.instruments.twin.state import ControllerState
 
 #: Answer to ``#7``: always ready; a controller that is not says 0xB0.
 _READY = "\xb1"
@@ -55,7 +55,7 @@ class Interpreter:
         self._hold = hold
         #: Those that have given a command that moves or changes something, in their order.
         self._commanding: list[Client] = []
-        help_command = Command(
+        help_command = GcsCommand(
             name="HLP?", arguments="", text="Get List Of Available Commands", run=self._help
         )
         self._macros = Macros(self.line)
@@ -63,12 +63,12 @@ class Interpreter:
         commands = sorted((help_command, *macros, *_COMMANDS), key=lambda c: c.name)
         # a controller of motors does not know the commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
-        self._commands: Mapping[str, Command] = {
+        self._commands: Mapping[str, GcsCommand] = {
             command.name: command for command in commands if command.name not in unknown
         }
 
     @property
-    def commands(self) -> Mapping[str, Command]:
+    def commands(self) -> Mapping[str, GcsCommand]:
         """The commands by name."""
         return self._commands
 
@@ -138,7 +138,9 @@ class Interpreter:
                 record=command.name != "ERR?",
             )
 
-    def _run(self, client: Client, command: Command, words: Sequence[str], stopped: bool) -> Reply:
+    def _run(
+        self, client: Client, command: GcsCommand, words: Sequence[str], stopped: bool
+    ) -> Reply:
         if stopped and command.moves:
             raise GcsError(code.STOPPED)
         if command.changes:

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.command import Client, Command, Reply
+from flexstage.instruments.twin.command import Client, GcsCommand, Reply
 from flexstage.instruments.twin.commands_identity import nothing
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.state import ControllerState
+from flexstage.instruments.twin.gcs_state import ControllerState
 
 #: Most characters of all macros, and longest name.
 _ROOM, _NAME = 1 << 16, 8
@@ -41,10 +41,10 @@ class Macros:
         if self._recording is not None and self._recording[0] is client:
             self._recording = None
 
-    def commands(self) -> tuple[Command, ...]:
+    def commands(self) -> tuple[GcsCommand, ...]:
         """Return the commands of macros."""
         return (
-            Command(
+            GcsCommand(
                 name="MAC",
                 arguments="<Keyword> [<MacroName> [<Value> ...]]",
                 text="Call Macro Function: BEG, END, DEL, START",
@@ -52,8 +52,8 @@ class Macros:
                 changes=True,
                 moves=True,
             ),
-            Command(name="MAC?", arguments="[<MacroName>]", text="List Macros", run=self._list),
-            Command(name="RMC?", arguments="", text="List Running Macros", run=self._running),
+            GcsCommand(name="MAC?", arguments="[<MacroName>]", text="List Macros", run=self._list),
+            GcsCommand(name="RMC?", arguments="", text="List Running Macros", run=self._running),
         )
 
     def _size(self) -> int:

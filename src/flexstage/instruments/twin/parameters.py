@@ -4,19 +4,64 @@ Numbers below 0x70000000 are those of PI's piezo controllers; the simulated cont
 ``Twin`` in their group. Units are part of the names, so that a client can tell them.
 """
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
 from flexstage import __version__
 from flexstage.instruments.protocol import Capability
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.errors_gcs import GcsError
-from flexstage.instruments.twin.parameter import Edit, Get, Parameter, Value, items_of
-from flexstage.instruments.twin.servo_draft import NOTCHES, ServoDraft
-from flexstage.instruments.twin.state import MICRO, ControllerState
-from flexstage.instruments.twin.words import number, switch, unsigned
+from flexstage.instruments.twin.gcs_arguments import number, printed, switch, unsigned
+from flexstage.instruments.twin.gcs_state import MICRO, ControllerState
+from flexstage.instruments.twin.servo_parameters import NOTCHES, ServoDraft
 
 _KINDS = {int: "INT", str: "CHAR"}
-
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.
 SIMULATED_TIME = 0x7F000001
+Value = float | int | str
+Get = Callable[[ControllerState, str], Value]
+Set = Callable[[ControllerState, str, str], None]
+Edit = Callable[[ServoDraft, float], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A parameter."""
+
+    item: str
+    """What it belongs to; ``piezo``: an axis with a voltage; ``servo``: one with a position control
+    that can be set.
+    """
+    group: str
+    """How it is listed."""
+    name: str
+    """How it is listed."""
+    get: Get
+    """Returns the value, from state and item."""
+    set: Set | None = None
+    """Sets it, from state, item and word."""
+    edit: Edit | None = None
+    """Sets a number of the position control, all of which are changed at once."""
+
+
+def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
+    """Return the items that have a parameter."""
+    if parameter.item == "system":
+        return ("1",)
+    if parameter.item == "channel":
+        return tuple(state.channels)
+    if parameter.item == "piezo":
+        return tuple(state.outputs.values())
+    return tuple(
+        name
+        for name, axis in state.axes.items()
+        if parameter.item == "axis" or Capability.SERVO_TUNING in axis.capabilities
+    )
+
+
+def value_text(value: Value) -> str:
+    """Return a value as it is sent."""
+    return printed(value) if isinstance(value, float) else str(value)
 
 
 def listing(state: ControllerState) -> list[str]:

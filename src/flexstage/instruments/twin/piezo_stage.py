@@ -12,15 +12,6 @@ from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.beside import (
-    beside_channels,
-    kinds_of,
-    neighbour,
-    polynomial,
-    readings_beside,
-    sources,
-)
-from flexstage.instruments.twin.charge import ChargeDrive
 from flexstage.instruments.twin.device import ChannelDescription
 from flexstage.instruments.twin.hammer import Hammer
 from flexstage.instruments.twin.loop import (
@@ -29,11 +20,19 @@ from flexstage.instruments.twin.loop import (
     ServoArrays,
     run_loop,
 )
+from flexstage.instruments.twin.parasitic_motion import (
+    beside_channels,
+    kinds_of,
+    neighbour,
+    polynomial,
+    readings_beside,
+    sources,
+)
 from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_arrays, mode_arrays
 from flexstage.instruments.twin.sensors import Disturbances, SensorBench
 from flexstage.instruments.twin.small_signal import sampled_response
-from flexstage.instruments.twin.stack import relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Block, Blow
+from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
+from flexstage.instruments.twin.stage import Blow, StageSamples
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
@@ -163,7 +162,9 @@ class PiezoStage:
         self._servo.gains[a] = settings.proportional, settings.integral / self._rate
         self._settings[axis] = settings
 
-    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
         """Let samples of the loop pass."""
         axes = len(self._parts)
         wanted = commands(command, axes)
@@ -192,7 +193,9 @@ class PiezoStage:
         )  # fmt: skip
         time = (self._count + np.arange(n)) / self._rate
         self._count += n
-        return Block(time=time, reading=reading, position=position, voltage=voltage, command=asked)
+        return StageSamples(
+            time=time, reading=reading, position=position, voltage=voltage, command=asked
+        )
 
     def strike(self, axis: str) -> Blow:
         """Strike the platform along an axis with a hammer, the drives taken out for it."""

@@ -12,7 +12,9 @@ from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
-from flexstage.instruments.twin.beside import (
+from flexstage.instruments.twin.device import ChannelDescription
+from flexstage.instruments.twin.hammer import Hammer
+from flexstage.instruments.twin.parasitic_motion import (
     beside_channels,
     kinds_of,
     neighbour,
@@ -20,11 +22,9 @@ from flexstage.instruments.twin.beside import (
     readings_beside,
     sources,
 )
-from flexstage.instruments.twin.device import ChannelDescription
-from flexstage.instruments.twin.hammer import Hammer
 from flexstage.instruments.twin.piezo_parts import commands
 from flexstage.instruments.twin.sensors import Disturbances, SensorBench
-from flexstage.instruments.twin.stage import Block, Blow
+from flexstage.instruments.twin.stage import Blow, StageSamples
 from flexstage.stage import Stage
 
 
@@ -149,7 +149,9 @@ class ScrewStage:
         del settings
         self.servo_settings(axis)
 
-    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
         """Let samples pass."""
         del servo, feedforward
         axes = len(self._parts)
@@ -164,7 +166,7 @@ class ScrewStage:
         readings_beside(self._source, self._rows, position, drift, noise, d.gain, d.step, reading)
         time = (self._count + np.arange(n)) / self._rate
         self._count += n
-        return Block(
+        return StageSamples(
             time=time, reading=reading, position=position, voltage=np.zeros((axes, n)),
             command=advance,
         )  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from flexstage.instruments.twin.interpreter import Interpreter
-from flexstage.instruments.twin.session import Session
+from flexstage.instruments.twin.session import ServerSession
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ _UNFORESEEN = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeE
 @dataclass(slots=True, kw_only=True, eq=False)
 class _Connection:
     socket: socket.socket
-    session: Session
+    session: ServerSession
     answers: bytearray = field(default_factory=bytearray)
     #: When the client last took something, or had nothing to take.
     moved_on: float
@@ -165,7 +165,7 @@ class GcsServer:
             if hasattr(socket, option):
                 link.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         connection = _Connection(
-            socket=link, session=Session(self._interpreter), moved_on=self._clock()
+            socket=link, session=ServerSession(self._interpreter), moved_on=self._clock()
         )
         self._connections[link.fileno()] = connection
         self._selector.register(link, selectors.EVENT_READ, connection)

@@ -1,17 +1,18 @@
 """A conversation of one client with the controller: bytes in, bytes out."""
 
 import re
+import threading
 from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
+from flexstage.errors import NotConnectedError
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.command import Reply
 from flexstage.instruments.twin.interpreter import Interpreter
 
 #: Longest line [bytes]; of a longer one nothing is carried out.
 LONGEST_LINE: Final = 65536
-
 _STOP, _NEWLINE = 24, 10
 #: Characters that are commands wherever they stand, and the end of a line.
 _SPECIAL = re.compile(rb"[\x04\x05\x07\x09\n]")
@@ -20,7 +21,7 @@ _CONTROL = bytes(range(32))
 _PRINTABLE = bytes(range(32, 127))
 
 
-class Session:
+class ServerSession:
     r"""A client.
 
     Lines end with LF, or CR and LF. The characters 4, 5, 7, 9 and 24 are commands by themselves,
@@ -166,3 +167,56 @@ class Session:
             self._pieces = reply
             return b""
         return (" \n".join(reply) + "\n").encode("latin-1")
+
+
+class Loopback:
+    """Takes what a client sends, and has the answer ready at once.
+
+    Any thread may send; a stop (character 24) does not wait for what another thread does.
+    """
+
+    def __init__(self, interpreter: Interpreter) -> None:
+        self._interpreter = interpreter
+        self._session = ServerSession(interpreter)
+        self._answers = bytearray()
+        self._lock = threading.Lock()
+        self._closed = False
+
+    @property
+    def name(self) -> str:
+        """Where it leads."""
+        return self._interpreter.device.identity.model
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; they are carried out before this returns."""
+        self._open()
+        if _STOP in data:
+            self._session.stop()
+        with self._lock:
+            self._answers += self._session.feed(data)
+
+    def receive(self, timeout: float = 0.0) -> bytes:
+        """Return what the controller has said; nothing is waited for, since it is said already."""
+        self._open()
+        with self._lock:
+            said, self._answers = bytes(self._answers), bytearray()
+        return said
+
+    def another(self) -> "Loopback":
+        """Open a second conversation with the same controller."""
+        return Loopback(self._interpreter)
+
+    def close(self) -> None:
+        """End the conversation; calling it again changes nothing."""
+        if not self._closed:
+            self._closed = True
+            self._session.close()
+
+    def _open(self) -> None:
+        if self._closed:
+            raise NotConnectedError("the conversation with the simulated controller was closed")
+
+
+def open_session(interpreter: Interpreter) -> Loopback:
+    """Open a conversation with a controller in the same process."""
+    return Loopback(interpreter)

@@ -12,7 +12,7 @@ from flexstage.stage import Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Block:
+class StageSamples:
     """What a stage did over some samples of its loop.
 
     All values of a sample belong to its time: a reading is what the sensor sees then, though a loop
@@ -96,7 +96,9 @@ class VirtualStage(Protocol):
         """Change them; the filters keep their state where their number stays."""
         ...
 
-    def run(self, command: Array, servo: Sequence[bool], feedforward: Array | None = None) -> Block:
+    def run(
+        self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
+    ) -> StageSamples:
         """Let samples of the loop pass.
 
         A run that is cut in two gives the same numbers. What is commanded at a sample is at the

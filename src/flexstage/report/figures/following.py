@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.plans.identify_step import SETTLED
 from flexstage.plans.results import IdentifiedStep, VerifiedStep
-from flexstage.plans.results_models import FollowedRun
+from flexstage.plans.step_results import FollowedRun
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ _OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room a
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Neck:
+class StressedNeck:
     """A neck that stands for those like it."""
 
     hinge: Hinge
@@ -47,7 +47,7 @@ class Neck:
     """Number of hinges of the same profile and stress, itself included."""
 
 
-def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck, ...]:
+def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[StressedNeck, ...]:
     """Return the most stressed necks, worst first, one for all of the same profile and stress.
 
     The drive of the axis is at full stroke; none where no hinge bears stress.
@@ -74,7 +74,7 @@ def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck,
         else:
             groups.append([(i, hinge)])
     return tuple(
-        Neck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
+        StressedNeck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
         for g in groups[:most]
         if stress[g[0][1].name] > 0.01 * largest
     )
@@ -167,7 +167,7 @@ def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) 
     return factor
 
 
-def _letters(axes: "Axes", sample: "Sample", necks: Sequence[Neck], factor: float) -> None:
+def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], factor: float) -> None:
     """Name the necks that have a picture of their own."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     size = 0.045 * max(x1 - x0, y1 - y0)
@@ -205,7 +205,7 @@ def _neck(
     sampler: "Sampler",
     sample: "Sample",
     bands: Bands,
-    neck: Neck,
+    neck: StressedNeck,
     peak: Array,
     letter: str,
 ) -> None:

@@ -17,6 +17,7 @@ from flexstage.export.drawing.sheet.view import (
     scale_bar,
 )
 from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.export.svg_elements import in_lines
 from flexstage.stage import Stage
 
 #: Height of a row, and font size [mm].
@@ -339,21 +340,4 @@ def _fitting(text: str, width: float) -> str:
 
 def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
     """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
-    lines: list[str] = []
-    line = ""
-    for word in text.split():
-        rest = word
-        while rest:
-            trial = f"{line} {rest}".strip()
-            if text_width(trial, size) <= width:
-                line, rest = trial, ""
-            elif line:
-                lines.append(line)
-                line = ""
-            else:
-                keep = len(rest)
-                while keep > 1 and text_width(rest[:keep], size) > width:
-                    keep -= 1
-                lines.append(rest[:keep])
-                rest = rest[keep:]
-    return [*lines, line] if line else lines
+    return in_lines(text, lambda line: text_width(line, size) <= width, break_words=True)
