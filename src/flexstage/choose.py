@@ -8,6 +8,7 @@ from difflib import SequenceMatcher
 
 _LONGEST = 100  # what is compared of a name
 _SHOWN = 60  # what is shown of it
+_PLURAL = {"axis": "axes"}
 
 
 def nearest(name: str, among: Iterable[str], cutoff: float = 0.6) -> str | None:
@@ -53,3 +54,18 @@ def unknown(what: str, name: str, among: Iterable[str], cutoff: float = 0.6) -> 
     names = list(among)
     hint = did_you_mean(name, names, cutoff)
     return f"unknown {what} '{name[:_SHOWN]}': expected one of {', '.join(names)}{hint}"
+
+
+def has_no(owner: str, what: str, name: str, among: Iterable[str]) -> str:
+    """Return the sentence that refuses a name of what an owner has, and says what there is.
+
+    Examples
+    --------
+    >>> has_no("the stage", "axis", "X", ["x", "y"])
+    "the stage has no axis 'X': its axes are x, y; did you mean 'x'?"
+    """
+    names = list(among)
+    return (
+        f"{owner} has no {what} '{name[:_SHOWN]}': its {_PLURAL.get(what, what + 's')} are "
+        f"{', '.join(names) or 'none'}{did_you_mean(name, names)}"
+    )

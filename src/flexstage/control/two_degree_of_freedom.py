@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from flexstage.choose import has_no
 from flexstage.control.feedforward import Compensation, compensate, shifted_model
 from flexstage.control.periodic import delayed
 from flexstage.control.trajectories.trajectory import Trajectory
@@ -250,8 +251,7 @@ def carry_out(
 
 def _known(instrument: Instrument, axis: str) -> str:
     if axis not in instrument.axes:
-        known = ", ".join(instrument.axes)
-        raise ModelError(f"the instrument has no axis '{axis}': it has {known}")
+        raise ModelError(has_no("the instrument", "axis", axis, instrument.axes))
     return axis
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.chain.coupled_stepping import (
@@ -153,8 +154,7 @@ class DynamicModel:
         for drive in self.drives:
             if drive.name == name:
                 return drive
-        known = ", ".join(d.name for d in self.drives)
-        raise ModelError(f"the model has no drive '{name}': it has {known}")
+        raise ModelError(has_no("the model", "drive", name, (d.name for d in self.drives)))
 
     def settled(self, commands: Mapping[str, float] | None = None) -> ModelMemory:
         """Return the memory after commands went from zero to a value and stayed there.

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from flexstage.characteristic import Characteristics
+from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.instruments.limits import AxisLimits, stage_limits
 from flexstage.instruments.waveform import Quantity
@@ -60,10 +61,7 @@ def axis_setting(
     """
     names = [a.name for a in stage.axes]
     if axis not in names:
-        raise PlanError(
-            f"the stage {stage.name} has no axis '{axis}': its axes are "
-            f"{', '.join(names) or 'none'}"
-        )
+        raise PlanError(has_no(f"the stage {stage.name}", "axis", axis, names))
     drive = stage.drive(stage.axis(axis).drive)
     own = limits if limits is not None else stage_limits(stage, axis)
     screw = isinstance(drive, Screw)

@@ -15,6 +15,7 @@ from flexstage.centring.head_averaging import against_reference
 from flexstage.centring.procedure import centre
 from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
+from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
@@ -121,9 +122,7 @@ class _AxisOf:
 
     def __init__(self, instrument: Instrument, stage: Stage, name: str, closed: bool) -> None:
         if name not in instrument.axes:
-            raise PlanError(
-                f"the instrument has no axis '{name}': its axes are {', '.join(instrument.axes)}"
-            )
+            raise PlanError(has_no("the instrument", "axis", name, instrument.axes))
         self._instrument, self.name = instrument, name
         self._axis: MotionAxis = instrument.axes[name]
         can = Capability.CLOSED_LOOP in self._axis.capabilities

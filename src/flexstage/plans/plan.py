@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated
 
+from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiment.campaign.plan import SensorSpecification
 from flexstage.experiment.uncertainty.sensor import SensorSetup
@@ -144,8 +145,7 @@ class Plan:
         for step in self.steps:
             if step.name == name:
                 return step
-        known = ", ".join(step.name for step in self.steps)
-        raise PlanError(f"the plan has no step '{name}': its steps are {known}")
+        raise PlanError(has_no("the plan", "step", name, (step.name for step in self.steps)))
 
     def sensor(self, name: str) -> SensorEntry:
         """Return a sensor.
@@ -168,8 +168,7 @@ class Plan:
         for sensor in self.sensors:
             if sensor.name == name:
                 return sensor
-        known = ", ".join(sensor.name for sensor in self.sensors) or "none"
-        raise PlanError(f"the plan has no sensor '{name}': its sensors are {known}")
+        raise PlanError(has_no("the plan", "sensor", name, (s.name for s in self.sensors)))
 
     def axis_of(self, name: str) -> str:
         """Return the axis that a step is about; both, such as ``xy``, where it is about two.

@@ -7,6 +7,7 @@ import numpy as np
 
 from flexstage import progress
 from flexstage.arrays import Array
+from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to
@@ -40,10 +41,7 @@ def prepare_loops(instrument: Instrument, axes: Sequence[str], quantity: Quantit
     """Switch position control on for positions and off for voltages."""
     for name in axes:
         if name not in instrument.axes:
-            raise PlanError(
-                f"the instrument has no axis '{name}': its axes are "
-                f"{', '.join(instrument.axes) or 'none'}"
-            )
+            raise PlanError(has_no("the instrument", "axis", name, instrument.axes))
         axis = instrument.axes[name]
         wanted = Capability.CLOSED_LOOP if quantity == "position" else Capability.OPEN_LOOP
         if wanted not in axis.capabilities:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.system import AxisAnalysis, DriveCondition, MechanicalSystem, analyse_axis, modes
 from flexstage.system.characteristics import axis_mode
@@ -59,7 +60,7 @@ def predict(
                 f"a stage cannot be fitted to '{quantity}': expected one of {', '.join(UPDATABLE)}"
             )
         if name not in axes:
-            raise ModelError(f"the stage has no axis '{name}' (it has {', '.join(axes) or 'none'})")
+            raise ModelError(has_no("the stage", "axis", name, axes))
     bare = modes(system, count=None)
     found = bare if drives == "removed" else modes(system, drives=drives, count=None)
     pushed: dict[str, AxisAnalysis] = {

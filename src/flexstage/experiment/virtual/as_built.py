@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.updating.parameters import UpdateParameter
@@ -131,9 +132,7 @@ class AsBuilt:
         for axis in self.axes:
             if axis.name == name:
                 return axis
-        raise ModelError(
-            f"the stage has no axis '{name}': choose from {', '.join(a.name for a in self.axes)}"
-        )
+        raise ModelError(has_no("the stage", "axis", name, (a.name for a in self.axes)))
 
 
 def as_built(

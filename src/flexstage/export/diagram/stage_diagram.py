@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
 from flexstage.export.diagram.axis_chain import axis_chain
@@ -112,9 +113,7 @@ def _axis(
     """Draw one axis."""
     ports = {port.name: port for port in system.axes}
     if name not in ports:
-        raise ModelError(
-            f"stage '{system.name}' has no axis '{name}': it has {', '.join(ports) or 'none'}"
-        )
+        raise ModelError(has_no(f"stage '{system.name}'", "axis", name, ports))
     port = ports[name]
     pushed = parts.bodies[parts.drive(port.drive).bodies[1]]
     chain = axis_chain(system, port, pushed_mass=pushed.mass)

@@ -1,5 +1,6 @@
 """Blows of a hammer on a simulated stage, its drives taken out."""
 
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt
 from flexstage.experiment.virtual.bench import HammerBench
@@ -18,7 +19,7 @@ class Hammer:
     def strike(self, axis: str) -> Blow:
         """Strike once along an axis."""
         if axis not in self._axes:
-            raise ModelError(f"the stage has no axis '{axis}': choose from {', '.join(self._axes)}")
+            raise ModelError(has_no("the stage", "axis", axis, self._axes))
         # each blow has a seed of its own, far from those of other stages
         record = self._bench.record(axis, seed=1_000_003 * (self._seed + 1) + self._struck)
         self._struck += 1

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
+from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.guide import GuideErrors
 from flexstage.hysteresis.chain.creep import Creep
@@ -242,7 +243,7 @@ class PiezoStage:
 
     def _number(self, axis: str) -> int:
         if axis not in self.axes:
-            raise ModelError(f"the stage has no axis '{axis}': choose from {', '.join(self.axes)}")
+            raise ModelError(has_no("the stage", "axis", axis, self.axes))
         return self.axes.index(axis)
 
     def _bows(self, guides: Mapping[str, GuideErrors]) -> Array:
