@@ -24,7 +24,7 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.fmu.fmu_file import fmu_files
-from flexstage.export.realtime.cost import operations
+from flexstage.export.realtime.comment import operations
 from flexstage.export.realtime.files import realtime_files
 from flexstage.hysteresis import LogCreep, Sensor
 from flexstage.lumped import lumped_system

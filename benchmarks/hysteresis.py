@@ -21,8 +21,8 @@ from benchmarks import hysteresis_peers as peers
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
 from flexstage.arrays import Array
-from flexstage.hysteresis.chain.joint import simulate_with_stage
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.dahl import Dahl
@@ -154,7 +154,7 @@ def stepping(count: int = SAMPLES) -> Iterator[Row]:
 
 def stage(count: int = SAMPLES) -> Iterator[Row]:
     """Time Bouc-Wen and a mode of 339 Hz behind it, at 10 kHz."""
-    from tests.analytic.test_joint_stepping import in_30_digits
+    from tests.analytic.test_coupled_stepping import in_30_digits
 
     u, few = peers.sweep(count), peers.sweep(FEW // 5)
     many = peers.sweep(FEW)

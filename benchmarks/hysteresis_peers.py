@@ -8,7 +8,7 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 __all__ = [

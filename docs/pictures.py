@@ -157,9 +157,9 @@ def card_centring() -> "Figure":
 
 def _twin_steps(step: float, dwell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Targets and readings of a staircase of the twin under position control."""
-    from flexstage.instruments.acquire import run_waveform
     from flexstage.instruments.connect import connect
     from flexstage.instruments.protocol import Signal
+    from flexstage.instruments.record_run import run_waveform
     from flexstage.instruments.waveform import Waveform
 
     rate, start = 1000.0, 30e-6

@@ -85,7 +85,7 @@ class Compiled:
         self.library = _library(program(self.code), self.code.kind, self.single)
         self.type: Any = np.float32 if self.single else np.float64
         self.parameters = self.code.parameters.astype(self.type)
-        self.memory = self.model.rest().astype(self.type)
+        self.memory = self.model.initial_state().astype(self.type)
 
     def moves(self, u: Array) -> Array:
         """Return the outputs for a sequence."""

@@ -17,13 +17,14 @@ os.environ.setdefault("NGS_NUM_THREADS", "1")
 # The matrix library's threads wait the same way; many small least squares are faster without them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# What tests condense stays out of the user's own store.
-_CACHE = tempfile.mkdtemp(prefix="flexstage-tests-")
-os.environ["FLEXSTAGE_CACHE"] = _CACHE
-# And so do their runs and locks.
-os.environ["FLEXSTAGE_CATALOGUE"] = f"{_CACHE}/catalogue.sqlite"
-os.environ["FLEXSTAGE_STATE"] = f"{_CACHE}/state"
-atexit.register(shutil.rmtree, _CACHE, ignore_errors=True)
+# Runs and locks of tests stay out of the user's own store, and so does what they condense: one
+# folder for all processes of a run, which take it over from the process that starts them.
+_OWN = tempfile.mkdtemp(prefix="flexstage-tests-")
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["FLEXSTAGE_CACHE"] = _OWN
+os.environ["FLEXSTAGE_CATALOGUE"] = f"{_OWN}/catalogue.sqlite"
+os.environ["FLEXSTAGE_STATE"] = f"{_OWN}/state"
+atexit.register(shutil.rmtree, _OWN, ignore_errors=True)
 
 
 # What is started behind `&` or `nohup` ignores Ctrl-C, and so do its children; tests send it.
@@ -35,5 +36,5 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def _without_progress() -> Iterator[None]:
     """Lines of progress come by the clock: what a test reads must not depend on the machine."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexstage.cli.common._SILENT", math.inf)
+        patch.setattr("flexstage.cli.terminal._SILENT", math.inf)
         yield

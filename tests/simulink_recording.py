@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from flexstage.export.diagram.graph import Block, Diagram, Line
+from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from tests.octave_program import run_octave
 
 STAND_INS = Path(__file__).parent / "octave"
@@ -156,7 +156,7 @@ def rebuilt(made: Recording, name: str, like: Diagram) -> Diagram:
             short = b.path.rsplit("/", 1)[1].removeprefix(f"keep_{name}_")
             blocks[short] = Block(name=short, kind="output", label="", meaning="")
             feeds[short, 0] = owner(b.sources[0])
-    lines = tuple(Line(source=s, target=t, port=p) for (t, p), s in feeds.items())
+    lines = tuple(SignalLine(source=s, target=t, port=p) for (t, p), s in feeds.items())
     return Diagram(
         title="", blocks=_wide(blocks, feeds), lines=lines, groups=like.groups,
     )  # fmt: skip

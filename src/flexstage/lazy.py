@@ -44,7 +44,9 @@ class _Package(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._homes:
-            raise AttributeError(f"module '{self.__name__}' has no attribute '{name}'")
+            raise AttributeError(
+                f"module '{self.__name__}' has no attribute '{name}'", name=name, obj=self
+            )
         home, original = self._homes[name]
         if home == self.__name__:
             value = import_module(f"{home}.{original}")  # one of its own subpackages
@@ -55,7 +57,8 @@ class _Package(ModuleType):
 
     def __setattr__(self, name: str, value: Any) -> None:
         # the import system sets each submodule; one that is called like a public name would hide it
-        if not (isinstance(value, ModuleType) and name in self._homes):
+        own = isinstance(value, ModuleType) and value.__name__ == f"{self.__name__}.{name}"
+        if not (own and name in self._homes):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:

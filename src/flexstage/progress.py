@@ -13,7 +13,7 @@ _LOOK = 0.5  # time between looks at the clock [s]
 
 
 class _Span(NamedTuple):
-    told: Callable[[str, float], None]
+    listener: Callable[[str, float], None]
     low: float
     high: float
 
@@ -22,19 +22,9 @@ _span: ContextVar[_Span | None] = ContextVar("progress", default=None)
 
 
 @contextmanager
-def reporting(told: Callable[[str, float], None]) -> Iterator[None]:
-    """Tell a function how far the work in this block has come.
-
-    Parameters
-    ----------
-    told : callable
-        Is given what is being done, and the share of the whole that is done, 0 to 1.
-
-    Yields
-    ------
-    None
-    """
-    token = _span.set(_Span(told, 0.0, 1.0))
+def listen(listener: Callable[[str, float], None]) -> Iterator[None]:
+    """Tell a function what the work in this block does, and which share of it is done, 0 to 1."""
+    token = _span.set(_Span(listener, 0.0, 1.0))
     try:
         yield
     finally:
@@ -42,67 +32,45 @@ def reporting(told: Callable[[str, float], None]) -> Iterator[None]:
 
 
 @contextmanager
-def share(low: float, high: float) -> Iterator[None]:
-    """Let the work in this block be a part of what is told.
-
-    Parameters
-    ----------
-    low, high : float
-        Where the part begins and ends in the work around it, 0 to 1.
-
-    Yields
-    ------
-    None
-    """
+def subtask(low: float, high: float) -> Iterator[None]:
+    """Let the work in this block be the part from `low` to `high`, 0 to 1, of the work around."""
     span = _span.get()
     if span is None:
         yield
         return
     length = span.high - span.low
-    token = _span.set(_Span(span.told, span.low + low * length, span.low + high * length))
+    token = _span.set(_Span(span.listener, span.low + low * length, span.low + high * length))
     try:
         yield
     finally:
         _span.reset(token)
 
 
-def tell(what: str, done: float = 0.0) -> None:
-    """Say what is being done; without a listener it costs nothing.
+def update(what: str, done: float = 0.0) -> None:
+    """Say what is being done, and how much of the innermost `subtask`, 0 to 1.
 
-    Parameters
-    ----------
-    what : str
-        What is being done, such as ``mesh`` or ``modes``.
-    done : float
-        How much of the work in the innermost `share` is done, 0 to 1.
+    Without a listener it costs nothing.
 
     Examples
     --------
-    >>> with reporting(lambda what, done: print(what, done)), share(0.5, 1.0):
-    ...     tell("modes", 0.5)
+    >>> with listen(lambda what, done: print(what, done)), subtask(0.5, 1.0):
+    ...     update("modes", 0.5)
     modes 0.75
     """
     span = _span.get()
     if span is not None:
-        span.told(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
+        span.listener(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
 
 
-class Lines:
+class ProgressLines:
     """What long work says of itself in lines: where a long phase began, and every ten seconds.
 
-    Parameters
-    ----------
-    name : str
-        What works.
-    began : float
-        When it began [s], by the clock of `line`.
-    silent : float
-        Work that is shorter says nothing [s].
+    Work that is shorter than `silent` [s] says nothing; `began` [s] is by the clock of `line`.
 
     Examples
     --------
-    >>> lines = Lines("identify", 0.0)
-    >>> lines.told("mesh", 0.1)
+    >>> lines = ProgressLines("identify", 0.0)
+    >>> lines.update("mesh", 0.1)
     >>> [lines.line(t) for t in (1.0, 4.0, 6.0)]
     [None, None, 'identify: mesh, 10 %, 6 s so far']
     """
@@ -113,31 +81,12 @@ class Lines:
         self._done = 0.0
         self._seen = self._last = began
 
-    def told(self, what: str, done: float) -> None:
-        """Take what is being done, and the share of the whole that is done, as `reporting` has it.
-
-        Parameters
-        ----------
-        what : str
-            What is being done.
-        done : float
-            The share, 0 to 1.
-        """
+    def update(self, what: str, done: float) -> None:
+        """Take what is being done, and which share of the whole is done, as a listener does."""
         self._now, self._done = what, done
 
     def line(self, now: float) -> str | None:
-        """Return the line that is due, to be asked every second or so.
-
-        Parameters
-        ----------
-        now : float
-            The time [s].
-
-        Returns
-        -------
-        str or None
-            The line; None where nothing is due.
-        """
+        """Return the line that is due at a time [s], if any; to be asked every second or so."""
         what = self._now
         if what != self._shown:  # a phase that the last call did not see has just begun
             self._shown, self._seen = what, now
@@ -153,20 +102,9 @@ class Lines:
 def in_lines(write: Callable[[str], None], name: str, silent: float = 5.0) -> Iterator[None]:
     """Write lines while the work in this block goes on, also where it says nothing for long.
 
-    Parameters
-    ----------
-    write : callable
-        Is given each line, by another thread.
-    name : str
-        What works.
-    silent : float
-        Work that is shorter says nothing [s].
-
-    Yields
-    ------
-    None
+    Another thread calls `write`. Work that is shorter than `silent` [s] says nothing.
     """
-    lines = Lines(name, time.monotonic(), silent)
+    lines = ProgressLines(name, time.monotonic(), silent)
     ended = threading.Event()
 
     def watch() -> None:
@@ -178,7 +116,7 @@ def in_lines(write: Callable[[str], None], name: str, silent: float = 5.0) -> It
     watching = threading.Thread(target=watch, name="progress", daemon=True)
     watching.start()
     try:
-        with reporting(lines.told):
+        with listen(lines.update):
             yield
     finally:
         ended.set()

@@ -36,7 +36,7 @@ def _short(value: Any) -> str:
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…")
     if hasattr(value, "shape"):
-        return f"<{' × '.join(map(str, value.shape)) or value}>"
+        return f"<{' × '.join(map(str, value.shape))}>" if value.shape else str(value)
     if isinstance(value, Collection):
         return f"<{len(value)}>"
     if dataclasses.is_dataclass(value):

@@ -8,7 +8,7 @@ import pytest
 from flexstage.errors import ModelError
 from flexstage.export.source.hysteresis_code import hysteresis_code
 from flexstage.hysteresis import MODELS
-from flexstage.hysteresis.chain.resonance import values_at_samples
+from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 from flexstage.hysteresis.models.dahl import Dahl
@@ -62,7 +62,7 @@ def test_outputs_and_memory_are_those_of_python_bit_for_bit(name: str) -> None:
     # Both take exponentials and logarithms from the C library of this machine.
     model, compiled = CASES[name], Compiled(CASES[name])
     u = inputs(model, 11, 2000)
-    expected, state = stepped(model, u, model.rest())
+    expected, state = stepped(model, u, model.initial_state())
     np.testing.assert_array_equal(compiled.moves(u), expected)
     np.testing.assert_array_equal(compiled.memory, state)
 
@@ -71,7 +71,7 @@ def test_outputs_and_memory_are_those_of_python_bit_for_bit(name: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_outputs_and_memory_are_those_of_python_on_long_walks(name: str) -> None:
     model, compiled = CASES[name], Compiled(CASES[name])
-    state = model.rest()
+    state = model.initial_state()
     for seed in (12, 13):
         # whole numbers, too: plays stop on knots, inputs turn where they turned before
         u = inputs(model, seed, 10_000)
@@ -84,7 +84,7 @@ def test_outputs_and_memory_are_those_of_python_on_long_walks(name: str) -> None
 @pytest.mark.parametrize("name", CLOSED)
 def test_pieces_are_those_of_python_bit_for_bit(name: str) -> None:
     model, compiled = CASES[name], Compiled(CASES[name])
-    state = model.rest()
+    state = model.initial_state()
     most = 0
     for u in inputs(model, 17, 700).tolist():
         expected = model.segments(np.array([state[0], u]), state)
@@ -149,7 +149,7 @@ def test_more_plays_than_there_is_room_for_are_refused_and_not_written() -> None
     assert compiled.line(40.0)[0] == -1
     # Moves need no room.
     u = inputs(model, 23, 300)
-    np.testing.assert_array_equal(compiled.moves(u), stepped(model, u, model.rest())[0])
+    np.testing.assert_array_equal(compiled.moves(u), stepped(model, u, model.initial_state())[0])
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -181,7 +181,7 @@ def test_what_runs_away_in_python_is_not_finite_in_c(name: str) -> None:
     y = compiled.moves(u)
     first = int(np.argmin(np.isfinite(y)))
     assert not np.isfinite(y[first])
-    expected, state = stepped(model, u[:first], model.rest())
+    expected, state = stepped(model, u[:first], model.initial_state())
     np.testing.assert_array_equal(y[:first], expected)
     with pytest.raises(ModelError, match="without limit"):
         model.simulate(u[first : first + 1], state)
@@ -201,7 +201,7 @@ def test_tunable_parameters_stand_where_they_say_and_belong_to_the_model(name: s
     for p in code.tunable:
         if p.index is not None:
             assert code.parameters[p.index] == p.value
-    assert code.memory == model.rest().size
+    assert code.memory == model.initial_state().size
 
 
 def changed(model: HysteresisModel, name: str, factor: float) -> HysteresisModel:
@@ -227,7 +227,7 @@ def test_a_parameter_tuned_in_c_gives_the_model_with_that_parameter(name: str) -
         compiled, other = Compiled(model), changed(model, p.name, 1.17)
         compiled.parameters[p.index] *= 1.17
         np.testing.assert_array_equal(
-            compiled.moves(u), stepped(other, u, other.rest())[0], err_msg=p.name
+            compiled.moves(u), stepped(other, u, other.initial_state())[0], err_msg=p.name
         )
 
 

@@ -122,7 +122,7 @@ def test_a_random_model_is_that_of_python(
     rng = np.random.default_rng((make.__name__.encode()[0], len(make.__name__), seed))
     model = make(rng)
     by_moves, by_lines = Compiled(model), Compiled(model)
-    along, state = model.rest(), model.rest()
+    along, state = model.initial_state(), model.initial_state()
     for u in drive(model, rng):
         value = by_moves.moves(np.array([u]))[0]
         try:

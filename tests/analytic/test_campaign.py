@@ -11,7 +11,14 @@ from scipy.special import ndtri
 from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.evaluate import EVALUATIONS, characterise, evaluate
-from flexstage.experiment.campaign.plan import KINDS, Campaign, Columns, Instrument, Reading, Test
+from flexstage.experiment.campaign.plan import (
+    KINDS,
+    Campaign,
+    Columns,
+    FileReading,
+    SensorSpecification,
+    Test,
+)
 from flexstage.records import Channel, Record
 from tests.measuring_files import function_58
 
@@ -61,9 +68,9 @@ ROLES: Any = ("command", "along", "across", "vertical", "roll", "pitch", "yaw")
 NAMED: Any = {n: n for n in ROLES}
 SIX = Columns(**NAMED)
 SENSORS = (
-    Instrument(name="gauge", calibration=7e-4, alignment=3e-3, drift=3e-11),
-    Instrument(name="side", calibration=3e-3, alignment=6e-4),
-    Instrument(name="turn", calibration=4e-3),
+    SensorSpecification(name="gauge", calibration=7e-4, alignment=3e-3, drift=3e-11),
+    SensorSpecification(name="side", calibration=3e-3, alignment=6e-4),
+    SensorSpecification(name="turn", calibration=4e-3),
 )
 
 
@@ -254,7 +261,7 @@ def test_response() -> None:
         name="r", kind="response", axis="x", records=("a", "b"), excitation="hammer",
         columns=Columns(input="f", output=("a",)), band=(90.0, 300.0), modes=1.0, along="clock",
     )  # fmt: skip
-    clock = Instrument(name="clock", time_base=2e-5)
+    clock = SensorSpecification(name="clock", time_base=2e-5)
     found = run(test, struck(4), struck(5), instruments=(clock,))
     figure = found.figure("natural_frequency_hz", "x").estimate
     near(figure, FREQUENCY, 0.1)
@@ -601,7 +608,7 @@ def test_too_few_cycles() -> None:
         ("a band must rise", {"band": (900.0, 300.0)}),
         ("confidence", {"confidence": 1.0}),
         ("smallest step must be positive", {"smallest_step": 0.0}),
-        ("sample rate must be positive", {"reading": Reading(sample_rate=-3.0)}),
+        ("sample rate must be positive", {"reading": FileReading(sample_rate=-3.0)}),
     ],
 )
 def test_tests_that_cannot_be(said, changes) -> None:
@@ -619,7 +626,7 @@ def test_campaigns_that_cannot_be() -> None:
     with pytest.raises(ModelError, match=r"the instrument 'eye', which is not described .*none"):
         Campaign(tests=(replace(test, along="eye"),))
     with pytest.raises(ModelError, match=r"instrument 'g': calibration"):
-        Instrument(name="g", calibration=-1e-3)
+        SensorSpecification(name="g", calibration=-1e-3)
     with pytest.raises(FlexstageError, match="no test"):
         characterise(Campaign(tests=()))
 
@@ -655,7 +662,7 @@ def test_an_abbe_offset_counts_by_the_pitch_that_was_read() -> None:
     )
 
     def stroke_of(**sensor: float) -> Estimate:
-        campaign = Campaign(tests=(test,), instruments=(Instrument(name="off", **sensor),))
+        campaign = Campaign(tests=(test,), instruments=(SensorSpecification(name="off", **sensor),))
         return evaluate(campaign, lambda _: [data]).figure("output_displacement", "x").estimate
 
     plain, off = stroke_of(), stroke_of(abbe_offset=30e-3, abbe_uncertainty=2e-3)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.centring.bench import CentreReading, VirtualBench, centre_reading, table_reading
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.head_averaging import against_reference
@@ -13,6 +12,12 @@ from flexstage.centring.move import move_errors, nearest_in_box, planned_move
 from flexstage.centring.move_model import MoveErrors, MoveModel, length_prediction, unknown_moves
 from flexstage.centring.positioner import Positioner, VirtualPositioner
 from flexstage.centring.procedure import Centring, centre
+from flexstage.centring.rotary_table import (
+    CentreReading,
+    VirtualBench,
+    centre_reading,
+    table_reading,
+)
 from flexstage.centring.virtual_table import ScaleErrors, VirtualTable, scale_errors
 from flexstage.designs import design
 from flexstage.errors import ModelError, RecordError

@@ -17,9 +17,8 @@ from flexstage.hysteresis.chain.element import ChainElement
 from flexstage.hysteresis.chain.first_order import lag_moments, ramp_share
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.chain.resonance import StageModes
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.chain.stage_inverse import stage_zeros
+from flexstage.hysteresis.chain.stage_modes import StageModes, stage_zeros
 
 
 def polyline(count: int = 40, seed: int = 5) -> Array:

@@ -11,7 +11,7 @@ from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, Probe, Screw, Stage
 from flexstage.stage.checks import check
-from flexstage.stage.freedom import free_motion
+from flexstage.stage.mobility import free_motion
 from tests.reference_stages import NAMES, reference_stage
 
 WIRE = 0.35e-3

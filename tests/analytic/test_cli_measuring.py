@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.cli.records import read_records
+from flexstage.cli.reading import read_records
 from flexstage.errors import RecordError
-from flexstage.records import Record
+from flexstage.records import Record, read_record
 from tests.measuring_files import function_58, report
 
 COLUMNS = "t (s),x (um)\n0.5,3.25\n0.75,4.5\n1.0,7\n"
@@ -64,10 +64,10 @@ def test_what_is_asked_for_by_default_is_time(files: dict[str, Path]) -> None:
 
 def test_the_unit_of_all_lengths(files: dict[str, Path]) -> None:
     plain, inches = (
-        read([files["point"]], ["SPH1.X"], over="point", length_unit=unit)[0].channel("SPH1.X")
-        for unit in (None, "inch")
+        read_record(files["point"], over="point", columns=["SPH1.X"], units=units).channel("SPH1.X")
+        for units in (None, {"length": "inch"})
     )
     assert (plain.unit, inches.unit) == ("", "m")
     np.testing.assert_allclose(inches.values, plain.values * 0.0254, rtol=1e-15)
     with pytest.raises(RecordError, match="no column 'length'"):
-        read([files["time"]], length_unit="mm")
+        read_record(files["time"], units={"length": "mm"})

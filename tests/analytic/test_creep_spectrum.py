@@ -10,7 +10,7 @@ from flexstage.hysteresis.chain.element import Complex
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_filter import ChainValues
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
-from flexstage.hysteresis.identification.measurement import Measurement, measurement
+from flexstage.hysteresis.identification.measurement import IdentificationData, measurement
 from flexstage.hysteresis.model import Array
 from flexstage.records import Channel, Record
 
@@ -36,7 +36,7 @@ def record(rate_hz: float, creep: Creep, seed: int, cycles: int = 9) -> Record:
     return Record(channels=(Channel(name="u", values=u), Channel(name="y", values=y)), time=t)
 
 
-def measured(creep: Creep, *rates_hz: float) -> Measurement:
+def measured(creep: Creep, *rates_hz: float) -> IdentificationData:
     return measurement([record(f, creep, i) for i, f in enumerate(rates_hz)], "u", "y")
 
 

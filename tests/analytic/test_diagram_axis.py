@@ -10,9 +10,9 @@ from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
 from flexstage.export.diagram.axis_chain import axis_chain
 from flexstage.export.diagram.builder import DiagramBuilder, identifier
+from flexstage.export.diagram.equivalent_bodies import equivalent_parts
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
-from flexstage.export.diagram.twins import find_twins
 from flexstage.lumped import lumped_system, mechanism
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
@@ -136,7 +136,7 @@ def test_an_unknown_axis_is_refused() -> None:
 def test_twins_of_the_studys_stages_are_the_images_of_one_another() -> None:
     stage = design("vgtu-mechanical")
     parts = mechanism(stage)
-    twins = find_twins(parts)
+    twins = equivalent_parts(parts)
     named = {tuple(parts.bodies[i].name for i in c) for c in twins.bodies}
     assert ("xLu", "xLd") in named
     assert ("yG0u", "yG1u", "yG0d", "yG1d") in named
@@ -149,21 +149,25 @@ def test_twins_of_the_studys_stages_are_the_images_of_one_another() -> None:
 
 def test_a_leg_with_another_hinge_has_no_twin() -> None:
     parts = mechanism(design("parallelogram"))
-    assert len(find_twins(parts).bodies) == 2
+    assert len(equivalent_parts(parts).bodies) == 2
     one = parts.hinges[1]
     softer = replace(one, stiffness=0.93 * one.stiffness)
     uneven = replace(parts, hinges=(parts.hinges[0], softer, *parts.hinges[2:]))
-    assert len(find_twins(uneven).bodies) == 3
+    assert len(equivalent_parts(uneven).bodies) == 3
     # only the hinges that are not alike part, and with them the legs at their ends
-    assert len(find_twins(uneven, tolerance=0.1).bodies) == 2
-    assert len(find_twins(parts, tolerance=None).bodies) == 3
+    assert len(equivalent_parts(uneven, tolerance=0.1).bodies) == 2
+    assert len(equivalent_parts(parts, tolerance=None).bodies) == 3
 
 
 def test_a_heavier_leg_has_no_twin() -> None:
     parts = mechanism(design("parallelogram"))
     heavy = replace(parts.bodies[1], mass=1.05 * parts.bodies[1].mass)
     assert (
-        len(find_twins(replace(parts, bodies=(parts.bodies[0], heavy, *parts.bodies[2:]))).bodies)
+        len(
+            equivalent_parts(
+                replace(parts, bodies=(parts.bodies[0], heavy, *parts.bodies[2:]))
+            ).bodies
+        )
         == 3
     )
 

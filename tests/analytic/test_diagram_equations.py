@@ -10,10 +10,10 @@ from scipy.signal import lsim
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
-from flexstage.export.diagram.graph import Block, Diagram, Line
+from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.springs import drive_springs, fitted_damping
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.state_space import StateSpace, diagram_state_space
+from flexstage.export.diagram.state_space import DiagramEquations, diagram_state_space
 from flexstage.export.model import ModelDrive
 from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
@@ -56,7 +56,7 @@ def free_displacement(drive: ModelDrive, voltage: np.ndarray) -> np.ndarray:
     return drive.hysteresis.simulate(voltage).values
 
 
-def response(space: StateSpace, frequency_hz: np.ndarray) -> np.ndarray:
+def response(space: DiagramEquations, frequency_hz: np.ndarray) -> np.ndarray:
     """Return the transfer matrix at frequencies, shape (k, p, m)."""
     # lengths, angles and rates differ in size: balanced, or the solution loses digits
     s = 2j * np.pi * frequency_hz
@@ -308,7 +308,7 @@ def test_a_loop_without_an_integrator_is_refused() -> None:
     diagram = Diagram(
         title="loop",
         blocks=blocks,
-        lines=tuple(Line(source=s, target=t, port=p) for s, t, p in pairs),
+        lines=tuple(SignalLine(source=s, target=t, port=p) for s, t, p in pairs),
     )
     with pytest.raises(ModelError, match="loop without an integrator"):
         diagram_state_space(diagram)
@@ -333,6 +333,6 @@ def test_a_diagram_with_a_direct_path_has_a_feedthrough() -> None:
         ("seven", "into", 1), ("into", "x", 0), ("x", "out", 0), ("three", "out", 1),
         ("out", "two", 0), ("two", "y", 0),
     )  # fmt: skip
-    lines = tuple(Line(source=s, target=t, port=p) for s, t, p in pairs)
+    lines = tuple(SignalLine(source=s, target=t, port=p) for s, t, p in pairs)
     a, b, c, d = diagram_state_space(Diagram(title="by hand", blocks=blocks, lines=lines))
     assert (a.item(), b.item(), c.item(), d.item()) == (-5.0, -7.0, 2.0, 6.0)

@@ -14,10 +14,10 @@ from flexstage.export.diagram.cells import Cell, Net, Pin
 from flexstage.export.diagram.files import diagram_files
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.grid import route
-from flexstage.export.diagram.page import Layout, PlacedBlock, Wire, layout
+from flexstage.export.diagram.markup import SMALL, plain, text_width
+from flexstage.export.diagram.page import PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.svg import diagram_svg
-from flexstage.export.diagram.text import SMALL, plain, text_width
 from flexstage.hysteresis import LogCreep, Sensor
 from flexstage.lumped import lumped_system
 
@@ -49,7 +49,7 @@ PLACED = {name: layout(diagram) for name, diagram in CASES.items()}
 
 
 @pytest.fixture(params=list(CASES))
-def case(request: pytest.FixtureRequest) -> tuple[Diagram, Layout]:
+def case(request: pytest.FixtureRequest) -> tuple[Diagram, PageLayout]:
     return CASES[request.param], PLACED[request.param]
 
 
@@ -73,7 +73,7 @@ def segment_box(segment: tuple[tuple[float, float], tuple[float, float]]) -> Box
     return (min(x1, x2), min(y1, y2), max(x1, x2), max(y1, y2))
 
 
-def runs_through(wire: Wire, boxes: np.ndarray) -> np.ndarray:
+def runs_through(wire: PlacedLine, boxes: np.ndarray) -> np.ndarray:
     """Return whether a line runs inside each box, not only along or up to its edge."""
     b = np.array([segment_box(s) for s in wire.segments])[:, None, :]
     x = (b[..., 0] < boxes[:, 2] - 0.5) & (b[..., 2] > boxes[:, 0] + 0.5)
@@ -81,7 +81,7 @@ def runs_through(wire: Wire, boxes: np.ndarray) -> np.ndarray:
     return np.any(x & y, axis=0)
 
 
-def test_boxes_are_apart_and_inside_their_groups(case: tuple[Diagram, Layout]) -> None:
+def test_boxes_are_apart_and_inside_their_groups(case: tuple[Diagram, PageLayout]) -> None:
     diagram, placed = case
     assert {b.block.name for b in placed.blocks} == {b.name for b in diagram.blocks}
     boxes = [cell_box(b) for b in placed.blocks]
@@ -101,7 +101,7 @@ def test_boxes_are_apart_and_inside_their_groups(case: tuple[Diagram, Layout]) -
         assert frame[3] <= placed.height
 
 
-def test_lines_run_through_no_box(case: tuple[Diagram, Layout]) -> None:
+def test_lines_run_through_no_box(case: tuple[Diagram, PageLayout]) -> None:
     diagram, placed = case
     group_of = {b.name: b.group for b in diagram.blocks}
     boxes = np.array([cell_box(b) for b in placed.blocks])
@@ -118,7 +118,7 @@ def test_lines_run_through_no_box(case: tuple[Diagram, Layout]) -> None:
         assert through <= own, wire.source
 
 
-def test_lines_of_two_signals_never_lie_on_each_other(case: tuple[Diagram, Layout]) -> None:
+def test_lines_of_two_signals_never_lie_on_each_other(case: tuple[Diagram, PageLayout]) -> None:
     _, placed = case
     for upright in (True, False):
         known: list[tuple[float, float, float, str]] = []
@@ -136,7 +136,9 @@ def test_lines_of_two_signals_never_lie_on_each_other(case: tuple[Diagram, Layou
                 assert source == other or shared < 0.5, (source, other, at)
 
 
-def test_every_line_joins_its_block_with_all_that_it_feeds(case: tuple[Diagram, Layout]) -> None:
+def test_every_line_joins_its_block_with_all_that_it_feeds(
+    case: tuple[Diagram, PageLayout],
+) -> None:
     diagram, placed = case
     at = {b.block.name: b for b in placed.blocks}
     wires = {w.source: w for w in placed.wires}
@@ -176,7 +178,7 @@ def meet(a: Box, b: Box, by: float = 1e-6) -> bool:
 
 
 def test_names_of_signals_are_free_of_boxes_and_of_each_other(
-    case: tuple[Diagram, Layout],
+    case: tuple[Diagram, PageLayout],
 ) -> None:
     _, placed = case
     named = [x for x in placed.labels if x.text]
@@ -193,7 +195,7 @@ def test_names_of_signals_are_free_of_boxes_and_of_each_other(
             assert not overlap(box, frame) or inside, label.text
 
 
-def test_upright_lines_leave_the_names_of_signals_free(case: tuple[Diagram, Layout]) -> None:
+def test_upright_lines_leave_the_names_of_signals_free(case: tuple[Diagram, PageLayout]) -> None:
     _, placed = case
     for x in placed.labels:
         box = label_box(x.text, x.x, x.y, x.end)
@@ -206,7 +208,7 @@ def test_upright_lines_leave_the_names_of_signals_free(case: tuple[Diagram, Layo
                 assert not (crosses and y1 < box[3] - 2.0 and y2 > box[1]), (x.text, wire.source)
 
 
-def test_the_drawing_is_a_file_that_stands_by_itself(case: tuple[Diagram, Layout]) -> None:
+def test_the_drawing_is_a_file_that_stands_by_itself(case: tuple[Diagram, PageLayout]) -> None:
     diagram, placed = case
     content = diagram_svg(diagram, placed=placed)
     root = ET.fromstring(content)
@@ -226,7 +228,7 @@ def test_the_drawing_is_a_file_that_stands_by_itself(case: tuple[Diagram, Layout
         assert b.meaning in said
 
 
-def test_words_stay_on_the_page(case: tuple[Diagram, Layout]) -> None:
+def test_words_stay_on_the_page(case: tuple[Diagram, PageLayout]) -> None:
     diagram, placed = case
     root = ET.fromstring(diagram_svg(diagram, placed=placed))
     width, height = float(root.attrib["width"]), float(root.attrib["height"])

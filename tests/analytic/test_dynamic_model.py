@@ -134,7 +134,7 @@ def test_the_usual_hysteresis_has_the_stroke_and_the_width() -> None:
     assert np.ptp(y[late]) == pytest.approx(23e-6, rel=1e-3)
     width = loop_width(u[late], y[late], bounds) / np.ptp(y[late])
     assert width == pytest.approx(0.083, rel=0.01)
-    assert all(c.holds for c in model.conditions())
+    assert all(c.holds for c in model.properties())
 
 
 def _identified(**changes) -> DriveModel:

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.coverage import memory_coverage
 from flexstage.hysteresis.excitations.design import Excitation, excitation
-from flexstage.hysteresis.excitations.plan import Plan, fitted, shortest
+from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
 from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.models.play import play_columns
@@ -334,12 +334,14 @@ def test_rates_that_nobody_asked_for_are_raised_as_the_limits_allow():
 
 def test_the_least_time_is_the_least_time():
     movement = Movement(shape="smooth", span=130.0, sample_rate_hz=1000.0)
-    plan = Plan(voltage_range=RANGE, rest_voltage=0.0, rates_hz=(0.5, 5.0), hold=4.0, multisine=0.0)
-    least = shortest(plan, movement, 0.0)
-    found = fitted(plan, movement, least, 0.0)
+    design = ExcitationDesign(
+        voltage_range=RANGE, rest_voltage=0.0, rates_hz=(0.5, 5.0), hold=4.0, multisine=0.0
+    )
+    least = shortest(design, movement, 0.0)
+    found = fitted(design, movement, least, 0.0)
     assert found is not None
     assert found.samples(movement) == least
-    assert fitted(plan, movement, least - 1, 0.0) is None
+    assert fitted(design, movement, least - 1, 0.0) is None
     with pytest.raises(ModelError, match=r"take at least 3\.9\d s .* got a duration of 3\.7 s"):
         made(duration=3.7)
 

@@ -13,11 +13,10 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.experiment.spectra import sums as sums_module
 from flexstage.experiment.spectra.density import spectral_density
-from flexstage.experiment.spectra.estimate import estimate_response
+from flexstage.experiment.spectra.estimate import estimate_response, recognised
 from flexstage.experiment.spectra.from_record import response_from_record
 from flexstage.experiment.spectra.options import HitOptions, PeriodOptions
-from flexstage.experiment.spectra.periods import find_period
-from flexstage.experiment.spectra.recognition import recognised
+from flexstage.experiment.spectra.repeated import find_period
 from flexstage.experiment.spectra.windows import (
     WINDOWS,
     effective_averages,

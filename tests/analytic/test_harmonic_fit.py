@@ -19,8 +19,8 @@ from flexstage.centring import (
 )
 from flexstage.centring.eccentricity import eccentricity_from_harmonics
 from flexstage.centring.geometry import exact_run_out
-from flexstage.centring.polar import direction_estimate, length_estimate
 from flexstage.centring.turns import find_turns, unwrap_error
+from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import ModelError, RecordError
 from tests.tiers import limits, sizes
 

@@ -5,8 +5,8 @@ import pytest
 
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows
 from flexstage.hysteresis.identification.families.family import Data
-from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
-from flexstage.hysteresis.identification.measurement import Measurement
+from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.misfit import another_stretch, rms_standard_error
 
 EACH = 30
 
@@ -15,7 +15,7 @@ def rows(cycles, used=None):
     """Return rows of cycles of as many samples, of which some cycles are in use."""
     cycle = np.repeat(np.arange(cycles), EACH)
     use = np.ones(cycle.size, dtype=bool) if used is None else np.isin(cycle, used)
-    nothing = Measurement(
+    nothing = IdentificationData(
         sections=(), sign=1.0, input_unit="", output_unit="", stroke=1.0, warnings=()
     )
     own = Rows(at=np.arange(cycle.size), cycle=cycle)

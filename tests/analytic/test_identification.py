@@ -10,9 +10,10 @@ from scipy.signal import lfilter
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.chain_filter import ChainValues, rows_of
-from flexstage.hysteresis.identification.chain_search import _Search, find_chain
+from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
+from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.families import FAMILIES
 from flexstage.hysteresis.identification.families.family import (
@@ -20,16 +21,17 @@ from flexstage.hysteresis.identification.families.family import (
     Fit,
     behind_chain,
     equations,
+    folds_of,
     residual,
 )
-from flexstage.hysteresis.identification.families.folds import folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.families.preisach import PreisachFamily
 from flexstage.hysteresis.identification.families.refined import RefinedFamily
 from flexstage.hysteresis.identification.families.search import SearchFamily
-from flexstage.hysteresis.identification.identify import _choose, _Tried, identify
+from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.misfit import Folds, Misfit, misfit
+from flexstage.hysteresis.identification.model_choice import FittedModel, choose
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.uncertainty import estimates
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
@@ -443,7 +445,7 @@ def test_no_model_runs_away_on_what_was_held_out():
     alone = identify(
         record(u, y), "u", "y", model="generalised-bouc-wen", train=(0, 1000), chain=NONE
     )
-    conditions = {c.name: c.holds for c in alone.model.hysteresis.conditions()}
+    conditions = {c.name: c.holds for c in alone.model.hysteresis.properties()}
     assert conditions["bounded"]
 
 
@@ -491,8 +493,10 @@ def chosen_of(without_inverse=(), **parts):
         nothing = (np.zeros(data.rows[0].at.size),)
         left = Misfit(left=nothing, predicted=nothing, nuisance=(), offset=0.0)
         model = FALLING if name in without_inverse else DAHL
-        tried[family.kind] = _Tried(family=family, fit=Fit(model=model), left=left, folds=folds)
-    return _choose(tried, data)[0]
+        tried[family.kind] = FittedModel(
+            family=family, fit=Fit(model=model), left=left, folds=folds
+        )
+    return choose(tried, data)[0]
 
 
 def test_the_choice_between_errors_of_parts():
@@ -587,7 +591,7 @@ def test_the_search_for_a_chain_leaves_what_columns_behind_it_leave(delay: float
         u = drive(1500, rate, dt)
         records.append(record(u, noisy(DAHL, u, 3), dt))
     m = measurement(records, "u", "y")
-    search = _Search(m, None)
+    search = ChainMisfit(m, None)
     starts = ("rested", 7.3)
     search.begin(starts)
     sections = tuple(replace(s, start=a) for s, a in zip(m.sections, starts, strict=True))

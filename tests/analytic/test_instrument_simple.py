@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexstage.errors import LimitError, NotConnectedError
-from flexstage.instruments.protocol import Axis, Instrument, Recorder, Signal, WaveGenerator
+from flexstage.instruments.protocol import Instrument, MotionAxis, Recorder, Signal, WaveGenerator
 from flexstage.instruments.waveform import Waveform
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
@@ -12,7 +12,7 @@ from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 def test_it_offers_all_that_an_instrument_offers() -> None:
     instrument = SimpleInstrument()
     assert isinstance(instrument, Instrument)
-    assert isinstance(instrument.axes["x"], Axis)
+    assert isinstance(instrument.axes["x"], MotionAxis)
     assert isinstance(instrument.recorder, Recorder)
     assert isinstance(instrument.waves, WaveGenerator)
 

@@ -9,7 +9,7 @@ import pytest
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.inversion import feedforward, smoothed
 from flexstage.hysteresis.loops import loop_branches, loop_width, tracking
@@ -271,7 +271,7 @@ def test_models_without_range_or_inverse_say_so():
     with pytest.raises(ModelError, match="validity range"):
         feedforward(bare, np.linspace(0.0, 1e-5, 9), DT)
     with pytest.raises(ModelError, match="limits of the command"):
-        feedforward(bare, np.linspace(0.0, 1e-5, 9), DT, state=EACH["dahl"].rest())
+        feedforward(bare, np.linspace(0.0, 1e-5, 9), DT, state=EACH["dahl"].initial_state())
     stack = DriveModel(
         hysteresis=virtual_stack((0.0, 120.0), 38e-6, 0.11),
         validity=ValidityRange(

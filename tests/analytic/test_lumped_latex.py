@@ -17,19 +17,19 @@ from flexstage.lumped import (
     transfer_function,
 )
 from flexstage.lumped.latex import plain_text, sheet_data
-from flexstage.lumped.sheet_items import Formula, Section
+from flexstage.lumped.sheet_items import Formula, SheetSection
 from flexstage.lumped.symbols import upright
 from tests.mechanisms import parallelogram
 
 
 @pytest.fixture(scope="module")
-def small() -> tuple[Section, ...]:
+def small() -> tuple[SheetSection, ...]:
     model = symbolic_model(parallelogram(coupling=211.0), damping="hinge")
     part = reduce_by_symmetry(model)
     return equation_sheet(model, reduced=part, transfer=[transfer_function(part, "push", "read")])
 
 
-def test_sections_are_all_there(small: tuple[Section, ...]) -> None:
+def test_sections_are_all_there(small: tuple[SheetSection, ...]) -> None:
     keys = [section.key for section in small]
     assert keys == [
         "bodies",
@@ -46,7 +46,7 @@ def test_sections_are_all_there(small: tuple[Section, ...]) -> None:
     ]
 
 
-def test_latex_is_balanced(small: tuple[Section, ...]) -> None:
+def test_latex_is_balanced(small: tuple[SheetSection, ...]) -> None:
     text = latex_document("A guide & its 100 % equations", small)
     assert text.count(r"\begin{document}") == text.count(r"\end{document}") == 1
     stack: list[str] = []
@@ -67,7 +67,7 @@ def test_latex_is_balanced(small: tuple[Section, ...]) -> None:
         assert piece in text, piece
 
 
-def test_plain_text_says_the_equation_of_motion(small: tuple[Section, ...]) -> None:
+def test_plain_text_says_the_equation_of_motion(small: tuple[SheetSection, ...]) -> None:
     text = plain_text("A guide", small)
     assert "x_1''*m_1" in text
     assert "d/dt dT/dq_i' - dT/dq_i + dD/dq_i' + dV/dq_i = Q_i" in text
@@ -85,7 +85,7 @@ def test_study_stage_is_not_megabytes() -> None:
     assert len(plain_text("x", sheet)) < 100_000
 
 
-def test_mathml_is_xml(small: tuple[Section, ...]) -> None:
+def test_mathml_is_xml(small: tuple[SheetSection, ...]) -> None:
     found = 0
     for section in sheet_data(small):
         for item in section["items"]:
@@ -110,7 +110,7 @@ def test_nothing_runs_off_the_page() -> None:
 def test_a_wide_matrix_is_listed_entry_by_entry() -> None:
     a = sp.symbols("a_{long}:9")
     wide = sp.Matrix(2, 2, lambda i, j: sum(a) + i - j if i == j else 0)
-    section = Section(key="k", title="t", items=(Formula(left=sp.Symbol("K"), right=wide),))
+    section = SheetSection(key="k", title="t", items=(Formula(left=sp.Symbol("K"), right=wide),))
     text = latex_document("x", (section,))
     assert r"\bigl[K\bigr]_{11} ={}& " in text
     assert r"_{22}" in text

@@ -199,6 +199,6 @@ def test_errors_say_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
         stroke_path(model, "push", "x", [0.0, 1e-6])
     with pytest.raises(ModelError, match="equally spaced"):
         motion(model, [0.0, 1.0, 3.0])
-    monkeypatch.setattr("flexstage.lumped.stroke._ITERATIONS", 2)
+    monkeypatch.setattr("flexstage.lumped.large_displacement._ITERATIONS", 2)
     with pytest.raises(ConvergenceError, match="within 2 Newton steps for push"):
         equilibrium(model, {"push": 0.002})

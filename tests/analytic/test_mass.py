@@ -12,8 +12,8 @@ from flexstage.hinges import RightCircular
 from flexstage.hinges.registry import PROFILES
 from flexstage.material import material
 from flexstage.stage import Body, Circle, ExtraMass, Hinge, Loop, Stage
+from flexstage.stage.contour import half_notch
 from flexstage.stage.mass import mass_properties
-from flexstage.stage.notch import half_notch
 from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import profiles
 

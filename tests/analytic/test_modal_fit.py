@@ -10,10 +10,10 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.fit import fit_modes
-from flexstage.experiment.modal.projection import Block, eliminate, remaining
 from flexstage.experiment.modal.ring_down import ring_down
 from flexstage.experiment.modal.shapes import modal_assurance, shape_from_residues
 from flexstage.experiment.modal.stabilisation import stable_poles
+from flexstage.experiment.modal.variable_projection import ResponseBlock, eliminate, remaining
 from flexstage.experiment.spectra.response import MeasuredResponse
 from flexstage.records import Channel, Record
 from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
@@ -302,7 +302,7 @@ def test_what_a_fit_takes_from_the_noise_is_its_parameters(alike):
     s = 2j * np.pi * np.arange(20.0, 300.0, 2.5) / basis.reference
     weights = np.ones((s.size, 3)) if alike else rng.uniform(0.2, 3.0, (s.size, 3))
     values = basis.functions(theta, s) @ rng.standard_normal((basis.linear, 3))
-    block = Block(s=s, values=values + complex_noise(rng, s.size, 3), weights=weights)
+    block = ResponseBlock(s=s, values=values + complex_noise(rng, s.size, 3), weights=weights)
     left = remaining(basis, theta, block, eliminate(basis, theta, block))
     assert 2.0 * np.sum(1.0 - left) == pytest.approx(3 * basis.linear + basis.size, rel=1e-9)
 

@@ -10,14 +10,13 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.motion.coupling import cross_coupling, squareness
-from flexstage.experiment.motion.curve_basis import CurveBasis
+from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range, zone_contacts
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
-from flexstage.experiment.motion.curve_zone import zone_contacts
 from flexstage.experiment.motion.cycles import motion_cycles
-from flexstage.experiment.motion.dwells import staircase_dwells
 from flexstage.experiment.motion.linearity import linearity
-from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.spread import spread_estimate
+from flexstage.experiment.motion.motion_curve import CurveBasis, MotionCurve
+from flexstage.experiment.motion.sample_deviation import spread_estimate
+from flexstage.experiment.motion.staircase_levels import staircase_dwells
 from flexstage.experiment.motion.stroke import stroke
 from flexstage.experiment.motion.workspace import (
     workspace,
@@ -92,10 +91,10 @@ def truths() -> dict[str, float]:
 def estimates(curve: MotionCurve) -> dict[str, Estimate]:
     assert curve.drift_rate is not None
     return {
-        "range": curve.range(),
-        "least_squares": curve.range(line="least_squares"),
-        "terminal": curve.range(line="terminal"),
-        "loop": curve.loop_width(),
+        "range": curve_range(curve),
+        "least_squares": curve_range(curve, line="least_squares"),
+        "terminal": curve_range(curve, line="terminal"),
+        "loop": curve_loop_width(curve),
         "reversal": curve.reversal(),
         "slope": curve.slope(),
         "drift": curve.drift_rate,
@@ -186,7 +185,7 @@ def test_curve_without_noise_is_exact() -> None:
     assert curve.value(position) - level == pytest.approx(shape(s), abs=1e-14)
     width = curve.value(position, "backward") - curve.value(position, "forward")
     assert width == pytest.approx(2.0 * half_loop(s), abs=1e-14)
-    zone = curve.range(line="minimum_zone")
+    zone = curve_range(curve, line="minimum_zone")
     assert zone.value == pytest.approx(truth["zone"], rel=2e-4)
 
 
@@ -202,10 +201,10 @@ def test_offsets_of_cycles_do_not_reach_the_shape() -> None:
     for c, cycle in enumerate(runs.runs):
         shifted[cycle[0, 0] : cycle[1, 1]] += 1e-6 * (c - 1.7) ** 2
     one, two = (fit_motion_curve(x, v, t, drift=False, order=4) for v in (y, shifted))
-    for name in ("range", "loop_width", "reversal", "slope"):
-        a, b = getattr(one, name)(), getattr(two, name)()
-        assert b.value == pytest.approx(a.value, rel=1e-6), name
-        assert b.uncertainty == pytest.approx(a.uncertainty, rel=1e-6), name
+    for figure in (curve_range, curve_loop_width, MotionCurve.reversal, MotionCurve.slope):
+        a, b = figure(one), figure(two)
+        assert b.value == pytest.approx(a.value, rel=1e-6), figure.__name__
+        assert b.uncertainty == pytest.approx(a.uncertainty, rel=1e-6), figure.__name__
         assert a.degrees_of_freedom == pytest.approx(4.0)
 
 
@@ -214,15 +213,15 @@ def test_drift_is_taken_off() -> None:
     x, y, t = record(4)
     one = fit_motion_curve(x, y, t, order=5)
     two = fit_motion_curve(x, y + 5e-6 * t, t, order=5)
-    for name in ("range", "loop_width", "reversal"):
-        assert getattr(two, name)().value == pytest.approx(getattr(one, name)().value, abs=1e-13)
+    for figure in (curve_range, curve_loop_width, MotionCurve.reversal):
+        assert figure(two).value == pytest.approx(figure(one).value, abs=1e-13)
     assert one.noise == pytest.approx(10e-9, rel=0.05)
     assert two.noise == pytest.approx(one.noise, rel=1e-6)
     assert one.drift_rate is not None
     assert two.drift_rate is not None
     assert two.drift_rate.value - one.drift_rate.value == pytest.approx(5e-6, rel=1e-9)
     without = fit_motion_curve(x, y + 5e-6 * t, t, order=5, drift=False)
-    assert without.loop_width().value > 1e-6
+    assert curve_loop_width(without).value > 1e-6
     assert without.drift_rate is None
 
 
@@ -256,13 +255,13 @@ def test_order_follows_the_curve() -> None:
     # terms that drown in the noise are fitted too, up to an order that guides have
     assert straight.basis.order == 6
     assert wavy.basis.order >= 8
-    assert wavy.range().covers(400e-9)
+    assert curve_range(wavy).covers(400e-9)
     sharp = fit_motion_curve(x, y + 2e-6 * np.sign(s - 0.23), t)
     assert sharp.basis.order == 12
     assert sharp.misfit > 100e-9
     assert any("largest order" in note for note in sharp.notes)
     assert any("in common" in note for note in sharp.notes)
-    names = [part.name for part in sharp.range().components]
+    names = [part.name for part in curve_range(sharp).components]
     assert names == ["repeatability", "drift", "shape"]
 
 
@@ -300,7 +299,7 @@ def test_few_stations() -> None:
     assert curve.basis.order <= 4
     assert curve.basis.low == pytest.approx(0.0, abs=1e-7)
     assert curve.basis.high == pytest.approx(90e-6, abs=1e-7)
-    found = curve.range(line="least_squares")
+    found = curve_range(curve, line="least_squares")
     assert found.covers(truths()["least_squares"])
     assert found.uncertainty < 2e-9
     # the station at which the stage turns belongs to both runs
@@ -348,7 +347,7 @@ def test_curve_refused() -> None:
     with pytest.raises(ModelError, match="direction"):
         curve.value([1e-6], "sideways")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="line"):
-        curve.range(line="crooked")  # type: ignore[arg-type]
+        curve_range(curve, line="crooked")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="range of positions"):
         CurveBasis(low=1.0, high=1.0, order=2)
 
@@ -581,7 +580,7 @@ def test_figures_are_drawn() -> None:
     assert axes.get_xlabel() == "x [µm]"
     assert axes.get_ylabel() == "error [nm]"
     assert np.ptp(axes.get_lines()[0].get_ydata()) == pytest.approx(
-        1e9 * curve.range("forward", line="none").value, rel=0.6
+        1e9 * curve_range(curve, "forward", line="none").value, rel=0.6
     )
     assert encode(figure, "png")[:4] == b"\x89PNG"
     flat = draw_motion_error(curve, line="none")
@@ -622,7 +621,7 @@ def test_coverage_of_all_figures(count: int, memory: float, repeats: int, zones:
         curve = fit_motion_curve(*record(i, count=count, memory=memory))
         found = estimates(curve)
         if i < zones:
-            found["zone"] = curve.range(line="minimum_zone")
+            found["zone"] = curve_range(curve, line="minimum_zone")
         for name, estimate in found.items():
             hits[name] += estimate.covers(truth[name])
     for name, hit in hits.items():
@@ -641,7 +640,7 @@ def test_range_of_nothing_is_compatible_with_nothing() -> None:
     hits, values = 0, []
     for i in range(150):
         curve = fit_motion_curve(*record(i, size=0.0, per=100), order=4)
-        found = curve.range(line="least_squares")
+        found = curve_range(curve, line="least_squares")
         hits += found.covers(0.0)
         assert found.interval()[0] >= 0.0
         values.append(found.value)

@@ -32,7 +32,7 @@ def _changed(stage: Stage, body: str, **changes: object) -> Stage:
 
 
 def test_statics_are_those_of_the_mesh(model: StageModel) -> None:
-    half = model.halves[0]
+    half = model.problems[0]
     row = drive_vector(
         half.continuum, STAGE, STAGE.drives[0], patches(STAGE.drives[0], STAGE.bodies)
     )
@@ -112,12 +112,12 @@ def test_a_drive_that_pushes_where_no_edge_is(model: StageModel) -> None:
 
 def test_turning_both_bodies_stretches_no_drive(model: StageModel) -> None:
     """Also where the reacting patch lies beside the line of action."""
-    continuum = model.halves[0].continuum
+    continuum = model.problems[0].continuum
     drive = STAGE.drives[0]
     beside = replace(drive, at=(drive.at[0], (drive.at[1][0], drive.at[1][1] - 3e-3)))
     stage = replace(STAGE, drives=(beside,))
     faces = stage_faces(stage)
-    other = plane_model(stage, MESH).halves[0].continuum
+    other = plane_model(stage, MESH).problems[0].continuum
     turn = ng.GridFunction(other.space)
     turn.Set(ng.CoefficientFunction((-ng.y / METRE, ng.x / METRE)))
     row = drive_vector(other, stage, beside, faces.patches, "elastic")
@@ -148,7 +148,7 @@ def test_a_probe_over_an_aperture_rides_on_its_body() -> None:
 
 
 def test_bodies_move_as_their_mean(model: StageModel) -> None:
-    half = model.halves[0]
+    half = model.problems[0]
     field = ng.GridFunction(half.continuum.space)
     field.Set(ng.CoefficientFunction((0.2 - 0.7 * ng.y / METRE, -0.1 + 0.7 * ng.x / METRE)))
     at = (0.011, -0.003)

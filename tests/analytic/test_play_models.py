@@ -370,14 +370,14 @@ def test_duhem_slope_is_least_after_the_second_turn_from_rest(low: float, high: 
     assert farthest > np.tanh(rate * span / 2)
     least = b - (a - b) * farthest
     assert model._extremes()[0] == pytest.approx(least, rel=1e-12, abs=0.0)
-    assert [c.holds for c in model.conditions()] == [True, True, True]
+    assert [c.holds for c in model.properties()] == [True, True, True]
 
 
 # ------------------------------------------------------------------- conditions and refusals
 
 
 def holds(model: HysteresisModel) -> dict[str, bool]:
-    return {c.name: c.holds for c in model.conditions()}
+    return {c.name: c.holds for c in model.properties()}
 
 
 def test_conditions_of_good_models_hold() -> None:

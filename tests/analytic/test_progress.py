@@ -5,17 +5,17 @@ import time
 import pytest
 
 from flexstage import progress
-from flexstage.progress import Lines, in_lines, share, tell
+from flexstage.progress import ProgressLines, in_lines
 
 
 def lines_of(phases: dict[float, tuple[str, float]], until: float) -> list[tuple[float, str]]:
     """What is written, and when, of work whose phases begin at these times."""
-    lines = Lines("identify", 0.0)
+    lines = ProgressLines("identify", 0.0)
     made = []
     for k in range(1, int(2 * until) + 1):
         now = 0.5 * k
         if now in phases:
-            lines.told(*phases[now])
+            lines.update(*phases[now])
         line = lines.line(now)
         if line is not None:
             made.append((now, line))
@@ -46,8 +46,8 @@ def test_work_that_says_nothing_is_reported_all_the_same(monkeypatch: pytest.Mon
     for name, value in {"_LONG": 0.01, "_EVERY": 0.05, "_LOOK": 0.005}.items():
         monkeypatch.setattr(progress, name, value)
     lines: list[str] = []
-    with in_lines(lines.append, "study", 0.02), share(0.5, 1.0):
-        tell("stress", 0.5)
+    with in_lines(lines.append, "study", 0.02), progress.subtask(0.5, 1.0):
+        progress.update("stress", 0.5)
         until = time.monotonic() + 30.0
         while len(lines) < 3 and time.monotonic() < until:
             time.sleep(0.01)

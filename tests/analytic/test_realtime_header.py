@@ -16,10 +16,9 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.realtime.accuracy import rounding_bound
-from flexstage.export.realtime.amalgamate import amalgamated
 from flexstage.export.realtime.check_samples import command_span
-from flexstage.export.realtime.cost import operations
-from flexstage.export.realtime.files import realtime_files
+from flexstage.export.realtime.comment import operations
+from flexstage.export.realtime.files import amalgamated, realtime_files
 from flexstage.hysteresis import LogCreep, PrandtlIshlinskii, Sensor
 from flexstage.lumped import lumped_system
 from tests.c_compiler import EXACT, compile_program, compiler, load_library, write_files

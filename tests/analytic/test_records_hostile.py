@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from flexstage.errors import RecordError
 from flexstage.records import read_record
-from flexstage.records.unpacked import most_unpacked
+from flexstage.records.datasets import most_unpacked
 
 U = np.array([0.3, 1.7, 2.9, 0.4, -1.1, 0.2, 5.3])
 JUNK = bytes(np.random.default_rng(17).integers(0, 256, 4000, dtype=np.uint8))
@@ -268,7 +268,7 @@ def test_a_small_file_is_not_unpacked_to_more_than_memory_should_hold(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert most_unpacked(100) == 2**28
-    monkeypatch.setattr("flexstage.records.unpacked._ALWAYS", 2**20)  # packing less takes no time
+    monkeypatch.setattr("flexstage.records.datasets._ALWAYS", 2**20)  # packing less takes no time
     zeros = np.zeros(2**18)
     (tmp_path / "a.npz").write_bytes(npz(compressed=True, u=zeros))
     body = struct.pack("<II", 14, 48 + zeros.nbytes)

@@ -6,7 +6,7 @@ import pytest
 from flexstage.hysteresis import PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement

@@ -12,10 +12,10 @@ from scipy.io import loadmat
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export import dynamic_model
-from flexstage.export.diagram.graph import Block, Diagram, Line
+from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.simulink.files import simulink_files
-from flexstage.export.simulink.hysteresis_text import hysteresis_function
+from flexstage.export.simulink.functions import hysteresis_function
 from flexstage.export.simulink.matlab_text import (
     comment,
     identifier,
@@ -145,7 +145,7 @@ def one(kind: str = "gain", **more: object) -> Diagram:
         Block(name="u", kind="input", label="u", meaning="u", width=width),
         Block(name="y", kind="output", label="y", meaning="y", width=width),
     )
-    lines = (Line(source="u", target="b"), Line(source="b", target="y"))
+    lines = (SignalLine(source="u", target="b"), SignalLine(source="b", target="y"))
     return Diagram(title="one", blocks=(*ends, block), lines=lines)
 
 
@@ -201,7 +201,7 @@ def test_long_names_of_outputs_stay_apart() -> None:
         Block(name="u", kind="input", label="u", meaning="u"),
         *(Block(name=n, kind="output", label=n, meaning=n) for n in ends),
     )
-    lines = tuple(Line(source="u", target=n) for n in ends)
+    lines = tuple(SignalLine(source="u", target=n) for n in ends)
     diagram = Diagram(title="two", blocks=blocks, lines=lines)
     script = simulink_files(diagram, name="x" * 30)["x" * 30 + "_build.m"].decode()
     kept = re.findall(r"'VariableName', '(x+_a\w*)'", script)

@@ -11,7 +11,7 @@ from flexstage.elasticity import buckling
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, follow_stroke, plane_model
 from flexstage.fem.geometry import patches
-from flexstage.fem.legs import bar_buckling_load, two_notch_bars
+from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
 from flexstage.fem.ports import drive_vector
 from flexstage.fem.stroke import FiniteStroke, with_stroke
 from flexstage.lumped import hinge_springs, stroke_path
@@ -41,7 +41,7 @@ def test_a_parallelogram_sags_as_its_legs_turn(model) -> None:
     assert path.straightness == pytest.approx(sag / 4.0, rel=0.05)
     assert path.frequency_hz == pytest.approx(192.9, rel=2e-3)
     # the drive holds its length while the stage buckles
-    half, drive = model.halves[0], STAGE.drives[0]
+    half, drive = model.problems[0], STAGE.drives[0]
     row = drive_vector(half.continuum, STAGE, drive, patches(drive, STAGE.bodies))
     u = half.basis @ axis.static.q
     held, loose = (buckling(half.continuum, u, locked=r).positive[0] for r in (row, None))

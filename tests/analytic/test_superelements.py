@@ -11,17 +11,16 @@ from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint
 from flexstage.designs import design
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem import quality
+from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, condense, recover, surface_stress
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.cutting import Placed, cut_free
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.mesh import MeshSettings, worst_shape
+from flexstage.fem.mesh_regions import exactly, neck_edge, patch_edge
 from flexstage.fem.model import StageModel
-from flexstage.fem.names import exactly, neck_edge, patch_edge
 from flexstage.fem.necks import neck_points, neck_stress
 from flexstage.fem.plane import plane_model
-from flexstage.fem.quality import worst_shape
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.stage import Body, Loop, Screw
 from flexstage.system import (
@@ -378,10 +377,12 @@ def test_slivers_are_meshed_again(
     shapes: list[float], chosen: int, tries: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[MeshSettings] = []
-    monkeypatch.setattr(quality, "plane_mesh", lambda _s, _f, m: made.append(m) or len(made) - 1)
-    monkeypatch.setattr(quality, "worst_shape", lambda mesh: shapes[mesh])
+    monkeypatch.setattr(
+        plane_meshes, "plane_mesh", lambda _s, _f, m: made.append(m) or len(made) - 1
+    )
+    monkeypatch.setattr(plane_meshes, "worst_shape", lambda mesh: shapes[mesh])
     stage = hinged_bars()
-    assert quality.sound_mesh(stage, stage_faces(stage), COARSE) == chosen
+    assert plane_meshes.sound_mesh(stage, stage_faces(stage), COARSE) == chosen
     assert len(made) == tries
     gradings = [m.grading for m in made]
     assert gradings == sorted(gradings, reverse=True)

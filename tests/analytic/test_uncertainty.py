@@ -18,11 +18,14 @@ from flexstage.experiment.uncertainty.correlation import (
     groups,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.draws import sampler
-from flexstage.experiment.uncertainty.expression import Expression
-from flexstage.experiment.uncertainty.functions import FUNCTIONS, hypot
+from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
 from flexstage.experiment.uncertainty.influence import DISTRIBUTIONS, Influence, influence_from
-from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, numerical_tolerance, validate
+from flexstage.experiment.uncertainty.monte_carlo import (
+    monte_carlo,
+    numerical_tolerance,
+    sampler,
+    validate,
+)
 from flexstage.experiment.uncertainty.propagate import propagate
 from flexstage.experiment.uncertainty.sensor import ROLES, SensorSetup, measured
 
@@ -202,6 +205,27 @@ def test_what_has_no_derivative_is_refused():
 
 
 # ---------------------------------------------------------------------------------- Monte Carlo
+
+
+@pytest.mark.parametrize(("value", "scale"), [(0.0, 1.0), (3e11, 1e-6), (-7.0, 1e160)])
+def test_a_correlation_depends_on_neither_place_nor_scale(value, scale):
+    a = Influence(name="a", value=value, half_width=scale, distribution="arcsine")
+    b = Influence(name="b", value=value, half_width=2.3 * scale)
+    r = np.array([[1.0, 0.6], [0.6, 1.0]])
+    standard = normal_correlations(
+        [
+            Influence(name="a", value=0.0, half_width=1.0, distribution="arcsine"),
+            Influence(name="b", value=0.0, half_width=1.0),
+        ],
+        r,
+    )
+    np.testing.assert_allclose(normal_correlations([a, b], r), standard, rtol=1e-12)
+
+
+def test_an_uncertainty_whose_square_is_no_number_is_refused():
+    huge = Influence(name="length", value=1.0, uncertainty=2e154)
+    with pytest.raises(ModelError, match=r"'length' makes an uncertainty of 4e\+154.*larger units"):
+        propagate(lambda x: 2.0 * x, [huge])
 
 
 def test_groups_are_chains_of_correlations():

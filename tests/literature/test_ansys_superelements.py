@@ -21,9 +21,9 @@ from netgen import occ
 
 from flexstage.cli import main
 from flexstage.elasticity import Continuum
-from flexstage.fem.bodies import Bodies
 from flexstage.fem.interface import interface_modes, interface_motion, interface_stiffness
 from flexstage.fem.part import Part, read_step
+from flexstage.fem.part_analysis import Bodies
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
 

@@ -22,12 +22,12 @@ from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance
 from flexstage.hinges import finite_element as fe
-from flexstage.hinges.compliance import plane_moduli
 from flexstage.hinges.finite_element import (
     condensed_compliance,
     condensed_stress_rows,
     surface_stress,
 )
+from flexstage.hinges.hinge_spring import plane_moduli
 from flexstage.lumped import lumped_system
 from flexstage.material import Material
 from flexstage.system import modes

@@ -60,6 +60,6 @@ def test_generalised_bouc_wen_is_bounded(train):
         record(*columns("Test_Vi_Do_Di.dat")), "u", "y", model="generalised-bouc-wen", train=train,
         chain=CHAIN,
     )  # fmt: skip
-    assert all(c.holds for c in found.model.hysteresis.conditions() if c.name == "bounded")
+    assert all(c.holds for c in found.model.hysteresis.properties() if c.name == "bounded")
     assert found.heldout_rms_percent is not None
     assert found.heldout_rms_percent < 3.0

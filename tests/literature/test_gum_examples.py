@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.experiment.uncertainty.functions import cos, sin
+from flexstage.experiment.uncertainty.expression import cos, sin
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.monte_carlo import monte_carlo, validate
 from flexstage.experiment.uncertainty.propagate import propagate

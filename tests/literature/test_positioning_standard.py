@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import RecordError
-from flexstage.experiment.motion.dwells import staircase_dwells
-from flexstage.experiment.motion.positioning import positioning
-from flexstage.experiment.motion.positioning_simulation import figures
+from flexstage.experiment.motion.positioning import figures, positioning
+from flexstage.experiment.motion.staircase_levels import staircase_dwells
 from tests.tiers import limits, sizes
 
 NAMES = (

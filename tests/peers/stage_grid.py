@@ -21,7 +21,7 @@ def plane_grid(stage: Stage, *, neck_size: float, size: float, grading: float = 
     from netgen import occ
 
     from flexstage.fem.geometry import stage_faces
-    from flexstage.fem.names import surface_edge
+    from flexstage.fem.mesh_regions import surface_edge
 
     shape = stage_faces(stage).shape
     necks = {surface_edge(h.name): h.profile.neck_thickness for h in stage.hinges}

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Condition, HysteresisModel
+from flexstage.hysteresis.model import HysteresisModel, ModelProperty
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen
 from flexstage.hysteresis.models.bouc_wen import BoucWen, simulate_bouc_wen_batch
 from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
@@ -87,7 +87,7 @@ models = st.one_of(bouc_wen(), asymmetric(), generalised(), dahl())
 
 
 def held(model: HysteresisModel) -> dict[str, bool]:
-    return {condition.name: condition.holds for condition in model.conditions()}
+    return {condition.name: condition.holds for condition in model.properties()}
 
 
 def loop_area(model: HysteresisModel, u: np.ndarray, y: np.ndarray) -> float:
@@ -138,7 +138,7 @@ def test_two_halves_are_the_whole(
 @settings(quick)
 @given(models, levels)
 def test_steps_are_the_simulation(model: HysteresisModel, u: np.ndarray) -> None:
-    state, out = model.rest(), []
+    state, out = model.initial_state(), []
     for value in u:
         state, y = model.step(state, float(value))
         out.append(y)
@@ -470,8 +470,8 @@ def test_bounded_classes() -> None:
 def test_inverse_stops_where_the_output_falls() -> None:
     # dh/du after a reversal from saturation is 0.48: above the gain.
     model = BoucWen(gain=0.45, hysteresis_gain=0.4, beta=0.06, gamma=0.04)
-    invertible = model.conditions()[2]
-    assert isinstance(invertible, Condition)
+    invertible = model.properties()[2]
+    assert isinstance(invertible, ModelProperty)
     assert not invertible.holds
     assert "0.48" in invertible.detail
     # (beta - gamma) |h| reaches 0.05 at h = 2.5.
@@ -496,7 +496,7 @@ def test_asymmetric_inverse_stays_in_its_range() -> None:
         highest_input=130.0,
     )
     # The slope of the cubic is least at an end: 1.3 - 0.08 - 0.012 and 1.3 + 0.52 - 0.507.
-    assert "1.208 and" in model.conditions()[2].detail
+    assert "1.208 and" in model.properties()[2].detail
     top = model.simulate([130.0]).values[0]
     assert model.inverse([top]).values[0] == pytest.approx(130.0, abs=1e-11)
     with pytest.raises(ModelError, match="not reached"):
@@ -521,7 +521,7 @@ def test_least_slope_inside_the_range() -> None:
         highest_input=130.0,
     )
     # At u = 50: 1.3 - 0.6 + 0.3.
-    assert "1 and" in model.conditions()[2].detail
+    assert "1 and" in model.properties()[2].detail
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from flexstage.experiment.campaign.plan import (
     KINDS,
     Campaign,
     Columns,
-    Instrument,
-    Reading,
+    FileReading,
+    SensorSpecification,
     Test,
 )
 from tests.strategies import names, texts
@@ -38,7 +38,7 @@ written = st.builds(
     spheres=lists,
 )  # fmt: skip
 readings = st.builds(
-    Reading,
+    FileReading,
     sample_rate=st.none() | st.floats(1e-3, 1e9),
     time=columns,
     format=st.none() | st.sampled_from(["text", "tdms", "cmm"]),
@@ -47,7 +47,7 @@ readings = st.builds(
     decimal=st.none() | st.sampled_from([".", ","]),
 )
 instruments = st.builds(
-    Instrument,
+    SensorSpecification,
     name=names,
     calibration=shares,
     nonlinearity=shares,

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.element import ChainElement
-from flexstage.hysteresis.chain.joint import simulate_with_stage
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.models.bouc_wen import BoucWen
 
 times = st.floats(1e-6, 10.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model_file import ModelFile, model_text, read_model_text
 from flexstage.hysteresis.models.asymmetric_bouc_wen import AsymmetricBoucWen

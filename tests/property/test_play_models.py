@@ -107,7 +107,7 @@ def test_a_sequence_goes_on_from_its_state(kind: str, seed: int, cut: int) -> No
     rest = model.simulate(u[cut:], first.state)
     assert np.array_equal(rest.values, whole.values[cut:])
     assert np.array_equal(rest.state, whole.state)
-    state = model.rest()
+    state = model.initial_state()
     for x, y in zip(u, whole.values, strict=True):
         state, reached = model.step(state, x)
         assert reached == y
@@ -176,7 +176,7 @@ def test_a_higher_input_gives_an_output_that_is_not_lower(kind: str, seed: int) 
 def test_a_closed_cycle_takes_in_energy(kind: str, seed: int) -> None:
     """The integral of u dy, exact since y is straight within a segment."""
     model, u = random_model(kind, seed), random_input(seed)
-    assert {c.name: c.holds for c in model.conditions()}["dissipative"]
+    assert {c.name: c.holds for c in model.properties()}["dissipative"]
     cycle = np.append(u, u[0])
     # A model that wipes out runs its limit cycle from the second time on.
     s = model.segments(cycle, model.simulate(np.tile(u, 2)).state)
@@ -197,7 +197,7 @@ def test_a_closed_cycle_takes_in_energy(kind: str, seed: int) -> None:
 def test_a_closed_cycle_of_duhem_takes_in_energy(seed: int) -> None:
     model, u = random_model("duhem", seed), random_input(seed)
     # one random model in five hundred is outside the condition, which is sufficient only
-    assume({c.name: c.holds for c in model.conditions()}["dissipative"])
+    assume({c.name: c.holds for c in model.properties()}["dissipative"])
     # What is left of the start after this many cycles is below rounding.
     state = model.simulate(np.tile(u, 1 + int(20.0 / np.ptp(u) / model.parameters()["rate"]))).state
     fine = np.concatenate([np.linspace(a, b, 300) for a, b in itertools.pairwise([*u, u[0]])])

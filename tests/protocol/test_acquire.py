@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError, RecordError
-from flexstage.instruments.acquire import record_blow, record_now, run_moves, run_waveform
 from flexstage.instruments.protocol import Signal
+from flexstage.instruments.record_run import record_blow, record_now, run_moves, run_waveform
 from flexstage.instruments.waveform import Waveform
-from flexstage.progress import reporting
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
 X = Signal(kind="position", source="x", name="x")
@@ -49,7 +49,7 @@ def voltages(n: int = 730, rate: float = 700.0, offset: float = 11.0) -> Wavefor
 def test_a_waveform_is_led_to_recorded_and_streamed() -> None:
     instrument, kept, told = SimpleInstrument(), Kept(), []
     wave = voltages()
-    with reporting(lambda what, done: told.append((what, done))):
+    with progress.listen(lambda what, done: told.append((what, done))):
         record = run_waveform(
             instrument, wave, [X, U, ACROSS], rate_hz=2500.0, cycles=3, after=41, writer=kept
         )

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flexstage.errors import LimitError
-from flexstage.instruments.acquire import record_now, run_moves, run_waveform
 from flexstage.instruments.connect import connect
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.protocol import Instrument, Signal
+from flexstage.instruments.record_run import record_now, run_moves, run_waveform
 from flexstage.instruments.waveform import Waveform
 
 X = Signal(kind="position", source="x", name="x")

@@ -18,8 +18,8 @@ from fmpy.validation import validate_fmu
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export.fmu import compiled
+from flexstage.export.fmu.description import base_units
 from flexstage.export.fmu.fmu_file import fmu_files
-from flexstage.export.fmu.unit_definitions import base_units
 from tests.c_compiler import STRICT, compile_program, compiler
 from tests.fmu_parts import VERSIONS, Run, Stepper, fmu_folder, model, needs_compiler
 

@@ -6,14 +6,14 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.profile import TransferLimits
 from flexstage.instruments.gcs.transport import InProcess
 from flexstage.instruments.gcs.units import VOLTS, WireUnit, axis_unit
 from flexstage.instruments.gcs.waves import point_lines
 from flexstage.instruments.protocol import (
-    Axis,
     Capability,
     Instrument,
+    MotionAxis,
     Recorder,
     Signal,
     WaveGenerator,
@@ -67,7 +67,7 @@ def test_what_it_is_and_can_do_follows_from_what_it_says():
     assert isinstance(controller, Instrument)
     assert isinstance(controller.recorder, Recorder)
     assert isinstance(controller.waves, WaveGenerator)
-    assert all(isinstance(axis, Axis) for axis in controller.axes.values())
+    assert all(isinstance(axis, MotionAxis) for axis in controller.axes.values())
     assert controller.identity.model == "P-727.3"
     assert controller.identity.serial_number == "117"
     assert not controller.identity.simulated
@@ -331,7 +331,7 @@ def test_a_waveform_that_cannot_run_never_leaves(given, kind):
 
 
 def test_a_waveform_from_the_tables_to_its_end():
-    controller, script = opened(wire=Wire(line_limit=40))
+    controller, script = opened(transfer=TransferLimits(line_limit=40))
     shape = wave(x=[0.0, 1.5, 2.25, 1.0, 0.5, 0.0], y=[0.0, 1.0, 2.0, 3.0, 2.0, 1.0])
     controller.waves.load(shape)
     assert without_checks(script.log) == [
@@ -446,7 +446,7 @@ SIGNALS = (
 
 
 def test_a_record_from_its_choice_to_its_samples():
-    controller, script = opened(wire=Wire(rows=20))
+    controller, script = opened(transfer=TransferLimits(rows=20))
     rate = controller.recorder.configure(SIGNALS, 3.9e3, 50)
     assert rate == pytest.approx(4e3)
     controller.recorder.arm()
@@ -585,7 +585,7 @@ SETTINGS = ServoSettings(
 
 @pytest.mark.parametrize("limit", [120, 256, 4000])
 def test_settings_of_control_that_were_written_are_read_again(limit):
-    controller, script = opened(tuned_script(), wire=Wire(line_limit=limit))
+    controller, script = opened(tuned_script(), transfer=TransferLimits(line_limit=limit))
     axis = controller.axes["y"]
     axis.set_servo(SETTINGS)
     read = axis.servo()
@@ -600,7 +600,7 @@ def test_settings_of_control_that_were_written_are_read_again(limit):
 
 
 def test_settings_in_several_lines_begin_with_gains_of_zero_and_end_with_the_gains():
-    controller, script = opened(tuned_script(), wire=Wire(line_limit=120))
+    controller, script = opened(tuned_script(), transfer=TransferLimits(line_limit=120))
     controller.axes["x"].set_servo(SETTINGS)
     lines = [line for line in script.log if line.startswith("SPA ")]
     assert len(lines) > 3

@@ -12,7 +12,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError
 from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.profile import TransferLimits
 from flexstage.instruments.gcs.tcp import TcpLink
 from flexstage.instruments.gcs.transport import InProcess
 from flexstage.instruments.protocol import Capability, Instrument, Signal
@@ -28,7 +28,7 @@ from flexstage.instruments.twin.stage import VirtualStage
 from flexstage.instruments.waveform import Waveform
 
 STAGE = design("vgtu-piezo")
-LONG = Wire(line_limit=16384)
+LONG = TransferLimits(line_limit=16384)
 
 
 @cache
@@ -49,7 +49,9 @@ def interpreter(
 @pytest.fixture
 def twin() -> Iterator[tuple[PiController, VirtualController]]:
     made = interpreter(5)
-    controller = PiController.open(InProcess(open_session(made)), STAGE, wire=LONG, timeout=60.0)
+    controller = PiController.open(
+        InProcess(open_session(made)), STAGE, transfer=LONG, timeout=60.0
+    )
     assert isinstance(made.device, VirtualController)
     yield controller, made.device
     controller.close()
@@ -244,7 +246,7 @@ def test_a_wave_that_is_endless_is_stopped_from_another_thread(twin):
 def test_a_second_client_may_look_and_stop_and_not_move():
     made = interpreter(5, hold=True)
     links = [InProcess(open_session(made)) for _ in range(2)]
-    first, second = (PiController.open(link, STAGE, wire=LONG) for link in links)
+    first, second = (PiController.open(link, STAGE, transfer=LONG) for link in links)
     with closing(first), closing(second):
         first.axes["x"].set_voltage(20.0)
         assert second.axes["x"].voltage() == pytest.approx(20.0, abs=0.01)
@@ -263,7 +265,7 @@ def test_every_model_of_controller_is_driven(name):
     """The client goes by what a controller lists, and writes its unit as that does."""
     made = interpreter(5, model=MODELS[name])
     link = InProcess(open_session(made))
-    with closing(PiController.open(link, STAGE, wire=LONG)) as controller:
+    with closing(PiController.open(link, STAGE, transfer=LONG)) as controller:
         assert (controller.identity.model, controller.identity.simulated) == (name, True)
         axis = controller.axes["x"]
         axis.set_closed_loop(True)
@@ -282,7 +284,9 @@ def test_every_model_of_controller_is_driven(name):
 
 def test_a_restart_is_noticed():
     made = interpreter(5)
-    with closing(PiController.open(InProcess(open_session(made)), STAGE, wire=LONG)) as controller:
+    with closing(
+        PiController.open(InProcess(open_session(made)), STAGE, transfer=LONG)
+    ) as controller:
         controller.axes["x"].set_closed_loop(True)
         controller.client.tell("RBT")
         with pytest.raises(ControllerError, match="restarted"):
@@ -326,14 +330,14 @@ def job(controller: PiController) -> list[np.ndarray]:
 def test_over_the_network_and_in_memory_the_same_job_gives_the_same_bits():
     # time passes with commands only, so the lines are told to be of one length
     with closing(
-        PiController.open(InProcess(open_session(interpreter(5))), STAGE, wire=LONG)
+        PiController.open(InProcess(open_session(interpreter(5))), STAGE, transfer=LONG)
     ) as memory:
         here = job(memory)
     server = GcsServer(interpreter(5, 1))
     server.start()
     try:
         with closing(
-            PiController.open(TcpLink(*server.address), STAGE, wire=LONG, timeout=30.0)
+            PiController.open(TcpLink(*server.address), STAGE, transfer=LONG, timeout=30.0)
         ) as network:
             there = job(network)
     finally:

@@ -11,7 +11,7 @@ from flexstage.designs import design
 from flexstage.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
 from flexstage.instruments.gcs.client import GcsClient
 from flexstage.instruments.gcs.controller import PiController
-from flexstage.instruments.gcs.profile import Wire
+from flexstage.instruments.gcs.profile import TransferLimits
 from flexstage.instruments.gcs.tcp import TcpLink
 from flexstage.instruments.gcs.transport import InProcess, NoAnswerError
 from flexstage.instruments.protocol import Signal
@@ -231,7 +231,7 @@ def test_after_a_key_the_answer_that_was_not_read_is_not_taken_for_another():
 
 
 def test_an_answer_without_end_is_cut_off(monkeypatch):
-    monkeypatch.setattr("flexstage.instruments.gcs.exchange._LARGEST", 4096)
+    monkeypatch.setattr("flexstage.instruments.gcs.conversation._LARGEST", 4096)
     controller, script, _ = opened()
     script.faults["HPA?"] = b"more \n" * 1000
     with pytest.raises(NotConnectedError, match="sends without end"):
@@ -274,7 +274,9 @@ def networked():
     script = ScriptedController()
     with served(script) as port:
         link = TcpLink("127.0.0.1", port, timeout=2.0)
-        controller = PiController.open(link, STAGE, timeout=TIMEOUT, wire=Wire(poll=1e-3, rows=10))
+        controller = PiController.open(
+            link, STAGE, timeout=TIMEOUT, transfer=TransferLimits(poll=1e-3, rows=10)
+        )
         script.log.clear()
         yield controller, script
         controller.close()
@@ -538,7 +540,7 @@ def test_after_a_table_failed_the_one_before_it_is_not_run_either():
 
 
 def test_a_table_whose_end_was_lost_is_never_run():
-    controller, script, _ = opened(wire=Wire(line_limit=40))
+    controller, script, _ = opened(transfer=TransferLimits(line_limit=40))
     script.faults["WAV 1 & PNT 12 1 5"] = lambda said: (
         script.waves["1"].__setitem__(11, 0.0) or said
     )

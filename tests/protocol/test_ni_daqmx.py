@@ -11,15 +11,15 @@ from nidaqmx.constants import AcquisitionType, Edge, ProductCategory, TerminalCo
 from nidaqmx.error_codes import DAQmxErrors
 
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.ni import address, daqmx, daqmx_codes
+from flexstage.instruments.ni import address, daqmx
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.protocol import Signal
+from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.waveform import Waveform
 from tests.daqmx_stand_in import Card, value
 
@@ -359,7 +359,7 @@ def test_errors_of_the_driver_in_our_words(
 
 
 def test_the_sentences_are_for_the_errors_that_they_mean() -> None:
-    names = {code: DAQmxErrors(code).name for code in daqmx_codes.SENTENCES}
+    names = {code: DAQmxErrors(code).name for code in daqmx.SENTENCES}
     assert names[-200279] == "SAMPLES_NO_LONGER_AVAILABLE"
     assert names[-50103] == "PAL_RESOURCE_RESERVED"
     assert names[-200170] == "PHYSICAL_CHAN_DOES_NOT_EXIST"
@@ -368,9 +368,9 @@ def test_the_sentences_are_for_the_errors_that_they_mean() -> None:
     assert names[-200019] == "ADC_OVERRUN"
     assert names[-200284] == "SAMPLES_NOT_YET_AVAILABLE"
     assert names[-89136] == "ROUTE_NOT_SUPPORTED_BY_HW_ROUTING"
-    supported = {DAQmxErrors(code).name for code in daqmx_codes.NOT_SUPPORTED}
+    supported = {DAQmxErrors(code).name for code in daqmx.NOT_SUPPORTED}
     assert supported == {"ATTR_NOT_SUPPORTED", "ATTRIBUTE_NOT_SUPPORTED_IN_TASK_CONTEXT"}
-    assert all(DAQmxErrors(code) for code in daqmx_codes.GONE)
+    assert all(DAQmxErrors(code) for code in daqmx.GONE)
 
 
 def test_with_a_driver_the_card_is_real_unless_asked_otherwise(

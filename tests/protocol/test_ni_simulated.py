@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.ni.simulated import SimulatedBackend, _Output
-from flexstage.instruments.protocol import Axis, Capability, Instrument, Recorder, Signal
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Recorder, Signal
 from flexstage.instruments.protocol import WaveGenerator as Generator
+from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.waveform import Waveform
 
 #: Volts at each input for a volt at each output; both drives reach the third sensor.
@@ -83,7 +83,7 @@ def cosine(n: int = 400, rate: float = 1000.0, amplitude: float = 35.0) -> Wavef
 def test_it_is_an_instrument() -> None:
     instrument = card()
     assert isinstance(instrument, Instrument)
-    assert isinstance(instrument.axes["y"], Axis)
+    assert isinstance(instrument.axes["y"], MotionAxis)
     assert isinstance(instrument.recorder, Recorder)
     assert isinstance(instrument.waves, Generator)
     assert instrument.identity.simulated

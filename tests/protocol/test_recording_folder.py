@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import NotConnectedError, RecordError
-from flexstage.instruments.acquire import record_now, run_waveform
 from flexstage.instruments.protocol import Signal
+from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.recording.folder import RunFolder
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import recover

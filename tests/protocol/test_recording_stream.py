@@ -14,11 +14,10 @@ from flexstage.errors import RecordError
 from flexstage.instruments.recording import archive
 from flexstage.instruments.recording.archive import archived
 from flexstage.instruments.recording.attributes import file_summary, read_metadata
-from flexstage.instruments.recording.chunk import Irregularity
 from flexstage.instruments.recording.files import in_use
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.recovery import examine, recover
-from flexstage.instruments.recording.writer import RunWriter
+from flexstage.instruments.recording.writer import Irregularity, RunWriter
 from flexstage.records import read_record
 from tests.recordings import CHANNELS, RATE, assert_true, metadata, truth, writer, written
 

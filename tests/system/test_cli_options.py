@@ -71,6 +71,10 @@ def test_a_former_name_is_understood_and_not_listed(command: str, former: str) -
     assert parsed(former, *value) == parsed(present, *value)
     if value:
         assert parsed(f"{former}={value[0]}") == parsed(present, *value)
+        if isinstance(parsed(present, *value), str):  # what is called like a former name is a value
+            assert (
+                parsed(present, former) == parsed(f"{present}={former}") != parsed(former, *value)
+            )
         assert parsed(former, *value) != parsed()
     context = found.make_context(command, [], resilient_parsing=True)
     assert former not in context.get_help().replace(",", " ").split()

@@ -1,5 +1,6 @@
 """`flexstage run`: a plan from its file to its figures, as a user would carry it out."""
 
+import importlib
 import json
 import os
 import signal
@@ -239,7 +240,9 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
     from tests.simple_instrument import SimpleInstrument
 
     made = SimpleInstrument(simulated=False, noise=1e-9)
-    monkeypatch.setattr("flexstage.instruments.connect.connect", lambda *_: made)
+    # the function of that name hides the module on the face of its room
+    module = importlib.import_module("flexstage.instruments.connect")
+    monkeypatch.setattr(module, "connect", lambda *_: made)
     out = tmp_path / "run"
     words = (plan, "--instrument", "gcs://host", "--out", out, "--steps", "motion")
     status, _, err = run(capsys, *words)

@@ -84,6 +84,17 @@ def test_a_folder_is_added_listed_and_shown(capsys, catalogue, folder):
     assert result(capsys, "show", "a1a1")["file_is"] == "not there"
 
 
+@pytest.mark.parametrize("words", [(), ("show", "a1"), ("calibrations",)])
+def test_looking_makes_no_catalogue(capsys, tmp_path, words):
+    absent = tmp_path / "absent" / "catalogue.sqlite"
+    run(capsys, *words, "--catalogue", absent)
+    assert not absent.parent.exists()
+    if words != ("show", "a1"):
+        found = result(capsys, *words, "--catalogue", absent)
+        assert found.pop("catalogue") == f"sqlite:///{absent}"
+        assert list(found.values()) == [[]]
+
+
 def test_the_tables_for_people(capsys, catalogue, folder):
     status, out, err = run(capsys, "add", folder.path)
     assert (status, err) == (0, "")

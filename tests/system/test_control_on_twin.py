@@ -16,9 +16,9 @@ from flexstage.control import (
 )
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, ValidityRange, excitation, identify
-from flexstage.instruments.acquire import run_waveform
 from flexstage.instruments.connect import connect
 from flexstage.instruments.protocol import Signal
+from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.twin.build import virtual_stage
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record

@@ -13,8 +13,8 @@ from flexstage.designs import design
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, Refinement, StageModel, plane_model, solid_model
-from flexstage.fem.accuracy import Step
-from flexstage.fem.names import MOUNTING
+from flexstage.fem.accuracy import RefinementStep
+from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.report import ModelRun, Study, number, report_html
 from flexstage.report.figures.convergence import changes, draw_convergence
@@ -48,7 +48,7 @@ def solid_analysis(solid: StageModel) -> Analysis:
 
 
 def _size(model: StageModel) -> float:
-    mesh = model.halves[0].continuum.mesh
+    mesh = model.problems[0].continuum.mesh
     return float(ng.Integrate(ng.CoefficientFunction(1.0), mesh)) / METRE**mesh.dim
 
 
@@ -93,7 +93,7 @@ def test_displacement_and_stress_are_those_of_the_continuum(
 ) -> None:
     q = plane_analysis.axes[0].static.q
     sample = Sampler(model=plane, divisions=3).read(q)
-    half = plane.halves[0]
+    half = plane.problems[0]
     mesh = half.continuum.mesh
     platform = next(b for b in STAGE.bodies if b.name == "platform")
     corner = max(platform.outline.points, key=lambda p: p[0] + p[1])
@@ -272,7 +272,7 @@ def _refinement(model: StageModel, analysis: Analysis) -> Refinement:
         for f, s in ((202.0, 80e6), (200.2, 99e6), (200.0, 100e6))
     ]
     steps = tuple(
-        Step(settings=MeshSettings(order=p), unknowns=n, seconds=1.0, values=v)
+        RefinementStep(settings=MeshSettings(order=p), unknowns=n, seconds=1.0, values=v)
         for p, n, v in zip((3, 4, 5), (4_000, 9_000, 20_000), values, strict=True)
     )
     return Refinement(

@@ -1,5 +1,6 @@
 """`import flexstage as fs`: one import, and results that show themselves."""
 
+import json
 import re
 import sys
 from collections.abc import Callable
@@ -10,11 +11,11 @@ from xml.etree import ElementTree
 import pytest
 
 import flexstage as fs
+from flexstage import report
 from flexstage.errors import HingeError, ModelError, StageError
 from flexstage.interactive.hinge_result import HingeResult
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.interactive.stage_study import StageStudy
-from flexstage.report import figures
 from flexstage.stage import write_stage
 
 LONGEST = 600  # characters of a text on a few lines
@@ -40,6 +41,11 @@ def test_the_names_are_listed() -> None:
     assert wanted <= set(dir(fs))
     with pytest.raises(AttributeError, match="has no attribute 'analyze'"):
         fs.analyze  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_a_name_can_be_replaced_by_a_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fs, "draw", json)
+    assert fs.draw is json
 
 
 def test_a_stage_is_read_by_file_or_by_name(tmp_path: Path) -> None:
@@ -180,4 +186,4 @@ def test_a_study_hands_out_its_analyses_and_writes_its_report(
 def test_every_figure_is_in_the_manual() -> None:
     page = (Path(__file__).parents[2] / "docs" / "how-to" / "python.md").read_text("utf-8")
     documented = set(re.findall(r"`(draw_\w+)\(", page))
-    assert documented == {name for name in figures.__all__ if name.startswith("draw_")}
+    assert documented == {name for name in report.__all__ if name.startswith("draw_")}

@@ -15,8 +15,8 @@ from flexstage.experiment.virtual.as_built import as_built
 from flexstage.experiment.virtual.campaign import virtual_campaign
 from flexstage.experiment.virtual.laboratory import Laboratory
 from flexstage.report import (
+    compare_measurement,
     display,
-    measurement,
     report_html,
     results_json,
     run_study,
@@ -80,7 +80,7 @@ def characterised(stage, seed=4, kinds=None):
 )
 def result(request):
     stage = design(request.param)
-    return measurement(as_measured(characterised(stage)), stage, ("lumped",))
+    return compare_measurement(as_measured(characterised(stage)), stage, ("lumped",))
 
 
 @pytest.fixture(scope="module")
@@ -194,11 +194,11 @@ def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
         raise ModelError("no such notch")
 
     monkeypatch.setattr(models, "MODELS", {**models.MODELS, "plane": fail})
-    found = measurement(result.found, result.stage, ("lumped", "plane"))
+    found = compare_measurement(result.found, result.stage, ("lumped", "plane"))
     assert found.left_out == {"plane": "no such notch"}
     assert "the plane model was left out: no such notch" in found.notes
     with pytest.raises(ModelError, match="not known"):
-        measurement(result.found, result.stage, ("lumped", "plain"))
+        compare_measurement(result.found, result.stage, ("lumped", "plain"))
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +244,7 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
 def test_a_simulated_measurement_is_compared_with_nothing(result):
     found = replace(result.found, campaign=replace(result.found.campaign, origin="virtual"))
     quiet = replace(found, results=tuple(replace(r, details={}) for r in found.results))
-    text = measurement_text(measurement(quiet, result.stage, ("lumped",)))
+    text = measurement_text(compare_measurement(quiet, result.stage, ("lumped",)))
     rows = Tables(text).sections["figures"]
     assert rows[0] == ["", "", "simulated measurement"]
     assert {len(cells) for cells in rows[1:]} == {4}
@@ -386,7 +386,7 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
     from dataclasses import replace as changed
 
     from flexstage.characteristic import Characteristic, Characteristics
-    from flexstage.report.measurement import set_beside
+    from flexstage.report.measurement import compare_with_references
 
     row = next(r for r in result.rows if r.figure.quantity == "parasitic_rotation")
     value = row.figure.estimate.value
@@ -395,6 +395,6 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
         unit="rad",
     )  # fmt: skip
     for given in (model, changed(model, value=2.0 * value)):
-        beside = set_beside(result.found, result.stage, Characteristics((given,)))
+        beside = compare_with_references(result.found, result.stage, Characteristics((given,)))
         found = next(r for r in beside.rows if r.figure == row.figure).differences["solid"]
         assert found.percent == pytest.approx(-50.0)

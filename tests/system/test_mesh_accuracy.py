@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from flexstage import progress
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem import LADDERS, MeshSettings, plane_model, refine
-from flexstage.fem.accuracy import Step, estimate
-from flexstage.progress import reporting
+from flexstage.fem.accuracy import RefinementStep, estimate
 from flexstage.system import analyse
 
 STAGE = design("parallelogram")
@@ -30,9 +30,12 @@ def test_the_error_is_within_the_estimate_and_the_estimate_within_what_was_asked
     assert any("Mesh refined until natural_frequency_hz" in v for v in found.analysis.validity)
 
 
-def _steps(*values: float) -> list[Step]:
+def _steps(*values: float) -> list[RefinementStep]:
     key = (QUANTITY, "x")
-    return [Step(settings=MeshSettings(), unknowns=1, seconds=0.0, values={key: v}) for v in values]
+    return [
+        RefinementStep(settings=MeshSettings(), unknowns=1, seconds=0.0, values={key: v})
+        for v in values
+    ]
 
 
 def test_the_estimate_sums_what_is_still_to_come() -> None:
@@ -66,7 +69,7 @@ def test_what_cannot_be_reached_is_said() -> None:
 
 def test_progress_never_goes_back() -> None:
     told: list[tuple[str, float]] = []
-    with reporting(lambda what, done: told.append((what, done))):
+    with progress.listen(lambda what, done: told.append((what, done))):
         refine(lambda s: plane_model(STAGE, s), LADDERS["plane"], accuracy=5e-3)
     done = [share for _, share in told]
     assert done == sorted(done)

@@ -9,7 +9,7 @@ from flexstage.designs import design
 from flexstage.elasticity import memory
 from flexstage.errors import ModelError, StageError
 from flexstage.fem import MeshSettings, plane_model, solid_model, superelement_model
-from flexstage.fem.names import exactly
+from flexstage.fem.mesh_regions import exactly
 from flexstage.hinges import Leaf
 from flexstage.stage import Body, Circle, Loop, Stage
 
@@ -133,6 +133,6 @@ def test_a_hole_beside_the_mounting_holes_holds_nothing() -> None:
     free = replace(base, holes=(*base.holes, Circle((0.0, -0.0075), 2e-3)))
     bodies = tuple(free if b.name == "base" else b for b in STAGE.bodies)
     model = plane_model(replace(STAGE, bodies=bodies), MeshSettings(order=3))
-    continuum = model.halves[0].continuum
+    continuum = model.problems[0].continuum
     around = 2.0 * 3.14159265 * sum(h.radius for h in base.mounting_holes)
     assert continuum.measure(boundary="mounting") == pytest.approx(around, rel=1e-3)

@@ -12,9 +12,9 @@ from netgen import occ
 from flexstage.elasticity import Continuum, memory
 from flexstage.elasticity.memory import memory_needed, require_memory
 from flexstage.errors import FlexstageError, ModelError, StageError
-from flexstage.fem.bodies import Bodies
 from flexstage.fem.interface import interface_modes, interface_stiffness
 from flexstage.fem.part import Part, read_step
+from flexstage.fem.part_analysis import Bodies
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import material
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.report import report_html, run_study
+from flexstage.report import report_html
+from tests.studies import study_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
@@ -129,7 +129,7 @@ var press = text => Array.from(document.querySelectorAll("button")).find(
 
 def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -> None:
     file = tmp_path / "report.html"
-    file.write_text(report_html(run_study(design("vgtu-piezo"))), encoding="utf-8")
+    file.write_text(report_html(study_of("vgtu-piezo")), encoding="utf-8")
     browser.call("Page.navigate", url=file.as_uri())
     browser.run(LOADED)
     browser.run(SETUP)

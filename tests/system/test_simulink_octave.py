@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, expm
 from flexstage.designs import design
 from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.control_object import linear_part
-from flexstage.export.diagram.graph import Block, Diagram, Group, Line
+from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
 from flexstage.export.diagram.springs import drive_springs, fitted_damping
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
@@ -247,9 +247,9 @@ def small(*, limits: bool = True) -> Diagram:
     return Diagram(
         title="a 'small' stage: 100 %",
         blocks=blocks,
-        lines=tuple(Line(source=s, target=t, port=p, signal=f"{s} [1]") for s, t, p in pairs),
-        groups=(Group(name="drive", title="the drive", kind="drive"),
-                Group(name="body", title="body 1/2, moving", kind="body")),
+        lines=tuple(SignalLine(source=s, target=t, port=p, signal=f"{s} [1]") for s, t, p in pairs),
+        groups=(BlockGroup(name="drive", title="the drive", kind="drive"),
+                BlockGroup(name="body", title="body 1/2, moving", kind="body")),
         units={"u": "V", "y": "m", "v": "V", "w": "m", "q": "m"},
     )  # fmt: skip
 
@@ -368,8 +368,8 @@ def _two_gains() -> Diagram:
         line
         for axis in "xy"
         for line in (
-            Line(source=f"u{axis}", target=f"g{axis}"),
-            Line(source=f"g{axis}", target=f"y{axis}"),
+            SignalLine(source=f"u{axis}", target=f"g{axis}"),
+            SignalLine(source=f"g{axis}", target=f"y{axis}"),
         )
     ]
     units = {"ux": "V", "uy": "V", "yx": "m", "yy": "m"}

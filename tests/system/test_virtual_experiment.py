@@ -126,7 +126,7 @@ def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.Monkey
     # the room has a function of the module's name
     module = importlib.import_module("flexstage.hysteresis.virtual_experiment")
     monkeypatch.setattr(module, "virtual_experiment", fail)
-    study = run_study(design("vgtu-piezo"), hysteresis=True)
+    study = run_study(design("vgtu-piezo"), ["lumped"], hysteresis=True)
     assert study.experiments == {}
     page = report_html(study)
     assert "Axis x was left out: axis x &amp; its &lt;record&gt; cannot serve." in page

@@ -87,7 +87,7 @@ def test_statics_of_the_plane_are_those_of_the_continuum(
         "static-x.vtu", "modes.pvd", "regions.csv", *(f"mode-{k:02d}.vtu" for k in range(1, 13)),
     }  # fmt: skip
     grid = Grid(files["static-x.vtu"])
-    axis, half = analysis.axes[0], model.halves[0]
+    axis, half = analysis.axes[0], model.problems[0]
     assert grid.general["input_displacement_m"] == axis.input_displacement
     assert set(grid.cells["types"]) == {5}
     assert set(grid.point) == {"displacement", "von_mises", "stress"}
@@ -119,7 +119,7 @@ def test_statics_of_the_plane_are_those_of_the_continuum(
 def test_stress_has_its_components_in_their_places(plane: tuple[StageModel, Analysis]) -> None:
     model, analysis = plane
     grid = Grid(vtu_files(model, analysis, divisions=3)["static-x.vtu"])
-    half = model.halves[0]
+    half = model.problems[0]
     mesh = half.continuum.mesh
     vertices = np.array([v.point for v in mesh.vertices])
     stress = half.continuum.stress(half.basis @ analysis.axes[0].static.q)
@@ -149,7 +149,7 @@ def test_cells_of_three_dimensions_fill_the_whole_plate(
         + np.einsum("ij,ij->i", np.cross(c - d, e - d), f - d)
     )
     assert (six_times > 0.0).all()
-    mesh = model.halves[0].continuum.mesh
+    mesh = model.problems[0].continuum.mesh
     volume = 2.0 * float(ng.Integrate(ng.CoefficientFunction(1.0), mesh)) / METRE**3
     # chords in place of arcs
     assert six_times.sum() / 6.0 == pytest.approx(volume, rel=1e-3)
@@ -202,7 +202,7 @@ def test_cells_know_their_body(plane: tuple[StageModel, Analysis]) -> None:
         assert STAGE.bodies[int(row["body"])].name == row["body name"]
         assert row["body name"] in name or name.startswith("notch")
         area = areas[grid.cell["region"] == int(row["region"])].sum()
-        expected = model.halves[0].continuum.measure(region=name)
+        expected = model.problems[0].continuum.measure(region=name)
         # a half notch between arcs loses most by chords
         assert area == pytest.approx(expected, rel=5e-3)
 

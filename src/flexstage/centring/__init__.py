@@ -6,7 +6,6 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.centring.asynchronous_motion import axis_motion
-    from flexstage.centring.bench import Table, VirtualBench
     from flexstage.centring.calibration_table import CalibrationTable
     from flexstage.centring.cross_calibration import cross_calibration
     from flexstage.centring.eccentricity import (
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from flexstage.centring.indicators import IndicatorReadings, run_out
     from flexstage.centring.positioner import Positioner, VirtualPositioner
     from flexstage.centring.procedure import Centring, centre
+    from flexstage.centring.rotary_table import RotaryTable, VirtualBench
     from flexstage.centring.scale_centre import Eccentricity
     from flexstage.centring.self_calibration import order_visibility, self_calibration
     from flexstage.centring.trial_moves import response_to_moves
@@ -41,7 +41,7 @@ __all__ = [
     "HeadReadings",
     "IndicatorReadings",
     "Positioner",
-    "Table",
+    "RotaryTable",
     "Turns",
     "VirtualBench",
     "VirtualPositioner",

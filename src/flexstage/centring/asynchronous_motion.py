@@ -20,13 +20,13 @@ class AxisMotion:
     """How the axis of a table moves, but for what repeats itself in every turn."""
 
     x: Array
-    """Where the axis is in the room, asynchronous part, noise included [m], shape (n,)."""
+    """Where the axis is in the room along x, asynchronous part, noise included [m], shape (n,)."""
     y: Array
-    """Where the axis is in the room, asynchronous part, noise included [m], shape (n,)."""
+    """The same along y [m], shape (n,)."""
     rms_x: Estimate
-    """Root of the mean square of either, without the noise of the heads where that is known [m]."""
+    """Root of the mean square of x, without the noise of the heads where that is known [m]."""
     rms_y: Estimate
-    """Root of the mean square of either, without the noise of the heads where that is known [m]."""
+    """The same of y [m]."""
     noise: float | None
     """Noise of one head [rad]; None where there are no heads to spare for it."""
     notes: tuple[str, ...]

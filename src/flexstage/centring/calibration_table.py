@@ -53,9 +53,9 @@ class CalibrationTable:
     and from its uncertainty unless an allowance was given for them.
     """
     cosine: Array
-    """Amplitudes a and b [rad], shape (orders,)."""
+    """Amplitudes a of the cosines [rad], shape (orders,)."""
     sine: Array
-    """Amplitudes a and b [rad], shape (orders,)."""
+    """Amplitudes b of the sines [rad], shape (orders,)."""
     order_uncertainty: Array
     """Standard uncertainty of each of them [rad], root mean square of the two, shape (orders,)."""
     noise: float

@@ -165,6 +165,10 @@ def eccentricity_from_harmonics(
 ) -> Eccentricity:
     """Find the eccentricity from the once-per-turn harmonic that a scale is known to have.
 
+    `fit` is of the error over the angle of the table [rad]; `radius` [m] is that at which the scale
+    is read, `head_angle` [rad] where the head stands in the room. `graduation_uncertainty` [rad] is
+    of cosine and of sine of the scale's own once-per-turn error.
+
     A scale that calibrates itself, or a protocol of its error, gives the harmonics without a
     record. On a disc the harmonic of the exact error is that of the first order, e / r.
 

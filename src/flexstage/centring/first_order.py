@@ -8,8 +8,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.centring.polar import length_estimate
 from flexstage.centring.turns import find_turns
+from flexstage.centring.vector_interval import length_estimate
 from flexstage.estimate import Estimate
 
 #: Times that a part may make the eccentricity more uncertain before it is left out.
@@ -42,7 +42,12 @@ class Combined:
 def combined(
     fits: Sequence[HarmonicFit], angles: Array, table: Array | None, *, radial: bool = False
 ) -> Combined:
-    """Combine the once-per-turn harmonics of heads or indicators by weighted least squares."""
+    """Combine the once-per-turn harmonics of heads or indicators by weighted least squares.
+
+    They stand at `angles` in the room [rad]. `table` is the angle of the table at each sample [rad]
+    where all were sampled together: what disturbs several at once is then told from what disturbs
+    one. `radial` ones are indicators that look along the radius, not heads that read angles.
+    """
     found = [f.harmonic(1) for f in fits]
     together = table is not None and len(fits) > 1
     c = np.array([p for h in found for p in (h.cosine.value, h.sine.value)])

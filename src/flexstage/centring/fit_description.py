@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
-from flexstage.centring.harmonic_problem import HarmonicProblem
-from flexstage.centring.normal_equations import NormalEquations
+from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations
 from flexstage.centring.outliers import Outlier
-from flexstage.centring.polar import direction_estimate, length_estimate
 from flexstage.centring.residual_noise import from_spectrum, from_turns
 from flexstage.centring.turns import Turns
+from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
 
@@ -37,7 +36,11 @@ def described(
     turns: Turns,
     unit: str,
 ) -> HarmonicFit:
-    """Return the harmonics of one column, with uncertainty and notes."""
+    """Return the harmonics of one column, with uncertainty and notes.
+
+    `c` are its coefficients, shape (p,), `residual` what they leave of all samples, shape (n,), and
+    `keep` which samples were kept, all where None.
+    """
     kept = residual if keep is None else residual[keep]
     w = None if weights is None else (weights if keep is None else weights[keep])
     free = kept.size - c.size
@@ -85,7 +88,7 @@ def described(
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
-    """Return a fit whose intervals cover that of all samples as well."""
+    """Return a fit without outliers, whose intervals cover that of all samples as well."""
     covariance = fit.covariance.copy()
     harmonics = []
     for i, (own, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):

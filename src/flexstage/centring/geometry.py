@@ -193,7 +193,10 @@ def exact_run_out(
     indicator_angle: ArrayLike = 0.0,
     axis_motion: ArrayLike = (0.0, 0.0),
 ) -> Array:
-    r"""Return what an indicator reads on the round rim of an eccentric scale.
+    r"""Return how far out of its place an indicator finds the round rim of an eccentric scale [m].
+
+    Angles of table and indicator are in the room [rad], the indicator points at the axis; the
+    eccentricity is in the frame that turns with the table, the motion of the axis in the room [m].
 
     .. math:: s = |e| \cos(\beta - \varphi) + \sqrt{R^2 - |e|^2 \sin^2(\beta - \varphi)} - R
 
@@ -220,7 +223,11 @@ def exact_run_out(
 
 
 def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> Array:
-    """Return what the exact error of a rigid scale is more than that of the first order.
+    """Return by how much the exact error of a rigid scale exceeds that of the first order [rad].
+
+    `outward` is the direction of the head as seen from the table, exp(i beta), and `relative` the
+    eccentricity over the radius, x + i y. A disc has radial lines on a face, a drum lines along the
+    axis on a rim.
 
     Examples
     --------
@@ -235,7 +242,7 @@ def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> 
 
 
 def direction_vector(length: float, direction: float) -> Array:
-    """Return x and y of a vector of a length in a direction."""
+    """Return x and y of a vector whose direction is from x towards y [rad]."""
     return np.array([length * np.cos(direction), length * np.sin(direction)])
 
 

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.centring.fit_description import MANY_TURNS, covering_both, described
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.centring.harmonic_problem import HarmonicProblem, of_column, solved
-from flexstage.centring.normal_equations import NormalEquations
+from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations, of_column, solved
 from flexstage.centring.outliers import FEW, stands_out, without_outliers
 from flexstage.centring.turns import Turns, find_turns
 from flexstage.errors import RecordError

@@ -37,7 +37,7 @@ class HeadAveraging:
     """Noise of the mean over that of one head [1]."""
 
     def remaining(self, share: float = 1e-9) -> tuple[int, ...]:
-        """Return the orders that are left."""
+        """Return the orders of which more than this share is left."""
         return tuple(n for n, h in zip(self.orders, self.transfer, strict=True) if abs(h) > share)
 
 

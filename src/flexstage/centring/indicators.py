@@ -9,9 +9,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined, combined
 from flexstage.centring.geometry import exact_run_out
-from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit
+from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
 from flexstage.centring.harmonics import fit_harmonics
-from flexstage.centring.in_scale import scale_harmonic
 from flexstage.centring.scale_centre import Eccentricity, centre_from
 from flexstage.errors import ModelError, RecordError
 

@@ -78,6 +78,8 @@ def planned_move(
 ) -> PlannedMove:
     """Return the move that centres the scale, or brings it as near as the limits let it.
 
+    It is not carried out.
+
     Examples
     --------
     >>> from flexstage.designs import design
@@ -119,7 +121,7 @@ def planned_move(
 
 
 def nearest_in_box(matrix: Array, target: Array, low: Array, high: Array) -> Array:
-    """Return the point of a box whose image is nearest to a target.
+    """Return the point u of a box for which :math:`|J u - target|` is least.
 
     Examples
     --------

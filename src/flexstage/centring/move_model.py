@@ -103,12 +103,12 @@ class MoveModel:
         )
 
     def measured(self, vector: ArrayLike, covariance: ArrayLike) -> "MoveModel":
-        """Return what is known after a measurement of the eccentricity."""
+        """Return what is known after a measurement [m], each weighed by its uncertainty."""
         select = np.eye(2, 6)
         return self._learned(select, np.asarray(vector, dtype=np.float64), np.asarray(covariance))
 
     def moved(self, by: ArrayLike, errors: MoveErrors = MoveErrors()) -> "MoveModel":
-        r"""Return what is known after a move, before the next measurement.
+        r"""Return what is known after the commands changed `by` so much [m], before a measurement.
 
         .. math:: J \leftarrow J + \delta J, \quad e \leftarrow e + J (\Delta u + w)
 
@@ -136,6 +136,10 @@ class MoveModel:
         self, *, mirrored: bool = False, gain_ratio: float = 1.0, uncertainty: float = 0.05
     ) -> "MoveModel":
         """Return what is known if the y axis is taken as square to the x axis.
+
+        It is mirrored where its axes count the other way round than those of the table;
+        `gain_ratio` is the gain of the y axis over that of the x axis, and `uncertainty` the
+        standard one of squareness [rad] and of that ratio.
 
         It spares the trial move in y.
         """
@@ -167,6 +171,10 @@ def unknown_moves(
 ) -> MoveModel:
     """Return the model after the first measurement, before any move.
 
+    `vector` is the measured eccentricity [m]; `matrix` how the scale is thought to move for a
+    command of each axis [1], each element with the standard uncertainty `matrix_uncertainty`.
+    Nothing is assumed where it is not given.
+
     Examples
     --------
     >>> model = unknown_moves((30e-6, -20e-6), 1e-16 * np.eye(2))
@@ -190,7 +198,7 @@ def unknown_moves(
 
 
 def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "") -> Estimate:
-    """Return the length of a vector that is expected with some uncertainty.
+    """Return the length of an expected vector [m], with the ends between which 95 % of cases lie.
 
     Its value is the mean length, which is more than the length of the mean (Rice 1945, Bell System
     Technical Journal 24, for equal uncertainty in all directions; Rayleigh's distribution about 0).

@@ -1,14 +1,17 @@
-"""Sums over samples that a fit of harmonics needs, in one pass and with little memory."""
+"""The normal equations of a fit of harmonics: summed in one pass with little memory, and solved."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.errors import RecordError
 
 #: Samples that are worked on together: their tables stay in the processor's own memory.
 _CHUNK = 4096
+#: Functions that are more alike than this cannot be told apart in double precision.
+_WORST_CONDITION = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,6 +39,10 @@ def accumulated(
     bounds: Sequence[int] | None = None,
 ) -> NormalEquations:
     """Sum over samples what the fit of harmonics needs.
+
+    `turns` is the angle of each sample [turn], `values` columns over it, shape (n, m). A weight of
+    zero leaves a sample out. `bounds` are the first sample of each group and the number of samples;
+    all are one group without it.
 
     Products of cosines are cosines of sums and differences of orders: not the products of all pairs
     of functions are summed, but cosines and sines up to twice the highest order, each found from
@@ -69,7 +76,7 @@ def accumulated(
 
 
 def evaluated(turns: Array, coefficients: Array, orders: Sequence[int], *, drift: bool) -> Array:
-    """Return the sum of the fitted functions."""
+    """Return the sum of the functions, in the order of `NormalEquations`, shape (n, m)."""
     # each column in one piece, as what comes after goes through columns
     out = np.empty((coefficients.shape[1], turns.size)).T
     first = 2 if drift else 1
@@ -138,3 +145,64 @@ def _right(table: Array, drifts: Array, orders: Sequence[int], drift: bool) -> A
     out[:, first::2] = table[:, 0, k, 2:]
     out[:, first + 1 :: 2] = table[:, 1, k, 2:]
     return out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HarmonicProblem:
+    """Columns of values over turns, and the functions that are fitted to them."""
+
+    u: Array
+    """Angle of each sample [turn], shape (n,)."""
+    y: Array
+    """The values, shape (n, m)."""
+    orders: tuple[int, ...]
+    """Orders, rising."""
+    drift: bool
+    """Whether a change in proportion to the angle is fitted."""
+    middle: float
+    """Middle of the angles [turn], to which the offset belongs."""
+    bounds: Sequence[int] | None
+    """First sample of each turn and, at the end, the number of samples, where turns are told apart.
+    """
+
+    def column(self, j: int) -> "HarmonicProblem":
+        """Return the problem of one column alone."""
+        return replace(self, y=self.y[:, j : j + 1])
+
+    def sums(self, weights: Array | None) -> NormalEquations:
+        """Return the normal equations."""
+        return accumulated(
+            self.u, self.y, self.orders, drift=self.drift, weights=weights, bounds=self.bounds
+        )
+
+    def residual(self, coefficients: Array) -> Array:
+        """Return what coefficients, shape (p, m), leave of the values, shape (n, m)."""
+        fitted = evaluated(self.u, coefficients, self.orders, drift=self.drift)
+        return np.subtract(self.y, fitted, out=fitted)
+
+    @property
+    def first(self) -> int:
+        """Number of coefficients before those of the harmonics."""
+        return 2 if self.drift else 1
+
+
+def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
+    """Return the coefficients, shape (p, m); `orders` are for the message."""
+    gram = equations.gram.sum(axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    if np.linalg.cond(gram * np.outer(scale, scale)) > _WORST_CONDITION:
+        raise RecordError(
+            f"the samples do not separate the harmonics up to order {orders[-1]}: more than "
+            f"{2 * orders[-1]} different angles in a turn are needed, without large gaps; fit "
+            "fewer orders"
+        )
+    return np.linalg.solve(gram, equations.right.sum(axis=0))
+
+
+def of_column(equations: NormalEquations, j: int) -> NormalEquations:
+    """Return the normal equations of one column."""
+    return NormalEquations(
+        gram=equations.gram,
+        right=equations.right[:, :, j : j + 1],
+        squares=equations.squares[:, j : j + 1],
+    )

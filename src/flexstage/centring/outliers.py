@@ -58,6 +58,10 @@ def without_outliers(
 ) -> NDArray[np.bool_]:
     """Return which samples to keep.
 
+    `solve` goes from weights of the samples to residuals of the fit, `start` are those of all
+    samples. Residuals within the rounding of `value_size`, the largest of the values, are none.
+    More than a quarter of the samples that stand out, most of them alone, are refused.
+
     What stands out and is alone: what the sample before or after has too, or most other turns at
     the same place, is the scale's, and is kept.
 

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.centring.bench import CentreReading, Table
 from flexstage.centring.move import Approach, PlannedMove, move_errors, planned_move
 from flexstage.centring.move_model import MoveModel, unknown_moves
 from flexstage.centring.positioner import Positioner
+from flexstage.centring.rotary_table import CentreReading, RotaryTable
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
@@ -79,7 +79,7 @@ class Centring:
 
 
 def centre(
-    table: Table,
+    table: RotaryTable,
     positioner: Positioner,
     *,
     target: float = 0.1e-6,
@@ -99,7 +99,7 @@ def centre(
 
     Parameters
     ----------
-    table : Table
+    table : RotaryTable
         What measures the eccentricity.
     positioner : Positioner
         What moves the scale.
@@ -139,7 +139,7 @@ def centre(
 
     Examples
     --------
-    >>> from flexstage.centring.bench import VirtualBench
+    >>> from flexstage.centring.rotary_table import VirtualBench
     >>> from flexstage.centring.positioner import VirtualPositioner
     >>> from flexstage.centring.virtual_table import VirtualTable
     >>> from flexstage.designs import design
@@ -224,7 +224,7 @@ def _go(positioner: Positioner, command: tuple[float, float], approach: Approach
 
 
 def _measured(
-    table: Table,
+    table: RotaryTable,
     positioner: Positioner,
     model: MoveModel,
     kind: Literal["trial", "move"],

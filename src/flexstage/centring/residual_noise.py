@@ -26,7 +26,10 @@ _LEAST_FREEDOM = 3.0
 def from_turns(
     equations: NormalEquations, coefficients: Array, white: Array, slow: int
 ) -> tuple[Array, float]:
-    """Return the factors on the variance of each function, from how turns differ from each other.
+    """Return factors on the variance of each function, from how turns differ; degrees of freedom.
+
+    `equations` are of each turn and one column, `white` is the covariance of the coefficients for
+    white noise; the first `slow` functions are no harmonics. Factors are not pooled.
 
     The variance that the scores of whole turns give, as of clustered samples (Liang and Zeger 1986,
     Biometrika 73), over that of white noise: whatever repeats itself within a turn, or not, is in
@@ -64,6 +67,11 @@ def from_spectrum(
     turn: float | None,
 ) -> NoiseSpectrum | None:
     r"""Return the noise at the frequency of each function, from the spectrum of the residuals.
+
+    It is not less than white noise of the same power. Frequencies are in cycles per sample: of the
+    functions, of all that was fitted and is missing, and of the turn, None where the residuals are
+    of less than two whole turns. There is none where residuals are too few or, where nothing
+    repeats, where white noise explains them as well.
 
     The spectrum of an autoregressive and moving average process of orders 1 and 1, which white
     noise and drift together have, is fitted to the periodogram by Whittle's likelihood (Whittle

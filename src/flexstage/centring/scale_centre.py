@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.centring.first_order import Combined
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.centring.polar import direction_estimate, length_estimate
+from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.estimate import Component, Estimate
 
 
@@ -18,9 +18,9 @@ class Eccentricity:
     """Where the centre of a scale is, in the frame that turns with the table."""
 
     x: Estimate
-    """Its coordinates [m]."""
+    """Its coordinate x [m]."""
     y: Estimate
-    """Its coordinates [m]."""
+    """Its coordinate y [m]."""
     amplitude: Estimate
     """Its distance from the axis [m]."""
     phase: Estimate
@@ -81,7 +81,12 @@ def centre_from(
     *,
     radial: bool = False,
 ) -> Eccentricity:
-    """Return the eccentricity that once-per-turn harmonics stand for."""
+    """Return the eccentricity that once-per-turn harmonics stand for.
+
+    It is read at `radius` [m]. `given` are standard uncertainties: of the scale's once-per-turn
+    error [rad], or of the rim's [m], of the radius [m], and of the angle of the heads [rad].
+    Harmonics of indicators are `radial`, displacements [m] and not angles.
+    """
     graduation, own_radius, turned = given
     factor = 1.0 if radial else radius
     v = factor * found.vector

@@ -38,7 +38,7 @@ class Combination:
 
 
 def head_noise(heads: ArrayLike, noise: ArrayLike | None) -> tuple[Array, Array]:
-    """Return the angles of the heads and the noise of each."""
+    """Return the angles of the heads [rad] and the noise of each, 1 where it is not given."""
     alpha = np.atleast_1d(np.asarray(heads, dtype=np.float64))
     if alpha.ndim != 1 or alpha.size == 0 or not np.isfinite(alpha).all():
         raise ModelError("the heads need an angle each, in radians and finite")
@@ -56,6 +56,8 @@ def head_noise(heads: ArrayLike, noise: ArrayLike | None) -> tuple[Array, Array]
 def common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:
     r"""Return what an error of the table adds to the readings of all heads together.
 
+    A column for each unknown: the angle where that is not known, x and y where the axis may move.
+
     An angle that is not known adds 1 to each of them; a radial motion (x, y) of the axis adds
     :math:`(x \sin\alpha_j - y \cos\alpha_j) / R`.
     """
@@ -69,6 +71,10 @@ def best_combination(
     alpha: Array, sigma: Array, orders: Iterable[int], common: Array, blindness: float
 ) -> Combination:
     r"""Return the combination of least noise that no common motion gets into.
+
+    `common` is of `common_motion`, shape (m, q), `sigma` the noise of each head [rad]. An order
+    counts as blind where less than the share `blindness` of its power is left beside the common
+    motion.
 
     A head at alpha reads order n as :math:`G_n e^{i n \alpha}`, so that G follows by weighted
     least squares over the heads, with the common motion as further unknowns.
@@ -116,7 +122,12 @@ def separated_table(
     points: int,
     method: str,
 ) -> CalibrationTable:
-    """Return the table that a combination of heads gives, with its uncertainty."""
+    """Return the table that a combination of heads gives, with its uncertainty.
+
+    `errors` are reading less angle of each head [rad], shape (m, k). Where the noise is not known,
+    `sigma` is in proportion to it, and its size is found from what is left. `blind_allowance` is
+    the standard uncertainty for all that the method cannot see [rad].
+    """
     y = np.atleast_2d(np.asarray(errors, dtype=np.float64))
     if y.shape[0] != sum_of_heads.heads.size:
         raise RecordError(

@@ -42,13 +42,11 @@ class OrderResponse:
     left: float
     """Root mean square of what that leaves, in the unit of the harmonic."""
     x: Estimate | None
-    """Where the stage must stand for it to vanish, or, as the square, to be least changed by moves
-    [m]; None where that is not known in both directions.
+    """Where in x the stage must stand for it to vanish, or, as the square, to be least changed by
+    moves [m]; None where that is not known in both directions.
     """
     y: Estimate | None
-    """Where the stage must stand for it to vanish, or, as the square, to be least changed by moves
-    [m]; None where that is not known in both directions.
-    """
+    """The same in y [m]."""
     positions: int
     """Number of positions it was seen at."""
 

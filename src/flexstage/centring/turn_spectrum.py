@@ -50,6 +50,9 @@ def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
 def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) -> TurnSpectrum:
     """Return the harmonics of curves by least squares, by Fourier transform where that is the same.
 
+    Angles [rad] may be in any order, over one turn or several; a gap of more than a tenth of a turn
+    is refused. `curves` has the shape (curves, k).
+
     Validity
     --------
     Orders that are left out of the fit must be absent or orthogonal to the others: they are where
@@ -84,7 +87,11 @@ def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) ->
 def point_variance(
     spectrum: TurnSpectrum, gains: Complex, seen: NDArray[np.bool_], at: Array
 ) -> tuple[Array, Array]:
-    """Return what noise does to a sum of curves, at given angles and in each order."""
+    """Return the variance of a sum of curves at angles [rad], and the mean one of each order in it.
+
+    `gains` are factors of each curve and order, times the noise of the curve; `seen` says which
+    orders are in the sum.
+    """
     h = gains[:, seen]
     if spectrum.spread is None:
         per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)

@@ -55,6 +55,9 @@ class MeanTurn:
 def find_turns(angle: ArrayLike, *, period: float = _TURN) -> Turns:
     """Take the wraps out of an angle, and find the turns.
 
+    The angle rises or falls; `period` is one turn in its unit: 360, the counts of an encoder... The
+    turns have it in rad.
+
     An angle that goes over more than one period is taken to have no wraps. Of another, a step of
     more than half a period is a wrap. Where samples follow one another
     in no order, the angle stays as it is.
@@ -124,6 +127,9 @@ def _places(u: Array) -> int:
 
 def unwrap_error(error: ArrayLike, *, period: float = _TURN) -> Array:
     """Take whole turns out of errors that were made as the difference of two wrapped angles.
+
+    They are then within half a turn of their mean direction, that of the first turn. `period` is
+    one turn in their unit.
 
     Validity
     --------

@@ -23,7 +23,13 @@ _SLOPE_SPREAD = 1.6
 
 
 class VirtualAxis:
-    """An axis that is moved from command to command."""
+    """An axis that is moved from command to command.
+
+    Commands go half of the stroke to each side, in steps of `quantum` [m], 0 where there is none.
+    The motion of a piezo is in proportion to the free displacement of its `stack` over the range of
+    `voltage`; without a stack the axis follows its commands. `backlash` is the play on turning back
+    [m], `hysteresis` the standard uncertainty of a move as a share of its length.
+    """
 
     def __init__(
         self,
@@ -60,7 +66,7 @@ class VirtualAxis:
             self._zero, self._gain = float(ends.mean()), stroke / float(ends[0] - ends[1])
 
     def settable(self, command: float) -> float:
-        """Return the nearest command within the stroke that can be set."""
+        """Return the nearest command within the stroke that can be set [m]."""
         inside = min(max(command, -self.half), self.half)
         if self.quantum == 0.0:
             return inside
@@ -70,7 +76,7 @@ class VirtualAxis:
         return min(max(steps, -most), most) * self.quantum
 
     def move(self, command: float) -> float:
-        """Move to a command on a straight ramp."""
+        """Move to a command that can be set, on a straight ramp; return the displacement [m]."""
         if self._stack is None:
             half = 0.5 * self.backlash
             self._play = max(command - half, min(command + half, self._play))
@@ -82,7 +88,11 @@ class VirtualAxis:
 
 
 def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: float) -> VirtualAxis:
-    """Return an axis that is commanded by its drive, without a sensor."""
+    """Return an axis that is commanded by its drive, without a sensor.
+
+    `quantum` is the step of the commands [m]: where None, that of a converter of 16 bits, or of the
+    screw. `backlash` is at the output [m].
+    """
     drive = stage.drive(stage.axis(axis).drive)
     stroke = _stroke(stage, axis)
     if isinstance(drive, Screw):
@@ -111,7 +121,10 @@ def open_loop_axis(stage: Stage, axis: str, quantum: float | None, backlash: flo
 
 
 def closed_loop_axis(stage: Stage, axis: str, quantum: float | None) -> VirtualAxis:
-    """Return an axis that a position sensor and a controller make follow its commands."""
+    """Return an axis that a position sensor and a controller make follow its commands.
+
+    `quantum` is the step of the commands [m], that of a converter of 16 bits where None.
+    """
     stroke = _stroke(stage, axis)
     return VirtualAxis(axis, stroke, stroke / _CONVERTER if quantum is None else quantum)
 

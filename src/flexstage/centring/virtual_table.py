@@ -24,9 +24,9 @@ class ScaleErrors:
     orders: tuple[int, ...] = ()
     """The orders n."""
     cosine: Array = field(default_factory=lambda: np.zeros(0))
-    """Amplitudes a and b [rad], shape (n,)."""
+    """Amplitudes a of the cosines [rad], shape (n,)."""
     sine: Array = field(default_factory=lambda: np.zeros(0))
-    """Amplitudes a and b [rad], shape (n,)."""
+    """Amplitudes b of the sines [rad], shape (n,)."""
 
     def __post_init__(self) -> None:
         if not self.cosine.shape == self.sine.shape == (len(self.orders),):
@@ -36,7 +36,7 @@ class ScaleErrors:
             )
 
     def at(self, angle: ArrayLike) -> Array:
-        """Return the errors at some lines."""
+        """Return the errors at lines of the scale [rad]: reading less angle."""
         s = np.asarray(angle, dtype=np.float64)
         out = np.zeros_like(s)
         for n, a, b in zip(self.orders, self.cosine, self.sine, strict=True):

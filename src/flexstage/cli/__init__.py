@@ -15,8 +15,7 @@ from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
 from flexstage.cli.check import check
-from flexstage.cli.command import Command, Group
-from flexstage.cli.common import print_json
+from flexstage.cli.command import CliCommand, CliGroup
 from flexstage.cli.compensate import compensate
 from flexstage.cli.equations import equations
 from flexstage.cli.excite import excite
@@ -26,11 +25,12 @@ from flexstage.cli.hinges import hinges
 from flexstage.cli.identify import identify
 from flexstage.cli.part import part
 from flexstage.cli.predict import predict
+from flexstage.cli.records import records
 from flexstage.cli.run import run
 from flexstage.cli.runs import runs
 from flexstage.cli.show import show
-from flexstage.cli.show_records import records
 from flexstage.cli.study import study
+from flexstage.cli.terminal import print_json
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import FlexstageError
@@ -46,7 +46,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: The commands. Their modules import what is heavy only when a command runs.
 app = typer.Typer(
     name="flexstage",
-    cls=Group,
+    cls=CliGroup,
     help="Design, verify, identify and drive flexure-based micropositioning stages.",
     no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -61,7 +61,7 @@ _SECTIONS: dict[str, tuple[Callable[..., None], ...]] = {
 }
 for _section, _commands in _SECTIONS.items():
     for _command in _commands:
-        app.command(cls=Command, rich_help_panel=_section)(_command)
+        app.command(cls=CliCommand, rich_help_panel=_section)(_command)
 app.add_typer(runs, rich_help_panel="Bench")
 
 
@@ -79,7 +79,11 @@ def _root(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line, and end the process with the status of the outcome."""
+    """Run the command line, and end the process with the status of the outcome.
+
+    The words after the program's name are those of the process where none are given. Always raises
+    SystemExit: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
+    """
     sys.exit(_run(None if arguments is None else list(arguments)))
 
 

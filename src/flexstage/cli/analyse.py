@@ -5,22 +5,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
+from flexstage.cli.options import (
     JsonOption,
     ModelsOption,
     PlaneOption,
     QuietOption,
     StageArgument,
-    console,
-    figure_option,
-    folder_option,
-    load_stage,
-    make_table,
     model_names,
-    print_json,
-    progress_bar,
     relative,
 )
+from flexstage.cli.output_files import figure_option, folder_option
+from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 from flexstage.errors import FlexstageError, ModelError
 
 if TYPE_CHECKING:
@@ -91,12 +86,13 @@ def analyse(
 
     Several models are printed in sequence; all leaves out, with a note, those that are impossible.
     """
-    from flexstage.progress import share
+    from flexstage import progress
+    from flexstage.designs import find_stage
     from flexstage.report import run_model
-    from flexstage.report.models import Wanted
+    from flexstage.report.models import ModelOptions
 
-    described = load_stage(stage)
-    wanted = Wanted(
+    described = find_stage(stage)
+    options = ModelOptions(
         plane=plane,  # type: ignore[arg-type]
         accuracy=accuracy,
         quantity=quantity,
@@ -112,9 +108,9 @@ def analyse(
     left_out: dict[str, str] = {}
     with progress_bar("analyse", quiet=quiet):
         for i, name in enumerate(names):
-            with share(i / len(names), (i + 1) / len(names)):
+            with progress.subtask(i / len(names), (i + 1) / len(names)):
                 try:
-                    runs[name] = run_model(described, name, wanted)
+                    runs[name] = run_model(described, name, options)
                 except FlexstageError as error:
                     if model.strip() != "all":
                         raise
@@ -192,7 +188,7 @@ def _diagrams(
     analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.cli.common import name_for_files
+    from flexstage.cli.output_files import name_for_files
     from flexstage.report.figures.bode import draw_bode
     from flexstage.report.figures.style import encode
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexstage.cli.common import positive_length
+from flexstage.cli.options import positive_length
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Head:
 
 
 def head_angles(text: str | None, files: int, columns: int) -> list[float]:
-    """Return the angle of each column of each file."""
+    """Return where the head of each column of each file stands [rad]."""
     from flexstage.units import parse
 
     total = files * columns
@@ -65,7 +65,7 @@ def each_has_one(text: str, found: Sequence[Head]) -> bool:
 
 
 def spelled(text: str | None) -> str | None:
-    """Return a unit as records know it; a turn is none of theirs, and is seen to afterwards."""
+    """Return a unit as records know it; None for a turn, none of theirs, which is seen to later."""
     return None if text is None or text.strip().lower() in TURN_WORDS else text
 
 
@@ -98,7 +98,13 @@ def head_of(
     reading: bool = False,
     sign: int = 1,
 ) -> Head:
-    """Return a column of errors with its angles, in SI."""
+    """Return a column of errors with its angles, in SI.
+
+    Even samples over so many turns where there is no column of the angle. Units are of the angle,
+    of the errors, of both, and counts in a turn, as the options say them; `alpha` is where the head
+    stands [rad]. With `reading` the column is what the encoder reads, and the errors are that less
+    the angle; `sign` is -1 where errors are true angle less angle that was read.
+    """
     import numpy as np
 
     from flexstage.centring.turns import unwrap_error
@@ -187,7 +193,7 @@ def _values(
 
 
 def radius_of(radius: str | None, diameter: str | None) -> float | None:
-    """Return the radius that options give."""
+    """Return the radius that options give [m]."""
     if radius is not None and diameter is not None:
         raise ModelError("give --radius or --diameter, not both")
     if diameter is not None:
@@ -196,7 +202,7 @@ def radius_of(radius: str | None, diameter: str | None) -> float | None:
 
 
 def orders_of(text: str | None) -> list[int] | None:
-    """Return the orders that an option gives.
+    """Return the orders that an option gives; None where nothing was given.
 
     Examples
     --------

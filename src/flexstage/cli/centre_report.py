@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
 from flexstage.cli.centre_setting import Setting
-from flexstage.cli.common import console, make_table
+from flexstage.cli.terminal import console, make_table
 
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic
@@ -21,7 +21,11 @@ _OF_INDICATORS = f"what is read, outwards more, is {_WAVES}"
 
 
 def report(setting: Setting, mirror: float, mount: float, written: str | None) -> dict[str, Any]:
-    """Return what is said of one setting, as plain data."""
+    """Return what is said of one setting, as plain data.
+
+    `mirror` is -1 where the heads travel clockwise, `mount` the direction of the stage's x axis
+    [rad], `written` the unit that harmonics are printed in.
+    """
     radial = setting.heads[0].radial
     unit, factor = _written(written, "m" if radial else "rad")
     fit = setting.fits[0]
@@ -134,7 +138,10 @@ def _centred(found: "Eccentricity", mirror: float, mount: float) -> dict[str, An
 
 
 def change(before: Setting, after: Setting, mirror: float, written: str | None) -> dict[str, Any]:
-    """Return how one setting differs from that before it, as plain data."""
+    """Return how one setting differs from that before it, as plain data.
+
+    Harmonics of the difference; and of the eccentricity, which is the move in between.
+    """
     radial = after.heads[0].radial
     unit, factor = _written(written, "m" if radial else "rad")
     earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
@@ -158,7 +165,7 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
 
 def _difference(new: "Harmonic", old: "Harmonic") -> "Harmonic":
     from flexstage.centring import Harmonic
-    from flexstage.centring.polar import direction_estimate, length_estimate
+    from flexstage.centring.vector_interval import direction_estimate, length_estimate
 
     def part(own: "Estimate", other: "Estimate") -> "Estimate":
         return replace(

@@ -44,7 +44,11 @@ def setting(
     *,
     on_trial: bool = False,
 ) -> Setting:
-    """Fit the heads of one setting."""
+    """Fit the heads of one setting.
+
+    `kind` is disc, drum or magnet; a disc where None. `on_trial`: one of several at known
+    positions.
+    """
     import numpy as np
 
     from flexstage.centring import (
@@ -54,7 +58,7 @@ def setting(
         fit_harmonics,
         run_out,
     )
-    from flexstage.centring.in_scale import scale_harmonic
+    from flexstage.centring.harmonic_fit import scale_harmonic
 
     if len({h.radial for h in heads}) > 1:
         raise RecordError("the columns of errors must all be angles, or all lengths")

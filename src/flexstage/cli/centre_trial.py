@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_setting import MAGNET, Setting
-from flexstage.cli.common import console, make_table
+from flexstage.cli.terminal import console, make_table
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ _UNITS = {"in proportion": "µm", "as the square": "µm²"}
 
 
 def positions_of(text: str, settings: int) -> list[tuple[float, float]]:
-    """Return the positions of the stage that --stage-at gives."""
+    """Return the positions x, y of the stage [m] that --stage-at gives, one for each setting."""
     from flexstage.units import parse
 
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]

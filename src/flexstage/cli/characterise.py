@@ -7,19 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.characterise_tables import print_measurement
-from flexstage.cli.common import (
-    JsonOption,
-    ModelsOption,
-    QuietOption,
-    console,
-    folder_option,
-    load_stage,
-    model_names,
-    print_json,
-    progress_bar,
-    relative,
-)
-from flexstage.cli.records import (
+from flexstage.cli.options import JsonOption, ModelsOption, QuietOption, model_names, relative
+from flexstage.cli.output_files import folder_option
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -29,6 +19,7 @@ from flexstage.cli.records import (
     SkipLinesOption,
     TimeOption,
 )
+from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -185,10 +176,11 @@ def characterise(
     Every value has its uncertainty, and its difference from models of the stage and published
     values.
     """
+    from flexstage.designs import find_stage
     from flexstage.experiment.campaign.evaluate import characterise as run
     from flexstage.experiment.campaign.file import read_campaign
     from flexstage.experiment.campaign.plan import Columns
-    from flexstage.report import measurement
+    from flexstage.report import compare_measurement
     from flexstage.report.files import write_files
     from flexstage.report.measurement import measurement_results
     from flexstage.report.measurement_html import measurement_text
@@ -248,9 +240,9 @@ def characterise(
             )  # fmt: skip
             found = run(campaign, Path())
         described = stage or _beside(found.campaign.stage, folder)
-        result = measurement(
+        result = compare_measurement(
             found,
-            load_stage(described) if described else None,
+            find_stage(described) if described else None,
             model_names(models) if described else (),
         )
     results = measurement_results(result)
@@ -296,14 +288,14 @@ def _beside(stage: str, folder: Path) -> str:
 
 
 def _virtual(stage: str, seed: int) -> "tuple[Characterisation, dict[str, bytes]]":
-    from flexstage.designs import DESIGNS
+    from flexstage.designs import DESIGNS, find_stage
     from flexstage.experiment.campaign.evaluate import evaluate
     from flexstage.experiment.campaign.file import campaign_text
     from flexstage.experiment.virtual.as_built import as_built
     from flexstage.experiment.virtual.campaign import virtual_campaign
     from flexstage.records.write import record_bytes
 
-    described = load_stage(stage)
+    described = find_stage(stage)
     made = virtual_campaign(as_built(described, seed=seed), seed=seed)
     files = {name: record_bytes(record, "csv") for name, record in made.records.items()}
     campaign = made.campaign
@@ -334,7 +326,7 @@ def _single(
     sample_rate: str | None,
     skip_lines: int,
 ) -> "Campaign":
-    from flexstage.experiment.campaign.plan import Campaign, Instrument, Reading, Test
+    from flexstage.experiment.campaign.plan import Campaign, FileReading, SensorSpecification, Test
     from flexstage.units import parse
 
     if not files:
@@ -343,7 +335,7 @@ def _single(
             "--virtual-seed with --stage"
         )
     rate = None if sample_rate is None else parse(sample_rate, "frequency", bare_unit="Hz")
-    sensor = Instrument(
+    sensor = SensorSpecification(
         name="sensor",
         calibration=0.0 if calibration is None else relative(calibration),
         alignment=0.0 if alignment is None else parse(alignment, "angle"),
@@ -355,7 +347,7 @@ def _single(
         records=tuple(str(file) for file in files),
         columns=columns,
         units=_units(units),
-        reading=Reading(sample_rate=rate, skip_lines=skip_lines, **reading),
+        reading=FileReading(sample_rate=rate, skip_lines=skip_lines, **reading),
         along="sensor",
         transverse="sensor",
         angle="sensor",

@@ -2,16 +2,16 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.common import make_table
+from flexstage.cli.terminal import make_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.experiment.campaign.results import TestResult
-    from flexstage.report import Measurement
+    from flexstage.report import MeasurementComparison
 
 
-def print_measurement(screen: "Console", result: "Measurement", saved: list[str]) -> None:
+def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.report import display
     from flexstage.report.tables import column_title

@@ -6,44 +6,46 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from flexstage.cli.common import JsonOption, StageArgument, count, load_stage, print_json
+from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.terminal import count, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flexstage.stage import Finding, Stage
+    from flexstage.stage import Issue, Stage
 
 
 def check(stage: StageArgument, json: JsonOption = False) -> None:
     """Check a stage: geometry, hinges, supports and drives."""
+    from flexstage.designs import find_stage
     from flexstage.stage.checks import check as check_stage
 
-    described = load_stage(stage)
-    findings = check_stage(described)
-    errors = sum(f.severity == "error" for f in findings)
+    described = find_stage(stage)
+    issues = check_stage(described)
+    errors = sum(f.severity == "error" for f in issues)
     if json:
-        rows = [asdict(finding) for finding in findings]
+        rows = [asdict(issue) for issue in issues]
         print_json({"stage": described.name, "ok": errors == 0, "findings": rows})
     else:
-        for line in _lines(findings):
+        for line in _lines(issues):
             typer.echo(line, err=True)
         if not errors:
-            typer.echo(_summary(described, len(findings)))
+            typer.echo(_summary(described, len(issues)))
     if errors:
         raise typer.Exit(2)
 
 
-def _lines(findings: "Sequence[Finding]") -> list[str]:
-    """A line for each finding; of several that differ in names and numbers alone, the first one."""
-    alike: dict[tuple[str, str], list[Finding]] = {}
-    for finding in findings:
-        sentence = re.sub(r"'[^']*'|[-\d.]+", "", finding.message)
-        alike.setdefault((finding.severity, sentence), []).append(finding)
+def _lines(issues: "Sequence[Issue]") -> list[str]:
+    """A line for each issue; of several that differ in names and numbers alone, the first one."""
+    alike: dict[tuple[str, str], list[Issue]] = {}
+    for issue in issues:
+        sentence = re.sub(r"'[^']*'|[-\d.]+", "", issue.message)
+        alike.setdefault((issue.severity, sentence), []).append(issue)
     made = []
     for (severity, _), found in alike.items():
         made.append(f"{severity}: {found[0].message}")
         if len(found) > 1:
-            others = "; ".join(" at ".join(finding.what) for finding in found[1:])
+            others = "; ".join(" at ".join(issue.what) for issue in found[1:])
             made.append(f"  the same for {len(found) - 1} more: {others}")
     return made
 

@@ -47,51 +47,17 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
 }
 
 
-class Command(TyperCommand):
+class CliCommand(TyperCommand):
     """A command: a usage line as manuals have it, options in sections, former names understood."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        args : list of str
-            The words behind its name.
-
-        Returns
-        -------
-        list of str
-            The words that are left.
-        """
-        return super().parse_args(ctx, _present(self.name, args))
+    def make_parser(self, ctx: Any) -> Any:
+        return _with_former_names(super().make_parser(ctx), self.name)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage line: optional arguments are in brackets.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-
-        Returns
-        -------
-        list of str
-            The words.
-        """
+        # optional arguments are in brackets
         return ["[OPTIONS]", *(_in_usage(p) for p in arguments(self.get_params(ctx)))]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what each argument and option does, in the sections that they are declared for.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -107,38 +73,14 @@ class Command(TyperCommand):
                 formatter.write_dl(rows)
 
 
-class Group(TyperGroup):
+class CliGroup(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put present names of options in place of former ones, and parse.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        args : list of str
-            The words behind its name.
-
-        Returns
-        -------
-        list of str
-            The words that are left.
-        """
-        # what stands behind the name of a command is for that to read
-        own = next((i for i, word in enumerate(args) if word in self.commands), len(args))
-        return super().parse_args(ctx, [*_present(self.name, args[:own]), *args[own:]])
+    def make_parser(self, ctx: Any) -> Any:
+        return _with_former_names(super().make_parser(ctx), self.name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the first paragraph of the help of each command, section by section.
-
-        Parameters
-        ----------
-        ctx : typer.Context
-            The context of the command.
-        formatter : HelpFormatter
-            What the sections are written to.
-        """
+        # the first paragraph of the help of each
         sections: dict[str, list[tuple[str, str]]] = {}
         for name, command in self.commands.items():
             sentence = " ".join((command.help or "").split("\n\n")[0].split())
@@ -149,15 +91,11 @@ class Group(TyperGroup):
                 formatter.write_dl([(name.ljust(width), sentence) for name, sentence in rows])
 
 
-def _present(command: str | None, words: list[str]) -> list[str]:
-    """The words of a command line with the present names of its options."""
-    former = FORMER_OPTIONS.get(command or "", {})
-    end = words.index("--") if "--" in words else len(words)
-    made = list(words)
-    for i, word in enumerate(words[:end]):
-        name, sign, value = word.partition("=")
-        made[i] = former.get(name, name) + sign + value
-    return made
+def _with_former_names(parser: Any, command: str | None) -> Any:
+    # the parser knows a value from an option: a word that is a value stays as it is
+    for former, name in FORMER_OPTIONS.get(command or "", {}).items():
+        parser._long_opt[former] = parser._long_opt[name]
+    return parser
 
 
 def arguments(parameters: list[Any]) -> list[Any]:
@@ -173,7 +111,7 @@ def section_of(command: Any) -> str:
 
 
 def name_of(argument: Any) -> str:
-    """Return what an argument is called in the help."""
+    """Return what an argument is called in the help, in capitals."""
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 

@@ -5,17 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    CurrentOption,
-    JsonOption,
-    SlewOption,
-    console,
-    file_option,
-    print_json,
-    write_file,
-)
+from flexstage.cli.options import CurrentOption, JsonOption, SlewOption
+from flexstage.cli.output_files import file_option, write_file
 from flexstage.cli.predict import moved_for
-from flexstage.cli.records import (
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -29,6 +22,7 @@ from flexstage.cli.records import (
     read_records,
     record_format,
 )
+from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -149,7 +143,7 @@ def compensate(
         1.0 / record.sample_rate_hz,
         limits=bounds,
         largest_rate=_largest_rate(slew, current, capacitance),
-        state=drive.hysteresis.rest() if word == "rest" else None,
+        state=drive.hysteresis.initial_state() if word == "rest" else None,
         start=None if named else moved_for(start, "conditioned, rest"),
         band_hz=None
         if reference_bandwidth is None

@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from flexstage.cli.common import load_stage
 from flexstage.errors import StageError
 from flexstage.units import readable
 
@@ -16,12 +15,16 @@ _SMALL = 1.0 / 100.0
 
 
 def against_description(found: "Identification", stage: str, axis: str | None) -> tuple[str, ...]:
-    """Compare range and stroke of a record with the drive of a stage."""
+    """Compare range and stroke of a record with the drive of a stage.
+
+    The axis is the first one where None. Returns a sentence for each that does not suit the drive.
+    """
+    from flexstage.designs import find_stage
     from flexstage.lumped import lumped_system
     from flexstage.stage import PiezoStack
     from flexstage.system import analyse_axis
 
-    described = load_stage(stage)
+    described = find_stage(stage)
     if not described.axes:
         raise StageError(f"{described.name} has no axis: give it one, or leave --stage out")
     chosen = described.axis(axis) if axis is not None else described.axes[0]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.records import column, file_rates, read_records
+from flexstage.cli.reading import column, column_list, file_rates, read_records
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -45,7 +45,12 @@ def read_drive(
     resample: str | None,
     **how: Any,
 ) -> "tuple[list[Record], str | int, str | int]":
-    """Read what a drive was told and what followed: over time, or as tables of curves."""
+    """Read what a drive was told and what followed: over time, or as tables of curves.
+
+    Of curves in columns, `input` and `output` name one for each, with commas. `how` goes on to
+    `read_records`. Returns the records, evenly sampled and NaN where nothing was measured, then the
+    columns that drive and follow.
+    """
     if output is None and branches is None:
         raise RecordError(
             "there is no output: give the column that follows by --output, or two branches of a "
@@ -67,18 +72,21 @@ def read_drive(
         raise RecordError(f"--branches names both columns of the output: leave {other} out")
     rates = file_rates(sample_rate, "--sample-rate", len(files))
     if branches is not None:
-        made = _loops(files, column(input), _columns(branches), units, rates, how)
+        made = _loops(files, column(input), column_list(branches), units, rates, how)
     else:
         made = _curves(
-            files, _columns(input), _columns(output or ""), curve or "", units, rates, how
+            files, column_list(input), column_list(output), curve or "", units, rates, how
         )
     driven, follows = made[0].channels
     return made, driven.name, follows.name
 
 
 def train_range(text: str | None, read: "list[Record]") -> tuple[int, int] | None:
-    """Return the samples to fit as they are counted in the records that were read."""
-    from flexstage.records.rows import row_range
+    """Return the samples to fit, first and one behind the last, as counted in what was read.
+
+    The text counts them as they are in the files.
+    """
+    from flexstage.records.sampling import row_range
 
     given = row_range(text, "--train")
     if given is None:
@@ -182,7 +190,3 @@ def _tables(
     files: "Sequence[Path]", units: "Sequence[str | None]", how: dict[str, Any]
 ) -> "list[Record]":
     return read_records(files, units=units, sample_rate=None, time=None, over="table", **how)
-
-
-def _columns(text: str) -> list[str | int]:
-    return [column(word) for word in text.split(",") if word.strip()]

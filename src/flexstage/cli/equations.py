@@ -5,14 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    JsonOption,
-    StageArgument,
-    file_option,
-    load_stage,
-    print_json,
-    write_file,
-)
+from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.terminal import print_json
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -65,10 +60,12 @@ def equations(
 
     Energies, Lagrange's equations, the matrices M, C and K, and transfer functions.
     """
+    from flexstage.designs import find_stage
+
     _one_of("--to", form, _FORMATS)
     _one_of("--reduce", reduce, _REDUCTIONS)
     _one_of("--damping", damping, _DAMPING)
-    described = load_stage(stage)
+    described = find_stage(stage)
     if axis is not None:
         described.axis(axis)
     if form == "svg":
@@ -118,8 +115,8 @@ def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:
 def _reduced(
     model: "SymbolicModel", stage: "Stage", how: str, axis: str | None
 ) -> "ReducedModel | None":
-    from flexstage.lumped.mirror import find_mirror
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
+    from flexstage.lumped.symmetry import find_mirror
     from flexstage.lumped.transfer import LARGEST_ORDER
 
     drive = stage.axis(axis).drive if axis is not None else None

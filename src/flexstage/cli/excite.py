@@ -6,21 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    AxisOption,
-    CurrentOption,
-    JsonOption,
-    SlewOption,
-    console,
-    count,
-    designs_like,
-    file_option,
-    load_stage,
-    make_table,
-    print_json,
-    write_file,
-)
-from flexstage.cli.records import record_format
+from flexstage.cli.options import AxisOption, CurrentOption, JsonOption, SlewOption, designs_like
+from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.reading import record_format
+from flexstage.cli.terminal import console, count, make_table, print_json
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
@@ -195,13 +184,15 @@ def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
 
 def _plant(text: str | None, axis: str | None, *, needs_frequency: bool) -> _Plant:
     """Read what a stage says about its stack and its lowest natural frequency."""
+    from flexstage.designs import find_stage
+
     if text is None:
         if axis is not None:
             raise ModelError("--axis needs a STAGE: name it before the options")
         return _Plant()
     from flexstage.stage import PiezoStack
 
-    stage = load_stage(text)
+    stage = find_stage(text)
     if not stage.axes:
         raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
     chosen = stage.axis(axis) if axis is not None else stage.axes[0]

@@ -6,24 +6,20 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.common import (
+from flexstage.cli.export_formats import FORMATS
+from flexstage.cli.export_request import ExportRequest
+from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
     ModelOption,
     PlaneOption,
     QuietOption,
     StageArgument,
-    console,
-    folder_option,
-    load_stage,
-    make_table,
     positive_length,
-    print_json,
-    progress_bar,
     relative,
 )
-from flexstage.cli.export_formats import FORMATS
-from flexstage.cli.export_request import ExportRequest
+from flexstage.cli.output_files import folder_option
+from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 from flexstage.errors import ModelError, StageError
 
 _Fmi = Literal["2.0", "3.0"]
@@ -112,6 +108,8 @@ def export(
     json: JsonOption = False,
 ) -> None:
     """Write a stage for Simulink, FMI, C, CAD and other tools."""
+    from flexstage.designs import find_stage
+
     wanted = _formats(to)
     if fmi not in _FMI:
         raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
@@ -120,7 +118,7 @@ def export(
     from flexstage.report.files import write_files
 
     request = ExportRequest(
-        stage=load_stage(stage),
+        stage=find_stage(stage),
         model=model,
         plane=plane,
         step=_number("--time-step", time_step, "time", "s"),

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-from flexstage.cli.common import name_for_files
+from flexstage.cli.output_files import name_for_files
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ class ExportRequest:
     def run(self) -> "ModelRun":
         """The analysis by the chosen model, and its mesh."""
         from flexstage.report import run_model
-        from flexstage.report.models import Wanted
+        from flexstage.report.models import ModelOptions
 
-        return run_model(self.stage, self.model, Wanted(plane=self.plane))  # type: ignore[arg-type]
+        return run_model(self.stage, self.model, ModelOptions(plane=self.plane))  # type: ignore[arg-type]
 
     @property
     def system(self) -> "MechanicalSystem":
@@ -138,7 +138,10 @@ class ExportRequest:
 def read_hysteresis(
     given: Sequence[str],
 ) -> "Mapping[str, DriveModel] | Literal['usual', 'none']":
-    """Return the hysteresis of each drive."""
+    """Return the identified model of each drive, of texts ``NAME=FILE``.
+
+    A text may be ``usual`` or ``none`` alone, which is returned.
+    """
     from flexstage.hysteresis.model_file import read_model_file
 
     if len(given) == 1 and given[0] in ("usual", "none"):

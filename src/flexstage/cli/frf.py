@@ -5,21 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
+from flexstage.cli.frf_result import mode_result, print_modes, response_record, response_result
+from flexstage.cli.options import (
     InputUnitOption,
     JsonOption,
     OutputUnitOption,
     QuietOption,
-    console,
-    figure_option,
-    file_option,
-    make_table,
-    print_json,
-    progress_bar,
-    write_file,
+    positive_frequency,
 )
-from flexstage.cli.frf_result import mode_result, response_record, response_result
-from flexstage.cli.records import (
+from flexstage.cli.output_files import figure_option, file_option, write_file
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -29,15 +24,14 @@ from flexstage.cli.records import (
     SampleRateOption,
     SkipLinesOption,
     TimeOption,
-    column,
+    column_list,
     read_records,
     record_format,
 )
+from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from flexstage.experiment.modal.result import ModalFit
     from flexstage.experiment.spectra.estimate import ResponseEstimate
     from flexstage.experiment.spectra.response import MeasuredResponse
@@ -196,8 +190,8 @@ def frf(
             "--fit-modes out"
         )
     fitted_band = _band(band)
-    lines = _hertz(resolution, "--resolution")
-    inputs, outputs = _columns(input), _columns(output)
+    lines = None if resolution is None else positive_frequency(resolution, "--resolution")
+    inputs, outputs = column_list(input), column_list(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
     existing = not (inputs or outputs or ring_down)
     if existing and (sample_rate or time or resample):
@@ -260,7 +254,7 @@ def frf(
     if json:
         print_json(result)
         return
-    _print(console(), result)
+    print_modes(console(), result)
 
 
 def _written(
@@ -313,10 +307,6 @@ def _no_driven_options(**given: Any) -> None:
         )
 
 
-def _columns(text: str | None) -> list[str | int]:
-    return [column(word) for word in (text or "").split(",") if word.strip()]
-
-
 def _count(text: str) -> int | None:
     """How many modes; None for as many as there are."""
     if text.strip().lower() == "auto":
@@ -326,22 +316,11 @@ def _count(text: str) -> int | None:
     return int(text)
 
 
-def _hertz(text: str | None, option: str) -> float | None:
-    from flexstage.units import parse
-
-    if text is None:
-        return None
-    value = parse(text, "frequency", bare_unit="Hz")
-    if not value > 0.0:
-        raise ModelError(f"{option} must be a positive frequency, got '{text}'")
-    return value
-
-
 def _frequencies(text: str | None) -> list[float] | None:
     """Frequencies with commas between."""
     if text is None:
         return None
-    return [_hertz(word, "--near") or 0.0 for word in text.split(",")]
+    return [positive_frequency(word, "--near") for word in text.split(",")]
 
 
 def _weighting(text: str) -> str:
@@ -358,7 +337,7 @@ def _band(text: str | None) -> tuple[float, float] | None:
     words = text.split(":")
     if len(words) != 2:
         raise ModelError(f"--band must be two frequencies such as 200:800, got '{text}'")
-    low, high = (_hertz(word, "--band") or 0.0 for word in words)
+    low, high = (positive_frequency(word, "--band") for word in words)
     if not low < high:
         raise ModelError(f"--band must rise, got '{text}'")
     return low, high
@@ -433,41 +412,3 @@ def _decayed(
         "modes": [mode_result(mode, list(found.channels)) for mode in found.modes],
         "notes": list(found.notes),
     }, draw
-
-
-def _print(screen: "Console", result: dict[str, Any]) -> None:
-    table = make_table(
-        f"modes: {', '.join(result['records'])}",
-        "mode",
-        "frequency [Hz]",
-        "± (95 %)",
-        "damping ratio [%]",
-        "± (95 %)",
-        "<shape",
-    )
-    for i, mode in enumerate(result["modes"], start=1):
-        f, zeta = mode["frequency_hz"], mode["damping_ratio"]
-        shape = ", ".join(
-            f"{s['output']} {s['real']:+.3f}" for s in mode["shape"] if s["real"] is not None
-        )
-        table.add_row(
-            str(i),
-            f"{f['value']:.4f}",
-            f"{0.5 * (f['interval'][1] - f['interval'][0]):.2g}",
-            f"{100.0 * zeta['value']:.4f}",
-            f"{50.0 * (zeta['interval'][1] - zeta['interval'][0]):.2g}",
-            shape.replace("-", "−"),
-        )
-    screen.print(table)
-    if "averages" in result:
-        averages = f"{result['averages']:g} averages, " if result["averages"] else ""
-        kind = f"{result['excitation']}, " if result["excitation"] else ""
-        screen.print(f"{kind}{result['estimator']} {averages}{result['lines']} lines".strip())
-    for name in ("delay", "lag"):
-        if name in result:
-            value, u = result[name]["value"], result[name]["uncertainty"]
-            screen.print(f"{name} {value:.4g} s, standard uncertainty {u:.2g} s")
-    for note in result["notes"]:
-        screen.print(f"note: {note}", style="dim", markup=False)
-    for file in result["files"]:
-        screen.print(f"wrote {file}", markup=False, soft_wrap=True)

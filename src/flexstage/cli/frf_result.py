@@ -1,8 +1,12 @@
-"""What `flexstage frf` finds, as plain data and as a record."""
+"""What `flexstage frf` finds, as plain data, as a record and as people read it."""
 
 from typing import TYPE_CHECKING, Any
 
+from flexstage.cli.terminal import make_table
+
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from flexstage.estimate import Estimate
     from flexstage.experiment.modal.result import ModalFit
     from flexstage.experiment.spectra.estimate import ResponseEstimate
@@ -11,7 +15,11 @@ if TYPE_CHECKING:
 
 
 def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
-    """Return a response as columns, for other programs."""
+    """Return a response as columns, for other programs.
+
+    Frequency; real and imaginary part, variance and coherence as far as they are known, and by how
+    much a window has mixed neighbouring lines.
+    """
     import numpy as np
 
     from flexstage.records import Channel, Record
@@ -118,3 +126,42 @@ def _estimate(estimate: "Estimate") -> dict[str, Any]:
         "interval": [low, high],
         "unit": estimate.unit,
     }
+
+
+def print_modes(screen: "Console", result: dict[str, Any]) -> None:
+    """Print the modes, how the response was estimated, notes and files."""
+    table = make_table(
+        f"modes: {', '.join(result['records'])}",
+        "mode",
+        "frequency [Hz]",
+        "± (95 %)",
+        "damping ratio [%]",
+        "± (95 %)",
+        "<shape",
+    )
+    for i, mode in enumerate(result["modes"], start=1):
+        f, zeta = mode["frequency_hz"], mode["damping_ratio"]
+        shape = ", ".join(
+            f"{s['output']} {s['real']:+.3f}" for s in mode["shape"] if s["real"] is not None
+        )
+        table.add_row(
+            str(i),
+            f"{f['value']:.4f}",
+            f"{0.5 * (f['interval'][1] - f['interval'][0]):.2g}",
+            f"{100.0 * zeta['value']:.4f}",
+            f"{50.0 * (zeta['interval'][1] - zeta['interval'][0]):.2g}",
+            shape.replace("-", "−"),
+        )
+    screen.print(table)
+    if "averages" in result:
+        averages = f"{result['averages']:g} averages, " if result["averages"] else ""
+        kind = f"{result['excitation']}, " if result["excitation"] else ""
+        screen.print(f"{kind}{result['estimator']} {averages}{result['lines']} lines".strip())
+    for name in ("delay", "lag"):
+        if name in result:
+            value, u = result[name]["value"], result[name]["uncertainty"]
+            screen.print(f"{name} {value:.4g} s, standard uncertainty {u:.2g} s")
+    for note in result["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
+    for file in result["files"]:
+        screen.print(f"wrote {file}", markup=False, soft_wrap=True)

@@ -7,14 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    JsonOption,
-    PlaneOption,
-    console,
-    make_table,
-    positive_length,
-    print_json,
-)
+from flexstage.cli.options import JsonOption, PlaneOption, positive_length
+from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:

@@ -15,7 +15,11 @@ _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3"
 
 
 def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, "Material"]:
-    """Return what each solid of a part is made of."""
+    """Return what each solid of a part is made of, by its name.
+
+    Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
+    material is a name from the catalogue, or ``E=..., nu=..., rho=...``, bare numbers in SI.
+    """
     every: Material | None = None
     of: dict[str, Material] = {}
     for text in given:

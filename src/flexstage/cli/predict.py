@@ -5,18 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    InputUnitOption,
-    JsonOption,
-    OutputUnitOption,
-    console,
-    figure_option,
-    make_table,
-    print_json,
-    write_file,
-)
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.records import (
+from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption
+from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
     DelimiterOption,
@@ -27,6 +19,7 @@ from flexstage.cli.records import (
     SkipLinesOption,
     TimeOption,
 )
+from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import ModelError, UnitError
 
 if TYPE_CHECKING:
@@ -150,7 +143,10 @@ def on_records(
     output_column: str | int,
     start: "Start | None" = None,
 ) -> "list[Prediction]":
-    """Return how a model predicts each of some records, after checking their units."""
+    """Return how a model predicts each of some records, after checking their units.
+
+    What the drive did before is found where `start` is None.
+    """
     from flexstage.hysteresis import predict as run
 
     sides = (
@@ -177,7 +173,10 @@ def _start(text: str) -> "Start | None":
 
 
 def moved_for(text: str, words: str) -> float:
-    """Return for how long a drive had moved, of an option ``--start``."""
+    """Return for how long a drive had moved [s], of an option ``--start``; inf for ever.
+
+    `words` are what else it may be, for a message.
+    """
     import math
 
     from flexstage.units import parse
@@ -207,7 +206,7 @@ def _total(found: "Sequence[Prediction]") -> dict[str, float]:
 
 
 def start_value(start: "Start") -> str | float:
-    """Return what a drive did before as JSON can hold it."""
+    """Return what a drive did before as JSON can hold it: a time [s], or a word."""
     return "long" if start == float("inf") else start
 
 

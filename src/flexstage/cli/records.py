@@ -1,222 +1,162 @@
-"""What commands that read measured files share: options, and how they are understood."""
+"""`flexstage records`: what is in measured files, before anything is asked of them."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.cli.options import JsonOption
+from flexstage.cli.reading import (
+    DatasetOption,
+    DecimalOption,
+    DelimiterOption,
+    FormatOption,
+    RowsOption,
+    SampleRateOption,
+    SkipLinesOption,
+    TimeOption,
+    column,
+    file_rates,
+)
+from flexstage.cli.terminal import console, make_table, print_json
+from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from rich.console import Console
 
     from flexstage.records import Record
 
-_SUCH = {
-    "time": "samples with their times or their rate",
-    "point": "a report of a measuring machine, or a table of positions",
-    "frequency": "a universal file of frequency responses or spectra",
-}
-_FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 
-_SECTION = "Reading files"
-SampleRateOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="RATE",
-        help='Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas.',
-    ),
-]
-TimeOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION, metavar="COLUMN", help="Number or name of the time column."
-    ),
-]
-FormatOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="NAME",
-        help="text, matlab, hdf5, tdms, numpy, universal, gcs, touchstone or cmm (default: by "
-        "content and ending).",
-    ),
-]
-DatasetOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="NAME",
-        help="Group, variable, array, function or feature of a file that contains several; several "
-        "separated by commas.",
-    ),
-]
-SkipLinesOption = Annotated[
-    int,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        min=0,
-        metavar="NUMBER",
-        help="Lines to skip at the start of a text file.",
-    ),
-]
-DelimiterOption = Annotated[
-    str | None,
-    typer.Option(rich_help_panel=_SECTION, metavar="TEXT", help="Column separator of a text file."),
-]
-DecimalOption = Annotated[
-    str | None,
-    typer.Option(rich_help_panel=_SECTION, metavar=".|,", help="Decimal sign of a text file."),
-]
-LengthUnitOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="UNIT",
-        help='Unit of all lengths of a measuring machine, such as "mm", where its report does not '
-        "say it.",
-    ),
-]
-RowsOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="START:STOP",
-        help="Samples to read, numbered from 0; either end may be omitted.",
-    ),
-]
-ResampleOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=_SECTION,
-        metavar="RATE|median",
-        help='Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer '
-        "than the samples, or at that of the median step; one for each file if separated by "
-        "commas.",
-    ),
-]
-
-
-def column(text: str) -> str | int:
-    """Return what names a column: its number, or its name.
-
-    Examples
-    --------
-    >>> column("4"), column("position")
-    (4, 'position')
-    """
-    plain = text.strip()
-    return int(plain) if plain.isdecimal() else plain
-
-
-def read_records(
-    files: "Sequence[Path]",
-    columns: "Sequence[str | int] | None",
-    *,
-    units: "Sequence[str | None]",
-    sample_rate: str | None,
-    time: str | None,
-    format: str | None,
-    dataset: str | None,
-    rows: str | None,
-    skip_lines: int,
-    delimiter: str | None,
-    decimal: str | None,
-    over: Literal["time", "point", "frequency", "any", "table"] = "time",
-    length_unit: str | None = None,
-    resample: str | None = None,
-    even: bool = False,
-    labels: str | int | None = None,
-    partial: "Sequence[str | int]" = (),
-) -> "list[Record]":
-    """Read the files that a command was given."""
-    from flexstage.records import evened, read_record
-    from flexstage.records.rows import row_range
-    from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, require_uniform
+def records(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Measured files.")],
+    sample_rate: SampleRateOption = None,
+    time: TimeOption = None,
+    rows: RowsOption = None,
+    format: FormatOption = None,
+    dataset: DatasetOption = None,
+    skip_lines: SkipLinesOption = 0,
+    delimiter: DelimiterOption = None,
+    decimal: DecimalOption = None,
+    json: JsonOption = False,
+) -> None:
+    """List columns, units, rate and gaps of measured files."""
+    from flexstage.records import read_record
+    from flexstage.records.sampling import row_range
 
     rates = file_rates(sample_rate, "--sample-rate", len(files))
-    new_rates = file_rates(resample, "--resample", len(files))
-    all_used = (*(columns or ()), *partial)
-    named = {str(c): u for c, u in zip(all_used, units, strict=True) if u is not None}
-    if length_unit is not None:
-        named["length"] = length_unit
-    read = [
-        read_record(
-            file,
-            format=format,
-            sample_rate_hz=rate,
-            time=None if time is None else column(time),
-            units=named,
-            dataset=dataset,
-            columns=columns,
-            rows=row_range(rows, "--rows"),
-            skip_lines=skip_lines,
-            delimiter=_spelled(delimiter),
-            decimal=decimal,
-            over="point" if over in ("point", "table") else "time",
-            largest_step=LARGEST_STEP if resample is None else LARGEST_UNEVEN_STEP,
-            labels=labels,
-        )
-        for file, rate in zip(files, rates, strict=True)
-    ]
-    for file, record in zip(files, read, strict=True):
-        if over not in ("any", "table", record.over):
-            raise RecordError(
-                f"'{file}' is over {record.over}, and a record over {over} is needed: give "
-                f"{_SUCH[over]}"
+    found = []
+    for file, rate in zip(files, rates, strict=True):
+        given: dict[str, Any] = {
+            "format": format,
+            "dataset": dataset,
+            "rows": row_range(rows, "--rows"),
+            "skip_lines": skip_lines,
+            "delimiter": delimiter,
+            "decimal": decimal,
+            # no column has to be complete, and gaps are told
+            "columns": [],
+        }
+        said = ""
+        try:
+            record = read_record(
+                file,
+                sample_rate_hz=rate,
+                time=None if time is None else column(time),
+                largest_step=float("inf"),
+                **given,
             )
-    if resample is not None:
-        for record in read:
-            if record.over != "time":
-                raise RecordError(
-                    f"'{record.source}' is over {record.over}, and --resample is for samples over "
-                    "time: leave it out"
-                )
-        read = [evened(record, rate) for record, rate in zip(read, new_rates, strict=True)]
-    if even:
-        for record in read:
-            require_uniform(record)
-    return read
+        except RecordError as error:
+            if rate is not None or time is not None:
+                raise
+            said = str(error)
+            record = read_record(file, over="point", **given)
+        found.append(_found(record, said))
+    if json:
+        print_json({"files": found})
+        return
+    for one in found:
+        _print(console(), one)
 
 
-def record_format(out: Path | None) -> str:
-    """Return the format that a record is written in.
+def _found(record: "Record", said: str) -> dict[str, Any]:
+    """Return what is in a record as plain data; `said` is why it has no times."""
+    import numpy as np
 
-    Examples
-    --------
-    >>> record_format(Path("drive.h5"))
-    'hdf5'
-    """
-    if out is None:
-        return "csv"
-    if out.suffix.lower() not in _FORMATS:
-        raise ModelError(
-            f"--out must end in one of {', '.join(_FORMATS)}, got '{out.name}': the suffix says "
-            "the format"
+    from flexstage.records import responses_in_columns
+    from flexstage.records.sampling import LARGEST_STEP
+
+    channels = []
+    for number, channel in enumerate(record.channels):
+        finite = channel.values[np.isfinite(channel.values)]
+        channels.append({
+            "number": number,
+            "name": channel.name,
+            "unit": channel.unit,
+            "smallest": float(finite.min()) if finite.size else None,
+            "largest": float(finite.max()) if finite.size else None,
+            "missing": int(channel.values.size - finite.size),
+        })  # fmt: skip
+    result: dict[str, Any] = {
+        "file": record.source,
+        "over": record.over,
+        "samples": record.size,
+        "columns": channels,
+        "notes": list(record.notes),
+    }
+    if record.over != "point":
+        result["from"], result["to"] = float(record.time[0]), float(record.time[-1])
+    if record.over == "time":
+        steps = np.diff(record.time)
+        usual = float(np.median(steps))
+        wide = np.flatnonzero(steps > LARGEST_STEP * usual)
+        result["sample_rate_hz"] = 1.0 / usual if wide.size else record.sample_rate_hz
+        result["uniform"] = record.uniform
+        result["gaps"] = [{"after_sample": int(i), "seconds": float(steps[i])} for i in wide]
+    if record.over == "point":
+        try:
+            table = responses_in_columns(record)
+        except RecordError:
+            # a table without responses has points, unless times were to be found
+            result["notes"] += [said]
+        else:
+            result["responses"] = [
+                c.name.removesuffix(" real") for c in table.channels if c.name.endswith(" real")
+            ]
+            result["from"], result["to"] = float(table.time[0]), float(table.time[-1])
+    return result
+
+
+def _print(screen: "Console", one: dict[str, Any]) -> None:
+    table = make_table(one["file"], "no.", "<column", "<unit", "smallest", "largest", "missing")
+    for channel in one["columns"]:
+        ends = (channel["smallest"], channel["largest"])
+        table.add_row(
+            str(channel["number"]),
+            channel["name"],
+            channel["unit"],
+            *("" if end is None else f"{end:.6g}".replace("-", "−") for end in ends),
+            str(channel["missing"] or ""),
         )
-    return _FORMATS[out.suffix.lower()]
+    screen.print(table)
+    screen.print(_length(one), markup=False, soft_wrap=True)
+    gaps = one.get("gaps", [])
+    for gap in gaps[:5]:
+        screen.print(f"gap of {gap['seconds']:.4g} s after sample {gap['after_sample']}")
+    if len(gaps) > 5:
+        screen.print(f"and {len(gaps) - 5} more gaps")
+    for note in one["notes"]:
+        screen.print(f"note: {note}", style="dim", markup=False)
 
 
-def _spelled(delimiter: str | None) -> str | None:
-    # a shell passes a backslash and a letter where a tab is meant
-    return None if delimiter is None else delimiter.replace("\\t", "\t")
-
-
-def file_rates(text: str | None, option: str, files: int) -> "Sequence[float | None]":
-    """Return a rate for each file."""
-    from flexstage.units import parse
-
-    if text is None:
-        return [None] * files
-    given = [
-        None
-        if option == "--resample" and word.strip() == "median"
-        else parse(word, "frequency", bare_unit="Hz")
-        for word in text.split(",")
-    ]
-    if len(given) not in (1, files):
-        raise RecordError(
-            f"{option} needs one rate, or one for each of {files} files, got {len(given)}"
+def _length(one: dict[str, Any]) -> str:
+    if one["over"] == "time":
+        even = "" if one["uniform"] else ", uneven"
+        return (
+            f"{one['samples']} samples over time, {one['sample_rate_hz']:.6g} Hz{even}, from "
+            f"{one['from']:.6g} to {one['to']:.6g} s"
         )
-    return given * files if len(given) == 1 else given
+    if "from" not in one:
+        return f"{one['samples']} rows"
+    responses = one.get("responses", [])
+    what = f"frequency responses {', '.join(responses)}: " if responses else ""
+    return f"{what}{one['samples']} lines from {one['from']:.6g} to {one['to']:.6g} Hz"

@@ -36,7 +36,7 @@ ten seconds, on standard error. `--quiet` (`-q`) prints none.
 
 
 def command_line_page() -> str:
-    """Return the reference as Markdown."""
+    """Return the reference as Markdown: commands in the order of the help, and former options."""
     from flexstage.cli import app
 
     root: Any = typer.main.get_command(app)

@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.common import (
-    JsonOption,
-    QuietOption,
-    console,
-    folder_option,
-    load_stage,
-    make_table,
-    name_for_files,
-    print_json,
-    progress_bar,
-    write_file,
-)
+from flexstage.cli.options import JsonOption, QuietOption
+from flexstage.cli.output_files import folder_option, name_for_files, write_file
+from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:
@@ -89,11 +80,12 @@ def run(
     Records are written to disk while they are measured. --resume continues an interrupted run:
     complete steps are not repeated.
     """
+    from flexstage.designs import find_stage
     from flexstage.plans import find_plan, plan_stage, read_plan
 
     file = find_plan(plan)
     wanted = read_plan(file)
-    own = load_stage(stage) if stage is not None else plan_stage(wanted, file.parent)
+    own = find_stage(stage) if stage is not None else plan_stage(wanted, file.parent)
     chosen = None if only is None else tuple(s.strip() for s in only.split(",") if s.strip())
     if chosen == ():
         raise PlanError("--only names no step: give names separated by commas")

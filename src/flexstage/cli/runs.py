@@ -7,16 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.command import Command, Group
-from flexstage.cli.common import (
-    JsonOption,
-    console,
-    count,
-    file_option,
-    make_table,
-    output_path,
-    print_json,
-)
+from flexstage.cli.command import CliCommand, CliGroup
+from flexstage.cli.options import JsonOption
+from flexstage.cli.output_files import file_option, output_path
+from flexstage.cli.terminal import console, count, make_table, print_json
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:
@@ -24,7 +18,7 @@ if TYPE_CHECKING:
 
 runs = typer.Typer(
     name="runs",
-    cls=Group,
+    cls=CliGroup,
     help="List, show, add and recover recorded runs.",
     no_args_is_help=False,
     rich_markup_mode=None,
@@ -80,7 +74,7 @@ def _list(
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     start = _time(since)
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         found = opened.runs(
             stage=stage, serial_number=serial_number, kind=test, since=start, limit=limit
         )  # fmt: skip
@@ -91,7 +85,7 @@ def _list(
         _print_list(found, where)
 
 
-@runs.command(cls=Command)
+@runs.command(cls=CliCommand)
 def show(
     identifier: Annotated[
         str, typer.Argument(metavar="ID", help="Identifier of the run, or its first characters.")
@@ -105,7 +99,7 @@ def show(
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         entry = opened.run(identifier)
         models = opened.models(run=entry.identifier)
     state = _state_of(entry)
@@ -131,7 +125,7 @@ def show(
     screen.print(table)
 
 
-@runs.command(cls=Command)
+@runs.command(cls=CliCommand)
 def add(
     folders: Annotated[
         list[Path],
@@ -178,7 +172,7 @@ def add(
         raise typer.Exit(1)
 
 
-@runs.command(cls=Command)
+@runs.command(cls=CliCommand)
 def recover(
     file: Annotated[
         Path,
@@ -252,7 +246,7 @@ def recover(
         screen.print(f"{kept} {file}", markup=False, soft_wrap=True)
 
 
-@runs.command(cls=Command)
+@runs.command(cls=CliCommand)
 def calibrations(
     stage: _Stage = None,
     serial_number: _Serial = None,
@@ -271,7 +265,7 @@ def calibrations(
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     time = _time(valid_at)
-    with Catalogue.open(catalogue) as opened:
+    with Catalogue.open(catalogue, make=False) as opened:
         found = opened.calibrations(stage=stage, serial_number=serial_number, what=what, at=time)
         where = opened.address
     if json:

@@ -5,16 +5,9 @@ from typing import Annotated
 
 import typer
 
-from flexstage.cli.common import (
-    JsonOption,
-    StageArgument,
-    file_option,
-    load_stage,
-    name_for_files,
-    print_json,
-    writable,
-    write_file,
-)
+from flexstage.cli.options import JsonOption, StageArgument
+from flexstage.cli.output_files import file_option, name_for_files, writable, write_file
+from flexstage.cli.terminal import print_json
 from flexstage.errors import ModelError
 
 
@@ -27,10 +20,11 @@ def show(
     json: JsonOption = False,
 ) -> None:
     """Draw a stage: bodies, hinges, drives and probes."""
+    from flexstage.designs import find_stage
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.style import FORMATS, encode
 
-    described = load_stage(stage)
+    described = find_stage(stage)
     path = out if out is not None else writable(Path(f"{name_for_files(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:

@@ -5,21 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.cli.common import (
+from flexstage.cli.options import (
     JsonOption,
     ModelsOption,
     PlaneOption,
     QuietOption,
     StageArgument,
-    console,
-    folder_option,
-    load_stage,
-    make_table,
     model_names,
-    name_for_files,
-    print_json,
-    progress_bar,
 )
+from flexstage.cli.output_files import folder_option, name_for_files
+from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -69,12 +64,13 @@ def study(
 
     Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
     """
+    from flexstage.designs import find_stage
     from flexstage.report import results_json, run_study, study_results
     from flexstage.report.files import require_writable, write_files
     from flexstage.report.html import report_pages
     from flexstage.report.results import characteristic_row
 
-    described = load_stage(stage)
+    described = find_stage(stage)
     names = model_names(models)
     directory = out
     if directory is None:
@@ -129,7 +125,11 @@ def study(
 
 
 def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> list["Table"]:
-    """Return a comparison as a table for the terminal, or as two where it is too narrow for one."""
+    """Return a comparison as a table for the terminal, or as two where it is too narrow for one.
+
+    A row for each quantity and axis: the values, and the difference of our best column to each
+    published one. `width` is that of the terminal in characters.
+    """
     from rich.text import Text
 
     from flexstage.report import display

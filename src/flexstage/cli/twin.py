@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from flexstage.cli.common import JsonOption, StageArgument, load_stage
+from flexstage.cli.options import JsonOption, StageArgument
 from flexstage.errors import NotConnectedError, UnitError
 
 if TYPE_CHECKING:
@@ -84,6 +84,8 @@ def twin(
     as_json: JsonOption = False,
 ) -> None:
     """Run a simulated stage behind a GCS 2.0 controller."""
+    from flexstage.designs import find_stage
+
     _check("--model", model, _MODELS)
     _check("--amplifier", amplifier, _AMPLIFIERS)
     _check("--identity", identity, _IDENTITIES)
@@ -92,7 +94,7 @@ def twin(
     if not (serial_number.isascii() and serial_number.isprintable()):
         raise typer.BadParameter("--serial-number must be of plain printable characters")
     loop_rate = _rate(servo_rate)
-    described = load_stage(stage)
+    described = find_stage(stage)
 
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.twin.build import virtual_stage

@@ -6,16 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.common import (
-    JsonOption,
-    QuietOption,
-    console,
-    figure_option,
-    make_table,
-    print_json,
-    progress_bar,
-    write_file,
-)
+from flexstage.cli.options import JsonOption, QuietOption
+from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:

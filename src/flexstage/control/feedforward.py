@@ -226,7 +226,7 @@ class _Axis:
         axis: str,
     ) -> None:
         self.model, self.limits, self.rate = model, limits, rate
-        self.before: Array = model.hysteresis.rest()
+        self.before: Array = model.hysteresis.initial_state()
         creep = model.creep
         self.creeping = None if creep is None else creep.settled(0.0, 1.0 / rate)
         if history is not None and axis in history.values:

@@ -113,7 +113,7 @@ def reach_limits(model: DriveModel, limits: tuple[float, float] | None) -> tuple
 
 
 def _start(model: DriveModel) -> Array:
-    return model.hysteresis.rest() if model.validity is None else model.conditioned()
+    return model.hysteresis.initial_state() if model.validity is None else model.conditioned()
 
 
 def _no_repeat(model: DriveModel, what: str) -> str:

@@ -210,7 +210,7 @@ def carry_out(
     LimitError
         A waveform leaves the limits; nothing has been moved by it.
     """
-    from flexstage.instruments.acquire import run_waveform
+    from flexstage.instruments.record_run import run_waveform
 
     axes = [instrument.axes[_known(instrument, a)] for a in run.trajectory.axes]
     _require(instrument, run)

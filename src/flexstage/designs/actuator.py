@@ -1,15 +1,15 @@
 """What drives an axis of a parametric design: the bought part, without the place it stands in."""
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, ClassVar
 
 from flexstage.stage import Drive, Force, PiezoStack, Point, Screw
-from flexstage.units import DIMENSIONS, Length, Stiffness
+from flexstage.stage.drive import ForceProperties, ScrewProperties, StackProperties
+from flexstage.units import DIMENSIONS, Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class DrivePlace:
     """Where a drive stands in a stage."""
 
     name: str
@@ -31,83 +31,35 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Actuator(ABC):
+class Actuator:
     """What every actuator can do; use one of its kinds."""
 
     kind: ClassVar[str]
+    becomes: ClassVar[type[Drive]]
+    """The kind of drive that it is in a stage."""
 
-    @abstractmethod
-    def drive(self, place: Place) -> Drive:
+    def drive(self, place: DrivePlace) -> Drive:
         """Put the actuator into a stage."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        return self.becomes(**place.keywords(), **own)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScrewActuator(Actuator):
+class ScrewActuator(ScrewProperties, Actuator):
     """An adjustment screw."""
 
-    kind: ClassVar[str] = "screw"
-
-    pitch: Length
-    """Advance in one turn [m]."""
-    smallest_step: Length
-    """Smallest displacement that can be set [m]."""
-    travel: Length
-    """Displacement that is used [m]."""
-    stiffness: Stiffness | None = None
-    """Axial stiffness of screw and nut [N/m]; rigid where not given."""
-    largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
-    """Largest speed at which it may be turned, as its advance [m/s]."""
-
-    def drive(self, place: Place) -> Drive:
-        return Screw(
-            **place.keywords(),
-            pitch=self.pitch,
-            smallest_step=self.smallest_step,
-            travel=self.travel,
-            stiffness=self.stiffness,
-            largest_speed=self.largest_speed,
-        )
+    becomes: ClassVar[type[Drive]] = Screw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StackActuator(Actuator):
+class StackActuator(StackProperties, Actuator):
     """A piezoelectric stack."""
 
-    kind: ClassVar[str] = "piezo"
-
-    free_stroke: Length
-    """Free displacement over the voltage range [m]."""
-    stiffness: Stiffness
-    """Axial stiffness of the stack [N/m]."""
-    blocking_force: Annotated[float, DIMENSIONS["force"]] | None = None
-    """Force at the full voltage and no displacement [N]."""
-    capacitance: Annotated[float, DIMENSIONS["capacitance"]] | None = None
-    """Electrical capacitance [F]."""
-    voltage_range: Annotated[tuple[float, float], DIMENSIONS["voltage"]] | None = None
-    """Lowest and highest allowed voltage [V]."""
-    largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
-    """Largest rate at which its voltage may change [V/s]."""
-
-    def drive(self, place: Place) -> Drive:
-        return PiezoStack(
-            **place.keywords(),
-            free_stroke=self.free_stroke,
-            stiffness=self.stiffness,
-            blocking_force=self.blocking_force,
-            capacitance=self.capacitance,
-            voltage_range=self.voltage_range,
-            largest_slew=self.largest_slew,
-        )
+    becomes: ClassVar[type[Drive]] = PiezoStack
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VoiceCoil(Actuator):
+class VoiceCoil(ForceProperties, Actuator):
     """A force that does not depend on displacement."""
 
-    kind: ClassVar[str] = "force"
-
-    largest_force: Annotated[float, DIMENSIONS["force"]]
-    """Largest force [N]."""
-
-    def drive(self, place: Place) -> Drive:
-        return Force(**place.keywords(), largest_force=self.largest_force)
+    becomes: ClassVar[type[Drive]] = Force

@@ -25,6 +25,11 @@ def parameters_from_text(
 ) -> _P:
     """Read the parameters of a design.
 
+    A field may be a number, a quantity (``Annotated`` with a dimension: a text with a unit), a pair
+    of them, a material (the name of one in the catalogue), another such dataclass (a mapping), or
+    one of several that are told apart by ``kind``; and it may be optional. What is not given is
+    taken from `base`; `path` is where the mapping stands, for messages.
+
     Examples
     --------
     >>> from flexstage.designs.parallelogram import ParallelogramParameters

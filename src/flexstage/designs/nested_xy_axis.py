@@ -10,11 +10,31 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexstage.designs.nested_xy_parameters import AxisParameters
-from flexstage.designs.placement import Placement
 from flexstage.hinges import RightCircular
 from flexstage.stage import Body, Hinge, Loop
 
 Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """Where the coordinates (u, v) of an axis lie in the plane of the stage."""
+
+    origin: Pair = (0.0, 0.0)
+    """The point u = v = 0 [m]."""
+    turned: bool = False
+    """Whether u runs along y instead of x."""
+
+    @property
+    def angle(self) -> float:
+        """Direction of u, from the x axis to the left [rad]."""
+        return math.pi / 2.0 if self.turned else 0.0
+
+    def to_plane(self, point: Pair) -> Pair:
+        """Map a point."""
+        u, v = point
+        x, y = (-v, u) if self.turned else (u, v)
+        return (self.origin[0] + x, self.origin[1] + y)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +142,7 @@ class AxisLayout:
     # ----------------------------------------------------------------------------- outlines
 
     def platform_outline(self) -> Loop:
-        """Return the outline of the platform, with the recesses of the links."""
+        """Return the outline of the platform with the links' recesses, counter-clockwise [m]."""
         p, half = self.parameters, self.notch_height / 2.0 + self.slot
         low, high = self.output - half, self.output + half
         recess = [(0.0, high), (p.link_recess, high), (p.link_recess, low), (0.0, low)]
@@ -131,7 +151,7 @@ class AxisLayout:
         return Loop(((0.0, -top), (right, -top), (right, top), (0.0, top), *recess, *mirrored))
 
     def window(self) -> Loop:
-        """Return the opening of the ground in which the axis lies."""
+        """Return the opening of the ground in which the axis lies [m]."""
         g, edge = self.slot, self.height / 2.0 + self.slot
         lever, block = self.lever_span[1] + g, self.block_half_height + g
         pocket = self.parameters.actuator_pocket_width / 2.0
@@ -157,7 +177,10 @@ class AxisLayout:
     # ------------------------------------------------------------------- bodies and hinges
 
     def bodies(self, place: Placement) -> Iterator[Body]:
-        """Give levers, links, guide legs and input block."""
+        """Give levers, links, guide legs and input block.
+
+        u and d in a name tell the half with positive and negative v.
+        """
         p, half = self.parameters, self.notch_height / 2.0
         leg = self.leg_width / 2.0
         link_right = p.link_recess - 2.0 * p.lever_notch_radius
@@ -179,7 +202,12 @@ class AxisLayout:
         yield Body(name=f"{self.name}in", outline=outline.mapped(place.to_plane))
 
     def hinges(self, place: Placement, platform: str, ground: str) -> Iterator[Hinge]:
-        """Give the notches of lever, link and guide legs, on both sides."""
+        """Give the notches of lever, link and guide legs, on both sides.
+
+        ``ful`` is a fulcrum, ``inp`` an input notch, ``lko`` from lever to link, ``lkp`` from link
+        to platform, ``gp`` from platform to guide leg, ``gg`` from guide leg to ground; `platform`
+        and `ground` name the body that the axis moves and that against which it moves.
+        """
         p, r = self.parameters, self.parameters.lever_notch_radius
         lever_notch = RightCircular(neck_thickness=p.lever_neck, radius=r)
         leg_notch = RightCircular(neck_thickness=p.leg_neck, radius=p.leg_notch_radius)

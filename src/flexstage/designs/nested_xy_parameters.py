@@ -62,9 +62,9 @@ class NestedXYParameters:
     """The dimensions of a nested XY stage, see `flexstage.designs.nested_xy.nested_xy`."""
 
     x: AxisParameters
-    """The axes; the y axis lies inside the platform of the x axis."""
+    """The outer axis."""
     y: AxisParameters
-    """The axes; the y axis lies inside the platform of the x axis."""
+    """The inner axis; it lies inside the platform of the x axis."""
     platform_length: Length
     """Length of the y platform, along y [m]."""
     platform_height: Length

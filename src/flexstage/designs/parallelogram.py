@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from flexstage.designs.actuator import Place, ScrewActuator, StackActuator, VoiceCoil
+from flexstage.designs.actuator import DrivePlace, ScrewActuator, StackActuator, VoiceCoil
 from flexstage.designs.nested_xy_parameters import require_positive
 from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
@@ -72,6 +72,10 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
     l apart. The base carries a column, against which the drive pushes the platform. y = 0 is the
     top of the base, x = 0 the middle of the platform.
 
+    Its bodies are ``base`` (fixed), ``left-leg``, ``right-leg`` and ``platform``; its hinges
+    ``left-lower``, ``left-upper``, ``right-lower`` and ``right-upper``; its drive, probe and axis
+    ``x``.
+
     Examples
     --------
     >>> stage = parallelogram()
@@ -126,7 +130,7 @@ def parallelogram(parameters: ParallelogramParameters | None = None) -> Stage:
                 )
             )
     middle = 0.5 * (platform_bottom + platform_top)
-    place = Place(
+    place = DrivePlace(
         name="x",
         pushes="platform",
         reacts="base",

@@ -17,7 +17,11 @@ def rows(
     both: float | None = None,
     note: str = "",
 ) -> Iterator[Characteristic]:
-    """Give the rows of one published quantity."""
+    """Give the rows of one published quantity.
+
+    The figures are in SI units; `both` is printed once for both axes, `note` is a condition or
+    remark.
+    """
     if both is not None:
         x, y = both, both
         note = f"{BOTH_AXES}; {note}" if note else BOTH_AXES

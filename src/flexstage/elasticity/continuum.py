@@ -10,12 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.material import Material
-from flexstage.progress import tell
 
 _COMPONENTS = "xyz"
 
@@ -150,11 +150,11 @@ class Continuum:
                 "give a shift"
             )
         with parallel():
-            tell("assembly")
+            progress.update("assembly")
             form = self._form()
             form.Assemble()
             kept = self.space.FreeDofs(True)
-            tell("factorisation", 0.5)
+            progress.update("factorisation", 0.5)
             inverse = form.mat.Inverse(kept, "sparsecholesky")
             one = ng.IdentityMatrix(self.size)
             outwards, inwards = (
@@ -272,7 +272,7 @@ class Continuum:
             # a Krylov space of twice the modes, rebuilt once as a rule
             nonlocal steps
             steps += 1
-            tell("modes", steps / (steps + max(4.0 * count - steps, 0.15 * steps)))
+            progress.update("modes", steps / (steps + max(4.0 * count - steps, 0.15 * steps)))
             return self.solve(x.ravel())
 
         start = self.solve(np.random.default_rng(0).standard_normal(n))

@@ -102,6 +102,9 @@ class _Path:
 
         With an imposed reading, :math:`K_t\,du - df\,d = r,\ d^T(u + du) = s`, by two solutions
         with one factorisation: the many degrees of freedom of d never fill the matrix.
+
+        Returns displacement, force, compliance, number of factorisations, and whether it is an
+        equilibrium.
         """
         u, d, first, compliance = start.copy(), self.vector, 0.0, 0.0
         self.share.Set(share)

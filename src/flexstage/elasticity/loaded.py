@@ -14,7 +14,7 @@ Field = ng.CoefficientFunction | float
 
 
 def volume_unit(continuum: Continuum) -> float:
-    """Return the volume of the part for each unit of its mesh."""
+    """Return the volume of one square or cubic millimetre of the part's mesh [m^3]."""
     thickness = continuum.thickness
     return (1.0 / METRE if thickness is None else thickness) / METRE**2
 
@@ -22,7 +22,12 @@ def volume_unit(continuum: Continuum) -> float:
 def green_strain(
     gradient: ng.CoefficientFunction, continuum: Continuum, change: Field
 ) -> ng.CoefficientFunction:
-    """Return Green's strain less the thermal strain."""
+    """Return Green's strain less the thermal strain.
+
+    The gradient is that of the displacement [m] by millimetres of the mesh, the change that of
+    temperature [K], which does nothing where the material gives no expansion. Shape (2, 2) of a
+    plane part.
+    """
     turn = METRE * gradient
     strain = 0.5 * (turn + turn.trans + turn.trans * turn)
     alpha = continuum.material.thermal_expansion
@@ -68,7 +73,11 @@ def material_stress(continuum: Continuum, u: Array, change: Field = 0.0) -> ng.C
 
 
 def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], Array]:
-    """Return the solution of a part some readings of which stay at nothing."""
+    """Return the solution of a part some readings of which stay at nothing.
+
+    `solve` gives the solution of the part under a load, shape (n,); `rows` are the readings, shape
+    (k, n).
+    """
     pushed = np.column_stack([solve(row) for row in rows])
     reaction = np.linalg.inv(rows @ pushed)
 

@@ -30,6 +30,10 @@ def memory_needed(
 ) -> float:
     """Estimate the memory that factorisation and modes take.
 
+    It is in bytes, for `unknowns` degrees of freedom. `box` are the sides of the box about a part
+    in three dimensions, in any unit: slender parts need less than a cube, which is taken where it
+    is None. `layered` is a plate of one layer of prisms.
+
     Notes
     -----
     Validity: within 25 % of what was measured for triangles, blocks, bars and plates of one layer;
@@ -62,7 +66,10 @@ def _shape(box: Sequence[float] | None) -> float:
 
 
 def memory_available() -> float:
-    """Return the memory that this process may still take [byte]; infinity where nothing tells."""
+    """Return the memory that this process may still take [byte]; infinity where nothing tells.
+
+    It is the least of what the computer has free and what the limits of its control group leave.
+    """
     found = [_free_memory(), *_group_limits()]
     return min(found)
 
@@ -109,7 +116,10 @@ def require_memory(
     box: Sequence[float] | None = None,
     layered: bool = False,
 ) -> None:
-    """Refuse a mesh whose factorisation does not fit in memory."""
+    """Refuse a mesh whose factorisation does not fit in memory.
+
+    The arguments are those of `memory_needed`.
+    """
     needed = memory_needed(unknowns, dimension, order, box=box, layered=layered)
     free = memory_available()
     if needed > free:

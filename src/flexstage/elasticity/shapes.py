@@ -11,7 +11,10 @@ _NOTHING = 1e-12  # a segment shorter than this [m] is a repeated point
 
 
 def turns_left(points: Sequence[tuple[float, float]], bulges: Sequence[float] = ()) -> bool:
-    """Tell whether a closed line runs counter-clockwise."""
+    """Tell whether a closed line runs counter-clockwise.
+
+    The bulges are as of `face`.
+    """
     area = 0.0
     bent = bulges or (0.0,) * len(points)
     for (ax, ay), (bx, by), bulge in zip(points, (*points[1:], points[0]), bent, strict=True):

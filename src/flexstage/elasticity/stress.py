@@ -28,7 +28,10 @@ def von_mises(stress: ng.CoefficientFunction) -> ng.CoefficientFunction:
 
 
 def von_mises_of(components: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the equivalent stress of von Mises of stress components [Pa]."""
+    """Return the equivalent stress of von Mises of stress components [Pa].
+
+    xx, yy, zz, yz, xz, xy are the last axis [Pa], shape (..., 6).
+    """
     xx, yy, zz, yz, xz, xy = np.moveaxis(components, -1, 0)
     normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
     return np.sqrt(0.5 * normal + 3.0 * (yz**2 + xz**2 + xy**2))

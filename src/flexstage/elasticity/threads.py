@@ -63,6 +63,8 @@ _watch = _Watch()
 def free_cores() -> int:
     """Return how many cores are idle, or used by this process itself: at least one.
 
+    All that the process may run on count where the system does not tell their use.
+
     Notes
     -----
     Validity: Linux. What others use is counted over the time since the last question, at least

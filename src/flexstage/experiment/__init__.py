@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from flexstage.experiment.modal.shapes import modal_assurance
     from flexstage.experiment.modal.stabilisation import Stabilisation, stable_poles
     from flexstage.experiment.motion.coupling import cross_coupling, squareness
+    from flexstage.experiment.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.experiment.motion.curve_fit import fit_motion_curve
     from flexstage.experiment.motion.linearity import Linearity, linearity
     from flexstage.experiment.motion.motion_curve import MotionCurve
@@ -77,6 +78,8 @@ __all__ = [
     "allan_deviation",
     "characterise",
     "cross_coupling",
+    "curve_loop_width",
+    "curve_range",
     "end_point_straightness",
     "estimate_response",
     "fit_modes",

@@ -41,10 +41,11 @@ class BodyCells:
     """Index of the hinge that each region is a part of, -1 for bodies, shape (r,)."""
 
     def displacement(self, system: MechanicalSystem, q: Array) -> Array:
-        """Return how the corners move.
+        """Return how the corners move [m], shape (n, 3).
 
-        Bodies move as rigid ones. A notch is drawn as a bar of constant stiffness between its two
-        bodies, v of third order along it, which is only a picture.
+        Bodies move as rigid ones; those that the system does not name stand still. A notch is drawn
+        as a bar of constant stiffness between its two bodies, v of third order along it, which is
+        only a picture.
         """
         found = np.zeros_like(self.points)
         motion = {b.name: (b.centre, b.matrix @ q) for b in system.bodies}
@@ -61,7 +62,7 @@ class BodyCells:
         return found
 
     def hinge_values(self, values: dict[str, float]) -> Array:
-        """Return a number of each hinge in the cells of its notch."""
+        """Return a number of each hinge in the cells of its notch, 0 in all others."""
         by_hinge = np.array([*(values.get(h.name, 0.0) for h in self.stage.hinges), 0.0])
         return by_hinge[self.hinge][self.region]
 
@@ -106,7 +107,7 @@ def _bent(hinge: Hinge, a: _Motion, b: _Motion, at: Array) -> Array:
 
 
 def body_cells(stage: Stage) -> BodyCells:
-    """Divide the plate of a stage into tetrahedra.
+    """Divide the plate of a stage into tetrahedra; chords lie within 2 um of its arcs.
 
     Three make a prism over a triangle. They are not written as wedges, since programs differ in
     which way round a wedge is right side out.

@@ -20,8 +20,8 @@ from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.stage_plant import refuse_stroke
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem, Modes, modes
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DrivePort
+from flexstage.system.statics import imposed_shape
 
 # s; far beyond, powers of the step over a period overflow.
 _STEPS = (1e-12, 1e6)

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 def linear_part(model: DynamicModel) -> StateSpace:
     r"""Return the equations from the free displacements of all drives to the true motion.
 
+    States are the modes, their rates, then the lags of the drives in order. Inputs are free
+    displacements [m], or forces [N]; amplifier, hysteresis or gain, and sensors are left out.
+
     With creep the lags l of each drive follow, :math:`f = w + a \sum_i l_i`, and each mode moves by
     :math:`\eta'' + 2\zeta\omega\eta' + \omega^2\eta = \omega^2 g (f + t f')`; t is 0 but where the
     displacement is imposed, and there the second state is :math:`\eta' - \omega^2 t g f`.
@@ -64,7 +67,10 @@ def linear_part(model: DynamicModel) -> StateSpace:
 
 
 def rest_shape(model: DynamicModel) -> Array:
-    """Return the states of `linear_part` at rest for a unit of each input."""
+    """Return the states of `linear_part` at rest for a unit of each input, a column each.
+
+    It equals ``-inv(A) B``, without the loss of digits of so stiff an inverse.
+    """
     form = linear_part(model)
     k = model.omega.size
     at = 2 * k

@@ -33,6 +33,8 @@ _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e
 def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> BoucWen:
     """Return a Bouc-Wen model with the stroke of a stack and a usual width of its loop.
 
+    It goes from voltage [V] to free displacement [m]; the width is over the stroke, 0.01 to 0.2.
+
     Notes
     -----
     Validity: a stand-in until a stack has been measured: stroke by its data sheet, loop by what is
@@ -82,7 +84,7 @@ def usual_hysteresis(stack: PiezoStack, *, width: float = USUAL_LOOP_WIDTH) -> B
 
 
 def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisModel | DriveModel]:
-    """Return the model of each stack."""
+    """Return models by drive from those given by drive or axis, or by a word for all stacks."""
     stacks = {d.name: d for d in stage.drives if isinstance(d, PiezoStack)}
     if isinstance(given, str):
         if given not in ("usual", "none"):
@@ -105,7 +107,10 @@ def models_by_drive(stage: Stage, given: Hysteresis) -> dict[str, HysteresisMode
 def scale_of(
     system: MechanicalSystem, stack: PiezoStack, model: HysteresisModel | DriveModel, static: Array
 ) -> float:
-    """Return the free displacement over what a model gives."""
+    """Return the free displacement over what a model gives: 1 but for one of an axis' reading.
+
+    `static` is the reading of each probe at rest for a unit of free displacement.
+    """
     if not isinstance(model, DriveModel):
         return 1.0
     if model.input_unit not in ("V", "") or model.output_unit not in _LENGTHS:
@@ -126,7 +131,10 @@ def scale_of(
 def amplifier_of(
     drive: Drive, bandwidth_hz: float | None, current_limit: float | None
 ) -> Amplifier | None:
-    """Return the amplifier of a drive."""
+    """Return the amplifier of a stack, with its range of voltage.
+
+    None for other drives, and where there is no bandwidth [Hz].
+    """
     if not isinstance(drive, PiezoStack) or bandwidth_hz is None:
         if current_limit is not None and bandwidth_hz is None:
             raise ModelError("a current limit belongs to an amplifier: give its bandwidth too")
@@ -151,7 +159,7 @@ def bare_drive(
     amplifier: Amplifier | None,
     creep: Creep | None,
 ) -> ModelDrive:
-    """Return a drive up to its free displacement; what it moves is filled in later."""
+    """Return a drive up to its free displacement; the weights of what it moves come later."""
     gain, unit, allowed = 1.0, "m" if drive.spring != 0.0 else "N", None
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
         allowed, unit = drive.voltage_range, "V"

@@ -13,7 +13,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.body_cells import BodyCells, body_cells
 from flexstage.export.file_names import file_names
-from flexstage.export.vtk_format import (
+from flexstage.fem.vtk_format import (
     PackedCells,
     Values,
     collection_file,

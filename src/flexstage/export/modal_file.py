@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 import flexstage
 from flexstage.errors import ModelError
-from flexstage.export.file_names import file_name
+from flexstage.export.file_names import NO_TIME, file_name
 from flexstage.export.modal_points import ModalPoints, direction_code, modal_points
-from flexstage.export.time_stamp import NO_TIME
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,
@@ -107,6 +106,10 @@ def modal_file(
 ) -> bytes:
     """Return modes of a stage as a universal file.
 
+    Data sets: heading (151), units (164, metre and newton), points (2411), outlines of the bodies
+    with their half notches (82), and each mode (55) with its frequency, viscous damping ratio and
+    unit modal mass, in six directions at each point.
+
     Notes
     -----
     Validity: points move with their bodies as rigid ones. Out of the plane there is the motion of
@@ -140,6 +143,10 @@ def frf_file(
     stage: Stage, responses: Iterable[FrequencyResponse], *, time_stamp: str = NO_TIME
 ) -> bytes:
     """Return frequency responses of a stage as a universal file.
+
+    Data sets: heading (151), units (164), points (2411), outlines (82), and each response (58),
+    complex in double precision: displacement of the probe's point over the force of the drive on
+    the point that it pushes, or over its free displacement.
 
     Notes
     -----

@@ -34,7 +34,12 @@ class ModalPoints:
     """Number of a point by kind (``probe``, ``drive``, ``reaction`` or ``centre``) and name."""
 
     def shape(self, system: MechanicalSystem, q: Array) -> Array:
-        """Return how the points move, each with its body as a rigid one."""
+        """Return how the points move, each with its body as a rigid one, shape (n, 6).
+
+        Displacement along x, y, z [m] and rotation about them [rad]. Out of the plane there is what
+        the system reads of a body, where it does, and no tilt. Bodies that the system does not name
+        stand still.
+        """
         found = np.zeros((len(self.body), 6))
         lifts = {p.name: float(p.vector @ q) for p in system.probes}
         owner = np.array(self.body)
@@ -48,7 +53,7 @@ class ModalPoints:
         return found
 
     def table(self) -> bytes:
-        """Return the points as a table."""
+        """Return the points as CSV: number, body, what it is, position [m]."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\r\n")
         rows.writerow(("point", "body", "what", "x [m]", "y [m]", "z [m]"))
@@ -59,7 +64,9 @@ class ModalPoints:
 
 
 def direction_code(angle: float) -> int:
-    """Return the number that universal files have for a direction in the plane.
+    """Return the number that universal files have for a direction in the plane [rad].
+
+    1 along x, 2 along y, negative the other way; 0 for any other.
 
     Examples
     --------
@@ -76,7 +83,10 @@ def direction_code(angle: float) -> int:
 
 
 def modal_points(stage: Stage) -> ModalPoints:
-    """Return the points of a stage: probes, drives, centres of mass, outlines with notches."""
+    """Return the points of a stage: probes, drives, centres of mass, outlines with notches.
+
+    A point of one body that is several of these has one number.
+    """
     position: list[tuple[float, float]] = []
     body: list[str] = []
     what: list[str] = []

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.export.time_stamp import read_time
+from flexstage.export.file_names import read_time
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13
@@ -65,7 +65,7 @@ def si_units() -> str:
 
 
 def point_list(numbers: Sequence[int], positions: Array) -> str:
-    """Write data set 2411, points in double precision."""
+    """Write data set 2411, points [m] in double precision."""
     lines = []
     for number, position in zip(numbers, positions.tolist(), strict=True):
         lines.append(f"{number:10d}{1:10d}{1:10d}{11:10d}")
@@ -74,7 +74,7 @@ def point_list(numbers: Sequence[int], positions: Array) -> str:
 
 
 def trace_lines(first: int, name: str, points: Sequence[int]) -> str:
-    """Write data sets 82: a line through points, in parts of 250 at most."""
+    """Write data sets 82: a line through points, in parts of 250 at most, numbered from `first`."""
     written = []
     # each part begins where the one before it ends
     for k, start in enumerate(range(0, max(len(points) - 1, 1), _LONGEST - 1)):
@@ -94,7 +94,11 @@ def mode_shape(
     points: Sequence[int],
     shape: Array,
 ) -> str:
-    """Write data set 55: a normal mode of unit modal mass at points, in six directions."""
+    """Write data set 55: a normal mode of unit modal mass at points, in six directions.
+
+    Its shape is displacement along x, y, z [m] and rotation about them [rad] for one unit of the
+    mode [kg^0.5 m], shape (n, 6); titles are five lines at most.
+    """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     # structural, normal mode, six directions, displacement, real numbers, six of them
     lines.append("".join(f"{code:10d}" for code in (1, 2, 3, DISPLACEMENT, 2, 6)))
@@ -115,7 +119,12 @@ def frequency_function(
     frequency_hz: Array,
     value: NDArray[np.complex128],
 ) -> str:
-    """Write data set 58: a frequency response function, complex, in double precision."""
+    """Write data set 58: a frequency response function, complex, in double precision.
+
+    Response and reference are name, number of the point and direction: 1 to 3 along x, y, z,
+    negative the other way, 0 for another one. The denominator is the kind of the reference, `FORCE`
+    or `DISPLACEMENT`; of frequencies six digits are written.
+    """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     places = "".join(
         f" {_plain(name, 10)}{point:10d}{direction:4d}"

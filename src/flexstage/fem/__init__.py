@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.fem.accuracy import LADDERS, Refinement, Step, refine
+    from flexstage.fem.accuracy import LADDERS, Refinement, RefinementStep, refine
     from flexstage.fem.mesh import MeshSettings
-    from flexstage.fem.model import Half, StageModel
+    from flexstage.fem.model import StageModel, UncoupledProblem
     from flexstage.fem.plane import plane_model
     from flexstage.fem.solid import solid_model
     from flexstage.fem.stroke import follow_stroke
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LADDERS",
-    "Half",
     "MeshSettings",
     "Refinement",
+    "RefinementStep",
     "StageModel",
-    "Step",
+    "UncoupledProblem",
     "follow_stroke",
     "plane_model",
     "refine",

@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristics
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 
@@ -29,7 +29,7 @@ _BEST_RATE, _WORST_RATE = 0.15, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class RefinementStep:
     """One mesh on the way."""
 
     settings: MeshSettings
@@ -50,7 +50,7 @@ class Refinement:
     """The last model."""
     analysis: Analysis
     """Its analysis; each characteristic carries the estimate of its error as its uncertainty."""
-    steps: tuple[Step, ...]
+    steps: tuple[RefinementStep, ...]
     """The meshes, coarsest first."""
     quantity: str
     """The quantity that was asked for."""
@@ -65,13 +65,15 @@ class Refinement:
         return estimate(self.steps, self.quantity)
 
 
-def estimate(steps: Sequence[Step], quantity: str) -> float:
+def estimate(steps: Sequence[RefinementStep], quantity: str) -> float:
     r"""Estimate the relative error of a quantity on the last mesh, the largest over the axes.
 
     Every step of a ladder raises the order, so that changes shrink as in a geometric series with
     the rate r of the last two: what is still to come is :math:`|d_k|\,r/(1-r)`. r counts as 0.15 at
     least, as a lucky step must not make an estimate small, and as 0.5 where only one change is
     known or the changes do not shrink; the estimate is the last change itself then.
+
+    It is infinite from one mesh alone.
     """
     if len(steps) < 2:
         return math.inf
@@ -85,7 +87,7 @@ def estimate(steps: Sequence[Step], quantity: str) -> float:
     )
 
 
-def _left(steps: Sequence[Step], key: tuple[str, str]) -> float:
+def _left(steps: Sequence[RefinementStep], key: tuple[str, str]) -> float:
     """Estimate how far the last value of a quantity is from where it goes."""
     values = [step.values[key] for step in steps[-3:]]
     last = abs(values[-1] - values[-2])
@@ -136,10 +138,10 @@ def refine(
         )
     if quantity not in QUANTITIES:
         raise ModelError(f"unknown quantity '{quantity}': expected one of {', '.join(QUANTITIES)}")
-    steps: list[Step] = []
+    steps: list[RefinementStep] = []
     for k, settings in enumerate(ladder):
         # each step costs about twice the one before; how many there will be is not known
-        with share(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
+        with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
             begun = time.perf_counter()
             model = build(settings)
             analysis = analyse(model.stage, model.system)
@@ -151,7 +153,9 @@ def refine(
             )
         seconds = time.perf_counter() - begun
         steps.append(
-            Step(settings=settings, unknowns=model.unknowns, seconds=seconds, values=values)
+            RefinementStep(
+                settings=settings, unknowns=model.unknowns, seconds=seconds, values=values
+            )
         )
         if len(steps) > 1 and estimate(steps, quantity) <= accuracy:
             return Refinement(
@@ -170,7 +174,7 @@ def refine(
 
 
 def _with_estimates(
-    analysis: Analysis, steps: Sequence[Step], quantity: str, accuracy: float
+    analysis: Analysis, steps: Sequence[RefinementStep], quantity: str, accuracy: float
 ) -> Analysis:
     rows = []
     for row in analysis.characteristics:

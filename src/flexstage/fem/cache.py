@@ -36,7 +36,11 @@ _ABANDONED = 3600.0  # a file that was being written so long ago belongs to a de
 
 
 def default_directory() -> Path:
-    """Return where caches are kept."""
+    """Return where caches are kept.
+
+    It is ``$FLEXSTAGE_CACHE`` if that is set, else the platform's place for caches, where
+    ``$XDG_CACHE_HOME`` is respected.
+    """
     if named := os.environ.get("FLEXSTAGE_CACHE"):
         return Path(named)
     if base := os.environ.get("XDG_CACHE_HOME"):
@@ -55,6 +59,11 @@ class Cache:
     name at once, complete and on disk, so that processes that share a directory, or die at any
     moment, leave it sound. Where a directory cannot be written the cache does without, and says so
     once in the log.
+
+    The directory is made at the first write; `limit` is its largest size, beyond which the entries
+    that were not used for longest give way, and `memory` that of what is kept in memory as well
+    [bytes]. A key has 64 hexadecimal digits; an entry holds arrays of floats, integers or bytes by
+    name.
     """
 
     def __init__(self, directory: Path, *, limit: int = LIMIT, memory: int = _MEMORY) -> None:
@@ -68,7 +77,10 @@ class Cache:
         self._silent = False
 
     def load(self, key: str) -> Entry | None:
-        """Return the arrays of a key."""
+        """Return the arrays of a key.
+
+        They are not to be written to; None stands for no arrays, or a damaged file.
+        """
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -194,7 +206,11 @@ _OPEN: dict[Path, Cache] = {}
 
 
 def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
-    """Return a cache."""
+    """Return a cache.
+
+    True stands for the `default_directory`, False and None for no cache; a directory has one cache
+    in a process.
+    """
     if cache is None or cache is False:
         return None
     if isinstance(cache, Cache):

@@ -12,11 +12,11 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.unit import METRE
 from flexstage.fem.constrained import Constrained
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.names import MOUNTING, either, notch_region
+from flexstage.fem.mesh import sound_mesh
+from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.necks import NeckPoints, neck_points
 from flexstage.fem.ports import drive_vector
-from flexstage.fem.quality import sound_mesh
-from flexstage.fem.substructure import BODY, Reading, Substructure
+from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.traction import edge_means, neck_rows
 from flexstage.stage import mass_properties
 
@@ -33,9 +33,9 @@ class Condensed:
     """
 
     stiffness: Array
-    """Of the coordinates, shape (r, r)."""
+    """Stiffness of the coordinates, shape (r, r)."""
     mass: Array
-    """Of the coordinates, shape (r, r)."""
+    """Mass of the coordinates, shape (r, r)."""
     loads: Array
     """Forces on the coordinates, shape (l, r), of each of `LOADS` and of a unit force at each
     reading. So the first three rows are the mean displacement x, y of the body at its centre of
@@ -56,9 +56,9 @@ class Condensed:
     inertia: tuple[float, float, float, float]
     """Mass [kg], centre x, y [m] and moment of inertia about it [kg m^2]."""
     elements: int
-    """Of the mesh."""
+    """Elements of the mesh."""
     unknowns: int
-    """Of the mesh."""
+    """Unknowns of the mesh."""
     held: str
     """What holds the body, in words."""
 
@@ -84,7 +84,7 @@ class Condensed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recovery:
+class DisplacementRecovery:
     """The way back from the coordinates of a body to the displacement on its mesh."""
 
     continuum: Continuum
@@ -106,6 +106,8 @@ def condense(part: Substructure) -> Condensed:
 
     and `flexstage.fem.constrained.Constrained` solves it, floating bodies as well as held ones.
 
+    The matrices are for the `REFERENCE` material.
+
     Notes
     -----
     R. J. Guyan, AIAA J. 3 (1965) 380, and R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313,
@@ -115,7 +117,7 @@ def condense(part: Substructure) -> Condensed:
     return _condense(part)[0]
 
 
-def recover(part: Substructure, condensed: Condensed) -> Recovery:
+def recover(part: Substructure, condensed: Condensed) -> DisplacementRecovery:
     """Return to the displacements of a body that was condensed before."""
     again, recovery = _condense(part)
     # Modes may have come with other signs, and equal ones mixed: both know how the interfaces and
@@ -130,10 +132,10 @@ def recover(part: Substructure, condensed: Condensed) -> Recovery:
     left, _, right = np.linalg.svd(now.T @ was)
     basis = recovery.basis.copy()
     basis[:, modes] = basis[:, modes] @ (left @ right)
-    return Recovery(continuum=recovery.continuum, basis=basis)
+    return DisplacementRecovery(continuum=recovery.continuum, basis=basis)
 
 
-def _condense(part: Substructure) -> tuple[Condensed, Recovery]:
+def _condense(part: Substructure) -> tuple[Condensed, DisplacementRecovery]:
     stage = part.stage()
     faces = stage_faces(stage, [BODY])
     mesh = sound_mesh(stage, faces, part.mesh)
@@ -187,11 +189,11 @@ def _condense(part: Substructure) -> tuple[Condensed, Recovery]:
         unknowns=continuum.size,
         held=faces.held,
     )
-    return condensed, Recovery(continuum=continuum, basis=basis)
+    return condensed, DisplacementRecovery(continuum=continuum, basis=basis)
 
 
 def _reading(
-    continuum: Continuum, reading: Reading, centre: tuple[float, float], motion: Array
+    continuum: Continuum, reading: PointReading, centre: tuple[float, float], motion: Array
 ) -> Array:
     """Displacement of a point; where there is no material, of what rides on the mean motion."""
     along = (math.cos(reading.direction), math.sin(reading.direction))
@@ -214,7 +216,10 @@ def _seam(part: Substructure, points: NeckPoints) -> NDArray[np.int64]:
 
 
 def surface_stress(continuum: Continuum, points: NeckPoints, u: Array) -> Array:
-    """Return the stress of many displacements of a plane part at the points of its notches."""
+    """Return the stress of many displacements of a plane part at the points of its notches.
+
+    Components xx, yy, zz, xy [Pa], shape (m, 4, r), of displacements u, shape (n, r).
+    """
     r = u.shape[1]
     if not len(points.places):
         return np.zeros((0, 4, r))

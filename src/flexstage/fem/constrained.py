@@ -31,6 +31,9 @@ class Constrained:
               \begin{bmatrix}\lambda\\ a\end{bmatrix}
               = \begin{bmatrix} q - P K^+ f\\ -R^T f\end{bmatrix},
               \quad u = K^+ f + X\lambda + R a
+
+    The part is in its plane, P from `flexstage.fem.traction.shaped`, shape (m, n); `blocks` are for
+    each neck the numbers of its rows without resultant. Loads and displacements are one a column.
     """
 
     def __init__(
@@ -80,7 +83,10 @@ class Constrained:
             )
 
     def mean_motion(self, at: tuple[float, float]) -> Array:
-        """Return the mean motion of the body: the rigid one nearest to its own in mean square."""
+        """Return the mean motion of the body: the rigid one nearest to its own in mean square.
+
+        x, y and rotation for each unknown, shape (3, n).
+        """
         motion: Array = np.zeros((3, self.continuum.size))
         motion += np.linalg.solve(self.rigid.T @ self.weighted, self.weighted.T)
         motion[0] -= at[1] * motion[2]
@@ -88,7 +94,10 @@ class Constrained:
         return motion
 
     def loose(self, load: Array) -> Array:
-        """Return the response to the balanced part of loads, free of rigid motions."""
+        """Return the response to the balanced part of loads, free of rigid motions.
+
+        Of a body that is held, the response to all of the load.
+        """
         rigid, weighted = self._balance
         u = np.zeros_like(load)
         u[self._free] = self._factor.solve((load - weighted @ (rigid.T @ load))[self._free])
@@ -102,7 +111,10 @@ class Constrained:
         return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
 
     def interface_shapes(self) -> tuple[Array, Array]:
-        """Return displacements for unit motions of the interfaces, and the stiffness."""
+        """Return displacements for unit motions of the interfaces, and the stiffness.
+
+        Shapes (n, m) and (m, m).
+        """
         m = len(self.P)
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
@@ -114,7 +126,11 @@ class Constrained:
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held, by simultaneous iteration."""
+        """Return the lowest modes with the interfaces held, by simultaneous iteration.
+
+        Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with unit modal
+        mass, shape (n, count).
+        """
         mass_times = self.continuum.mass_times
         size = self.continuum.size
         if not count or not len(self.P):
@@ -135,7 +151,11 @@ class Constrained:
         raise ConvergenceError("the modes of a body with held interfaces were not found")
 
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
-        """Return responses to loads with held interfaces, less the part that modes have in them."""
+        """Return responses to loads with held interfaces, less the part that modes have in them.
+
+        Loads are one a row here, shape (k, n). Returns displacements, shape (n, k), and their
+        stiffness, shape (k, k).
+        """
         whole = self.held(loads.T)
         share = modes.T @ loads.T
         rest = share / squares[:, None]

@@ -26,9 +26,9 @@ class Joint:
     """The bodies of a stage, joined."""
 
     K: Array
-    """Stiffness and mass, shape (n, n)."""
+    """Stiffness, shape (n, n)."""
     M: Array
-    """Stiffness and mass, shape (n, n)."""
+    """Mass, shape (n, n)."""
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
     drives: dict[str, Array]
@@ -77,6 +77,8 @@ def _scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
 
 def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]) -> Joint:
     """Join condensed bodies.
+
+    The drives are removed.
 
     Notes
     -----
@@ -280,7 +282,12 @@ def _drives(
 
 
 def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the lowest modes of a stage and its static responses to drives, probes and loads."""
+    """Return the lowest modes of a stage and its static responses to drives, probes and loads.
+
+    Returns the frequencies of the new coordinates [rad/s], shape (r,), of which the first `count`
+    are natural ones; what they move, with unit modal mass, shape (n, r); and which of them are
+    modes, shape (r,).
+    """
     # columns of unit mass: metres, radians and modes become comparable
     size = 1.0 / np.sqrt(np.diag(joint.M))
     try:

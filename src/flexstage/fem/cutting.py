@@ -8,9 +8,9 @@ from typing import Literal
 
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.ports import Supports
-from flexstage.fem.substructure import Neck, Patch, Reading, Substructure
+from flexstage.fem.substructure import CutNeck, LoadPatch, PointReading, Substructure
 from flexstage.hinges import Profile, plane_state
-from flexstage.hinges.compliance import PlaneState
+from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.outline import Point
@@ -37,7 +37,10 @@ class Placed:
 
 
 def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[PlaneState, ...]:
-    """Choose plane stress or plane strain for every notch."""
+    """Choose plane stress or plane strain for every notch.
+
+    One for each hinge; ``auto`` is by width against neck.
+    """
     return tuple(
         plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges
@@ -53,6 +56,9 @@ def cut_free(
     supports: Supports = "rigid",
 ) -> tuple[Placed, ...]:
     """Cut a stage at its necks.
+
+    `modes` are those of each body with held interfaces; with `supports` ``rigid`` a drive that
+    reacts on a fixed body stands on the ground.
 
     Examples
     --------
@@ -110,15 +116,15 @@ _Move = Callable[[Point], Point]
 
 def _touched(
     stage: Stage, body: Body, near: _Move, supports: Supports
-) -> dict[Patch, list[tuple[str, int]]]:
+) -> dict[LoadPatch, list[tuple[str, int]]]:
     """Find the patches of a body; drives that touch it alike share one."""
-    found: dict[Patch, list[tuple[str, int]]] = {}
+    found: dict[LoadPatch, list[tuple[str, int]]] = {}
     if body.fixed and supports == "rigid":
         return found
     for drive in stage.drives:
         for which in (0, 1):
             if _side(drive, which) == body.name:
-                patch = Patch(
+                patch = LoadPatch(
                     at=near(drive.at[which]),
                     direction=drive.direction,
                     half_width=drive.patch_half_width,
@@ -131,11 +137,11 @@ def _side(drive: Drive, which: int) -> str:
     return (drive.pushes, drive.reacts)[which]
 
 
-def _read(stage: Stage, body: Body, near: _Move) -> dict[Reading, list[tuple[str, float]]]:
+def _read(stage: Stage, body: Body, near: _Move) -> dict[PointReading, list[tuple[str, float]]]:
     """Find the readings of a body, each with the probes that use it and their sign."""
-    found: dict[Reading, list[tuple[str, float]]] = {}
+    found: dict[PointReading, list[tuple[str, float]]] = {}
     for probe in stage.probes:
-        reading = Reading(at=near(probe.at), direction=probe.direction)
+        reading = PointReading(at=near(probe.at), direction=probe.direction)
         for name, sign in ((probe.body, 1.0), (probe.relative_to, -1.0)):
             if name == body.name:
                 found.setdefault(reading, []).append((probe.name, sign))
@@ -150,8 +156,8 @@ def _moved_circle(circle: Circle, near: _Move) -> Circle:
     return replace(circle, centre=near(circle.centre))
 
 
-def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> Neck:
-    return Neck(
+def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> CutNeck:
+    return CutNeck(
         at=near(hinge.at),
         direction=hinge.direction,
         which=hinge.bodies.index(body.name),

@@ -9,7 +9,7 @@ from netgen.occ import Glue, TopoDS_Shape
 from flexstage.elasticity import face
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import StageError
-from flexstage.fem.names import (
+from flexstage.fem.mesh_regions import (
     MOUNTING,
     body_region,
     neck_edge,
@@ -30,7 +30,7 @@ STRAINED = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Patch:
+class DrivePatch:
     """Where a drive touches a body."""
 
     drive: str
@@ -52,22 +52,25 @@ class StageFaces:
     """Faces of a stage, or of some of its bodies with their half notches."""
 
     shape: TopoDS_Shape
-    """The faces, glued; regions and edges are named as in `flexstage.fem.names`."""
-    patches: tuple[Patch, ...]
+    """The faces, glued; regions and edges are named as in `flexstage.fem.mesh_regions`."""
+    patches: tuple[DrivePatch, ...]
     """Where drives touch them."""
     held: str
     """What holds the fixed bodies, in words; empty where none is fixed."""
 
 
-def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[Patch, ...]:
-    """Return the patches of a drive on some bodies."""
+def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
+    """Return the patches of a drive on some bodies.
+
+    Those of its two patches whose body is among them.
+    """
     by_name = {b.name: b for b in bodies}
     found = []
     for which, name in enumerate((drive.pushes, drive.reacts)):
         if name in by_name:
             at = drive.at[which]
             ends = _stretch(by_name[name], at, drive.patch_half_width)
-            found.append(Patch(drive=drive.name, which=which, body=name, at=at, ends=ends))
+            found.append(DrivePatch(drive=drive.name, which=which, body=name, at=at, ends=ends))
     return tuple(found)
 
 
@@ -131,7 +134,11 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
 
 
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
-    """Return the faces of a stage: one for each body and one for each half notch."""
+    """Return the faces of a stage: one for each body and one for each half notch.
+
+    Of some bodies alone, each with the half notches that it owns, where their names are given. Of a
+    whole stage it is an error too that nothing holds a body.
+    """
     if bodies is None:
         _require_held(stage)
     kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
@@ -167,7 +174,7 @@ def _name_edges(
     stage: Stage,
     glued: TopoDS_Shape,
     bodies: list[Body],
-    touched: tuple[Patch, ...],
+    touched: tuple[DrivePatch, ...],
     halves: list[tuple[Hinge, int]],
 ) -> str:
     """Give every edge that means something its name; say what holds the fixed bodies."""

@@ -51,6 +51,9 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
 
     with the six rigid motions R about a point. The same rows are the loads of unit forces and
     moments at that point that leave the interface free to deform.
+
+    Displacements [m] and rotations [rad] for each degree of freedom, shape (6, n); the point is in
+    metres, and `boundary` a regular expression.
     """
     _check(continuum, boundary)
     fields = _rigid_fields(at)
@@ -82,6 +85,11 @@ def interface_stiffness(
     A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
     free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
     as a rigid motion is. The part between rigid interfaces is always the stiffer.
+
+    Forces [N] and moments about the point `at` [N m] over displacements [m] and rotations [rad],
+    shape (6, 6). `moving` and `held` are regular expressions. For rigid interfaces both must be
+    among the held boundaries of the part; for mean ones nothing may be held, and a `shift` must be
+    given, of any size below its lowest natural frequency.
 
     Examples
     --------
@@ -166,6 +174,10 @@ def interface_ratio(
     continuum: Continuum, apart: tuple[str, str], output: str, held: str, *, rigid: bool = True
 ) -> MotionRatio:
     """Return how an interface moves while two others are pushed apart by opposite forces.
+
+    All are regular expressions: `apart` the ends of a drive, along the line through whose centroids
+    the forces act, `output` the one whose motion is wanted. The part is as of
+    `interface_stiffness`; rigid interfaces are all four of them, and must not touch.
 
     Examples
     --------
@@ -263,6 +275,9 @@ def interface_modes(
     The mean motion of each interface is kept at nothing by forces that are spread over it; the
     interface itself may deform. With P the mean motions and :math:`A = (K + sM)^{-1}`,
     the operator that is iterated is :math:`A - A P^T (P A P^T)^{-1} P A`.
+
+    Returns omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count), of a
+    part with a shift.
     """
     for name in held:
         _check(continuum, name)

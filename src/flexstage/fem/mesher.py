@@ -59,6 +59,8 @@ def generate(task: MeshTask) -> object | None:
     as long as that shows thinner places: from each triangle rays go inwards to where the surface
     looks back at them. A few elements that curving would fold can be straightened; where many are,
     the mesh is made anew with more elements to a radius.
+
+    None where curving folds many elements of every mesh that was tried.
     """
     at, sizes = np.zeros((0, 3)), np.zeros(0)
     thinnest = np.inf
@@ -110,6 +112,8 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     The curved shape is written as the straight one and a hierarchical polynomial displacement: what
     edges and faces add beyond the corners can then be taken back element by element, and neighbours
     still fit.
+
+    Returns False where they are too many.
     """
     rule = ng.IntegrationRule(ng.ET.TET, 2 * order)
     bad = _folded(mesh, rule)
@@ -139,7 +143,11 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
 
 
 def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
-    """Return where the body behind a meshed surface is thinner than a limit."""
+    """Return where the body behind a meshed surface is thinner than a limit.
+
+    In the mesh's unit; the normals of the surface look outwards. Returns places on it, shape (k,
+    3), and the thickness below each, shape (k,).
+    """
     points = surface.Coordinates()  # type: ignore[attr-defined]
     corners = np.array(
         [[p.nr - 1 for p in e.vertices[:3]] for e in surface.Elements2D()]  # type: ignore[attr-defined]
@@ -154,7 +162,12 @@ def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
 
 
 def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limit: float) -> Array:
-    """Return how far rays go to the first triangle that looks back at them."""
+    """Return how far rays go to the first triangle that looks back at them.
+
+    Corners of the triangles, shape (t, 3, 3), and their unit normals; `starts`, shape (n, s, 3),
+    lie side by side with one unit direction each, shape (n, 3). Infinity where there is none within
+    the limit, shape (n, s).
+    """
     a, ab, ac = (
         triangles[:, 0],
         triangles[:, 1] - triangles[:, 0],

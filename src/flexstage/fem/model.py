@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import ngsolve as ng
 import numpy as np
+from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
@@ -21,20 +23,22 @@ from flexstage.fem.ports import (
     drive_vector,
     probe_vector,
 )
-from flexstage.fem.projection import project
-from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
 from flexstage.system import STANDARD_GRAVITY, MechanicalSystem, StressMap
 from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
 
+# what is left of a response once the others are taken out of it, below which it is rounding
+_DEPENDENT = 1e-12
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Half:
-    """A continuum and what of the system's coordinates moves it.
+class UncoupledProblem:
+    """Motion in the plane of a stage, or out of it: a continuum and what coordinates move it.
 
-    A stage in its plane has one. In three dimensions it has two: motion in the plane, which is
-    symmetric about the middle of the plate, and motion out of it, which is the opposite.
+    A model in the plane has one. In three dimensions there are two that know nothing of each other:
+    motion in the plane, which is symmetric about the middle of the plate, and motion out of it,
+    which is the opposite. Each is solved on the upper half of the plate.
     """
 
     continuum: Continuum
@@ -55,8 +59,8 @@ class StageModel:
     """The stage."""
     system: MechanicalSystem
     """The system that it was projected on."""
-    halves: tuple[Half, ...]
-    """The continua behind it."""
+    problems: tuple[UncoupledProblem, ...]
+    """The problem in the plane and, in three dimensions, the one out of it."""
     mesh_settings: MeshSettings
     """How fine the mesh is."""
 
@@ -64,16 +68,16 @@ class StageModel:
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns of one half, the largest system that is factorised."""
-        return max(h.continuum.size for h in self.halves)
+        """Number of unknowns of one problem, the largest system that is factorised."""
+        return max(h.continuum.size for h in self.problems)
 
     @property
     def elements(self) -> int:
         """Number of elements of the mesh."""
-        return int(self.halves[0].continuum.mesh.ne)
+        return int(self.problems[0].continuum.mesh.ne)
 
-    def displacement(self, q: Array) -> list[tuple[Half, ng.GridFunction]]:
-        """Return the displacement on the mesh of each half.
+    def displacement(self, q: Array) -> list[tuple[UncoupledProblem, ng.GridFunction]]:
+        """Return the displacement on the mesh in each problem.
 
         Parameters
         ----------
@@ -83,9 +87,9 @@ class StageModel:
         Returns
         -------
         list of tuple
-            Each half and its displacement [m].
+            Each problem and its displacement [m].
         """
-        return [(half, half.continuum.field(half.basis @ q)) for half in self.halves]
+        return [(p, p.continuum.field(p.basis @ q)) for p in self.problems]
 
 
 def _temperature(stage: Stage, masses: Mapping[str, MassProperties]) -> dict[str, object]:
@@ -108,7 +112,7 @@ def _loads(
     *,
     out_of_plane: bool,
 ) -> dict[str, tuple[Array, str]]:
-    """Loads on the whole stage that move this half, by name, with the unit that they are for."""
+    """Loads on the whole stage of this problem, by name, with the unit that they are for."""
     found: dict[str, tuple[Array, str]] = {}
     for axis, direction in (
         (("z", (0.0, 0.0, 1.0)),)
@@ -142,26 +146,35 @@ def assemble(
     choices: Mapping[str, str],
     supports: Supports,
 ) -> StageModel:
-    """Project continua of a stage on one system."""
+    """Project continua of a stage on one system.
+
+    Each of `continua` is a continuum, the number of its modes, and whether it moves out of the
+    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies
+    give way under drives that react on them.
+    """
     masses = mass_properties(stage)
-    halves: list[_HalfSystem] = []
+    uncoupled: list[_UncoupledSystem] = []
     for i, (continuum, count, out) in enumerate(continua):
-        with share(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
-            halves.append(
-                _half(stage, faces, masses, continuum, count, out_of_plane=out, supports=supports)
+        with progress.subtask(0.1 + 0.9 * i / len(continua), 0.1 + 0.9 * (i + 1) / len(continua)):
+            uncoupled.append(
+                _uncoupled(
+                    stage, faces, masses, continuum, count, out_of_plane=out, supports=supports
+                )
             )
-    omega = np.concatenate([h.omega for h in halves])
-    sizes = [h.omega.size for h in halves]
+    omega = np.concatenate([h.omega for h in uncoupled])
+    sizes = [h.omega.size for h in uncoupled]
     offsets = np.cumsum([0, *sizes])
-    halves_kept = []
-    for i, h in enumerate(halves):
+    problems = []
+    for i, h in enumerate(uncoupled):
         basis = np.zeros((h.continuum.size, omega.size))
         basis[:, offsets[i] : offsets[i + 1]] = h.basis
-        halves_kept.append(
-            Half(continuum=h.continuum, basis=basis, out_of_plane=h.out, points=h.points)
+        problems.append(
+            UncoupledProblem(
+                continuum=h.continuum, basis=basis, out_of_plane=h.out, points=h.points
+            )
         )
 
-    first = halves[0]
+    first = uncoupled[0]
     zeros = [np.zeros(s) for s in sizes[1:]]
     drives = tuple(
         DrivePort(
@@ -181,7 +194,7 @@ def assemble(
         for i, p in enumerate(stage.probes)
     ]
     loads: list[LoadPort] = []
-    for i, h in enumerate(halves):
+    for i, h in enumerate(uncoupled):
         for key, (vector, unit) in h.loads.items():
             parts = [np.zeros(s) for s in sizes]
             parts[i] = vector
@@ -204,11 +217,11 @@ def assemble(
     )
     stress = StressMap(
         hinges=first.points.hinges,
-        matrix=np.concatenate([h.stress for h in halves], axis=2),
+        matrix=np.concatenate([h.stress for h in uncoupled], axis=2),
         owner=first.points.owner,
         point=first.points.point,
     )
-    names = [t for h in halves for t in h.coordinates]
+    names = [t for h in uncoupled for t in h.coordinates]
     system = MechanicalSystem(
         name=stage.name,
         model=name,
@@ -227,13 +240,13 @@ def assemble(
     return StageModel(
         stage=stage,
         system=system,
-        halves=tuple(halves_kept),
+        problems=tuple(problems),
         mesh_settings=settings,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _HalfSystem:
+class _UncoupledSystem:
     """What one continuum gives to the system, in its own coordinates."""
 
     continuum: Continuum
@@ -250,7 +263,7 @@ class _HalfSystem:
     stress: Array
 
 
-def _half(
+def _uncoupled(
     stage: Stage,
     faces: StageFaces,
     masses: Mapping[str, MassProperties],
@@ -259,7 +272,7 @@ def _half(
     *,
     out_of_plane: bool,
     supports: Supports,
-) -> _HalfSystem:
+) -> _UncoupledSystem:
     attached = attached_masses(continuum, stage)
     loads = _loads(continuum, stage, masses, attached, out_of_plane=out_of_plane)
     none = np.zeros((0, continuum.size))
@@ -279,7 +292,7 @@ def _half(
     vectors = [*drives, *probes, *lifts.values(), *(v for v, _ in loads.values())]
     right = np.array(vectors).reshape(-1, continuum.size).T
     omega, basis, is_mode = project(continuum, right, count, attached)
-    tell("stress", 0.85)
+    progress.update("stress", 0.85)
     points = neck_points(continuum, stage)
     where = "out of plane, " if out_of_plane else ""
     coordinates = [
@@ -291,7 +304,7 @@ def _half(
     bodies = {}
     if not out_of_plane:
         bodies = {n: body_motion(continuum, stage, n, p.centre) @ basis for n, p in masses.items()}
-    return _HalfSystem(
+    return _UncoupledSystem(
         continuum=continuum,
         omega=omega,
         basis=basis,
@@ -305,3 +318,62 @@ def _half(
         points=points,
         stress=neck_stress(continuum, points, basis),
     )
+
+
+def project(
+    continuum: Continuum,
+    loads: Array,
+    count: int,
+    attached: Sequence[AttachedMass] = (),
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    r"""Project a continuum on its lowest modes and on its static responses to some loads.
+
+    Statics under these loads are exact, and so are the modes; drives that are put in place or
+    locked afterwards act through their own static responses, which is what residual attachment
+    modes are for (R. H. MacNeal, Computers & Structures 1 (1971) 581; S. Rubin, AIAA J. 13 (1975)
+    995).
+
+    Loads are one a column, shape (n, k). Returns the frequencies of all coordinates [rad/s], shape
+    (r,), of which the first `count` are natural ones; their displacements, with unit modal mass,
+    shape (n, r); and which of them are modes, shape (r,).
+    """
+    with progress.subtask(0.0, 0.3):
+        continuum.factorise()
+    with progress.subtask(0.3, 0.75):
+        omega, shapes = continuum.modes(count, attached=attached)
+    modal_mass = _mass(continuum, attached, shapes)
+    progress.update("static responses", 0.75)
+    response = continuum.solve(loads)
+    # take the modes out, then what the responses share
+    within = modal_mass.T @ response
+    rest = response - shapes @ within
+    stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
+    mass_rest = _mass(continuum, attached, rest)
+    own = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
+    left = np.einsum("ij,ij->j", rest, mass_rest)
+    kept = np.flatnonzero(left > _DEPENDENT * own)
+    if not kept.size:
+        return omega, shapes, np.ones(count, dtype=bool)
+    size = np.sqrt(left[kept])
+    rest, mass_rest, stiff_rest = (a[:, kept] / size for a in (rest, mass_rest, stiff_rest))
+    gram = rest.T @ mass_rest
+    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+    good = values > _DEPENDENT * values.max()
+    basis = vectors[:, good] / np.sqrt(values[good])
+    stiffness = basis.T @ (rest.T @ stiff_rest) @ basis
+    squares, turn = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    residual = rest @ (basis @ turn)
+    all_omega = np.concatenate((omega, np.sqrt(np.clip(squares, 0.0, None))))
+    is_mode = np.arange(all_omega.size) < count
+    return all_omega, np.column_stack((shapes, residual)), is_mode
+
+
+def _effective(continuum: Continuum, loads: Array) -> Array:
+    return np.where(continuum.free[:, None], loads, 0.0)
+
+
+def _mass(continuum: Continuum, attached: Sequence[AttachedMass], u: Array) -> Array:
+    total = continuum.mass_times(u)
+    for rider in attached:
+        total = total + rider.motion.T @ (rider.inertia[:, None] * (rider.motion @ u))
+    return total

@@ -11,7 +11,7 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.stress import COMPONENTS
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
-from flexstage.fem.names import exactly, surface_edge
+from flexstage.fem.mesh_regions import exactly, surface_edge
 from flexstage.stage import Stage
 
 # along an element's edge; its ends lie on vertices, where the elements beside it are averaged
@@ -40,7 +40,10 @@ class NeckPoints:
 
 
 def neck_points(continuum: Continuum, stage: Stage) -> NeckPoints:
-    """Return the points at which the stress of the notches is looked for."""
+    """Return the points at which the stress of the notches is looked for.
+
+    They lie along every element's edge or face on the surface of a notch.
+    """
     rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in _ALONG])}
     if continuum.dimension == 3:
         rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in _ALONG for t in _ALONG])}
@@ -73,7 +76,11 @@ def _rule(points: list[tuple[float, float, float]]) -> ng.IntegrationRule:
 def neck_stress(
     continuum: Continuum, points: NeckPoints, u: Array, temperature: float = 0.0
 ) -> Array:
-    """Return the stress at the points of the notches."""
+    """Return the stress at the points of the notches.
+
+    Components xx, yy, zz, yz, xz, xy [Pa], shape (m, 6) or, of r displacements, (m, 6, r);
+    `temperature` is a uniform change that goes with them [K].
+    """
     if not points.owner.size:
         return np.zeros((0, 6, *u.shape[1:]))
     if u.ndim == 2:

@@ -16,9 +16,89 @@ from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError, StageError
-from flexstage.fem.part_face import PartFace, box_of, face_of
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.material import Material
+
+# kinds of surface by their number in the text form of a shape (Open CASCADE, "BRep Format")
+_KINDS = (
+    *("", "plane", "cylinder", "cone", "sphere", "torus", "extrusion", "revolution"),
+    *("bezier", "bspline", "trimmed", "offset"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartFace:
+    """A face of a part."""
+
+    name: str
+    """Its name, which the boundary of the mesh bears too; faces may share one."""
+    kind: str
+    """``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ..."""
+    area: float
+    """Its area [m^2]."""
+    centre: tuple[float, ...]
+    """Its centroid [m]."""
+    normal: tuple[float, ...] | None
+    """Outward unit normal of a plane; None of any other."""
+    low: tuple[float, ...]
+    """Lowest corner of the box about it [m]."""
+    high: tuple[float, ...]
+    """Highest corner of the box about it [m]."""
+    bodies: tuple[str, ...]
+    """Names of the solids that it bounds: of two that are joined there, or of one."""
+    forward: bool
+    """Whether the normal of its surface, by its coordinates, looks out of the first of them."""
+
+
+def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the lowest and the highest corner [m] of the box about a shape in millimetres."""
+    low, high = shape.bounding_box
+    return (
+        (low.x / METRE, low.y / METRE, low.z / METRE),
+        (high.x / METRE, high.y / METRE, high.z / METRE),
+    )
+
+
+def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
+    """Measure a face.
+
+    It has a name and is in millimetres; `bodies` are the solids that it bounds.
+    """
+    kind, forward = _kind(shape)
+    normal = None
+    if kind == "plane":
+        normal = tuple((c if forward else -c) + 0.0 for c in tuple(shape.surf.Normal(0.0, 0.0)))
+    low, high = box_of(shape)
+    centre = shape.center
+    return PartFace(
+        name=str(shape.name),
+        kind=kind,
+        area=shape.mass / METRE**2,
+        centre=(centre.x / METRE, centre.y / METRE, centre.z / METRE),
+        normal=normal,
+        low=low,
+        high=high,
+        bodies=bodies,
+        forward=forward,
+    )
+
+
+def _kind(shape: TopoDS_Shape) -> tuple[str, bool]:
+    """Return the kind of surface of a face, and whether its normal looks out of the solid.
+
+    Only the text form of a shape tells: the kind as a number after the heading ``Surfaces``, and
+    the orientation as the sign of the last shape.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "face.brep"
+        shape.WriteBrep(str(file))
+        text = file.read_text("latin-1")
+    # a trimmed surface (10) is followed by its basis on the next line
+    found = re.search(r"^Surfaces \d+\s+(?:10 [^\n]*\n)?(\d+) ", text, re.MULTILINE)
+    number = int(found[1]) if found else 0
+    kind = _KINDS[number] if 0 < number < len(_KINDS) else "surface"
+    return kind, text.split()[-2].startswith("+")
+
 
 _NEAR = 1e-6  # faces at one level, and flat faces, to this part of the part's size
 _NO_NAME = {"", "NONE", "none"}  # what programs write where a face has none
@@ -40,7 +120,10 @@ class Part:
 
     @classmethod
     def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
-        """Name the solids and faces of a shape and measure them."""
+        """Name the solids and faces of a shape and measure them.
+
+        One solid, or solids that share faces (as `netgen.occ.Glue` makes them), in millimetres.
+        """
         solids = list(shape.solids)
         if not solids:
             raise StageError(
@@ -103,7 +186,10 @@ class Part:
     # ------------------------------------------------------------------ faces
 
     def face_at(self, point: Sequence[float]) -> str:
-        """Return the name of the face that is nearest to a point."""
+        """Return the name of the face that is nearest to a point.
+
+        The point is in metres; on the edge of two faces with different names it is refused.
+        """
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
         found = sorted(
             (f.Distance(vertex), face.name)
@@ -120,7 +206,11 @@ class Part:
         return found[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
-        """Return the names of the plane faces at one end of the part."""
+        """Return the names of the plane faces at one end of the part.
+
+        Of all plane faces that look outwards along the axis ``x``, ``y`` or ``z`` those that lie
+        lowest (``min``) or highest (``max``), in the order of the file.
+        """
         if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
             raise StageError(
                 f"faces are selected by an axis x, y or z and an end min or max, got {axis!r} "
@@ -156,6 +246,8 @@ class Part:
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
+        It is in millimetres; the mesher is given up after `limit` seconds of computing time.
+
         Examples
         --------
         >>> from netgen.occ import Box
@@ -173,7 +265,14 @@ class Part:
 
 
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
-    """Read a part from a STEP file."""
+    """Read a part from a STEP file.
+
+    Whatever its unit of length, the geometry kernel turns it into millimetres. `solid` are those to
+    take of several, by number, counted from 0, or by name; ``all`` keeps all of them, and several
+    are joined where they touch. Faces and solids that have no name in the file are called
+    ``face1``, ..., ``body1``, ... in its order. Refused are no STEP file or one that is not whole,
+    no solid, one without volume, several of which none is chosen, and several that overlap.
+    """
     path = Path(path)
     shape = _load(path)
     solids = list(shape.solids)

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ng
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
-from flexstage.errors import StageError
-from flexstage.fem.bodies import Bodies
+from flexstage.elasticity import Continuum
+from flexstage.errors import ModelError, StageError
 from flexstage.fem.interface import (
     MotionRatio,
     afford,
@@ -21,7 +22,52 @@ from flexstage.fem.part import Part
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.material import Material
-from flexstage.progress import share, tell
+
+
+class Bodies(Continuum):
+    """A part in three dimensions whose regions are of different materials.
+
+    `materials` gives each region's by its name. `held` is the regular expression of the boundaries
+    that are held, `held_components` those held in one direction, by ``x``, ``y``, ``z``; the mesh
+    is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
+
+    Notes
+    -----
+    Loads by volume (gravity, temperature) are those of one material and are not given here.
+    """
+
+    def __init__(
+        self,
+        mesh: ng.Mesh,
+        materials: Mapping[str, Material],
+        *,
+        order: int,
+        held: str = "",
+        held_components: Mapping[str, str] | None = None,
+        shift: float = 0.0,
+    ) -> None:
+        regions = list(mesh.GetMaterials())
+        lacking = [name for name in regions if name not in materials]
+        if lacking:
+            raise ModelError(
+                f"region '{lacking[0]}' has no material: materials are given for "
+                f"{', '.join(materials) or 'none'}"
+            )
+        of = [materials[name] for name in regions]
+        super().__init__(
+            mesh, of[0], order=order, held=held, held_components=held_components, shift=shift
+        )
+        shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
+        first = [
+            2.0 * g * m.poissons_ratio / (1.0 - 2.0 * m.poissons_ratio)
+            for g, m in zip(shear, of, strict=True)
+        ]
+        # Both only ever multiply fields on the mesh, so that they may differ from region to region.
+        self.lame = ng.CoefficientFunction(first)
+        self.shear_modulus = ng.CoefficientFunction(shear)  # type: ignore[assignment]
+        self.material = replace(of[0], name=" + ".join(dict.fromkeys(m.name for m in of)))
+        self._density = self._volume * ng.CoefficientFunction([m.density for m in of])
+
 
 #: Kinds of interfaces.
 INTERFACES = ("rigid", "mean")
@@ -60,9 +106,9 @@ class PartAnalysis:
     order: int
     """Polynomial order of the displacement."""
     elements: int
-    """Elements and unknowns of the mesh."""
+    """Elements of the mesh."""
     unknowns: int
-    """Elements and unknowns of the mesh."""
+    """Unknowns of the mesh."""
     expected: PartEstimate
     """What they were expected to be, and to cost."""
     held: tuple[str, ...]
@@ -79,6 +125,9 @@ class PartAnalysis:
 
 def named_faces(part: Part, text: str) -> tuple[str, ...]:
     """Return the faces that a text names.
+
+    Names with commas between; ``x-min``, ``z-max`` and so on stand for the plane faces at that end
+    of the part.
 
     Examples
     --------
@@ -126,6 +175,13 @@ def analyse_part(
 ) -> PartAnalysis:
     """Analyse a part.
 
+    Faces are given by name: `hold` none for a part that floats, `move` those whose stiffness is
+    wanted about `at` [m] (their centroid where None), `ratio` two ends that are pushed apart and
+    the faces whose motion by it is wanted. ``rigid`` interfaces move as if stiff plates were welded
+    to them; ``mean`` ones may deform, and it is their mean motion that counts. The displacement has
+    the order of the mesh. `force` goes on even where the memory seems not to suffice; `expect` is
+    told what the mesh will be and cost, before it is made.
+
     Notes
     -----
     Validity: small displacements, isotropic materials; bodies that share a face are joined there.
@@ -142,14 +198,14 @@ def analyse_part(
         expect(expected)
     if not force:
         require_room(part, chosen, expected)
-    tell("mesh")
+    progress.update("mesh")
     made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
     results: dict[str, InterfaceResult] = {}
     for k, kind in enumerate(kinds):
-        with share(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
+        with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
             floating = None
             if kind != "rigid":
                 floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
@@ -249,19 +305,19 @@ def _with_rigid_interfaces(
 
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
-        with share(0.0, 0.5):
+        with progress.subtask(0.0, 0.5):
             body = held()
             frequency = _hertz(body.modes(wanted.modes)[0])
             body.release()
     if wanted.moved:
-        with share(0.5, 0.75):
-            tell("stiffness")
+        with progress.subtask(0.5, 0.75):
+            progress.update("stiffness")
             body = held(wanted.moved)
             stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at)
             body.release()
     if wanted.ratio:
-        with share(0.75, 1.0):
-            tell("ratio")
+        with progress.subtask(0.75, 1.0):
+            progress.update("ratio")
             body = held(*wanted.ratio)
             ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held)
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
@@ -271,12 +327,12 @@ def _with_mean_interfaces(body: Bodies, wanted: _Wanted) -> InterfaceResult:
     """Solve with the one factorisation of the floating part."""
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
-        with share(0.0, 0.5):
+        with progress.subtask(0.0, 0.5):
             frequency = _hertz(interface_modes(body, [wanted.held], wanted.modes)[0])
     if wanted.moved:
-        tell("stiffness", 0.5)
+        progress.update("stiffness", 0.5)
         stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at, rigid=False)
     if wanted.ratio:
-        tell("ratio", 0.75)
+        progress.update("ratio", 0.75)
         ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=False)
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)

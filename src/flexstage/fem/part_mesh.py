@@ -57,12 +57,12 @@ class PartMesh:
                 raise ModelError(f"a mesh size must be positive [m], got {value!r}")
 
     def largest(self, diagonal: float) -> float:
-        """Return the largest element of a part."""
+        """Return the largest element [m] of a part whose box has a diagonal [m]."""
         return self.size if self.size is not None else 0.25 * diagonal
 
 
 def diagonal(shape: TopoDS_Shape) -> float:
-    """Return the diagonal of the box about a shape."""
+    """Return the diagonal of the box about a shape, in the shape's unit."""
     low, high = shape.bounding_box
     return math.dist((low.x, low.y, low.z), (high.x, high.y, high.z))
 
@@ -71,6 +71,9 @@ def mesh_shape(
     shape: TopoDS_Shape, settings: PartMesh, source: str, *, limit: float | None = None
 ) -> ng.Mesh:
     """Mesh solids with curved tetrahedra.
+
+    The mesh is in millimetres, as the shape; `limit` is the computing time after which the mesher
+    is given up [s], where the system can do so.
 
     Notes
     -----

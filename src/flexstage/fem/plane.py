@@ -2,17 +2,16 @@
 
 from typing import Literal
 
+from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
-from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.mesh import MeshSettings, sound_mesh
+from flexstage.fem.mesh_regions import MOUNTING, either, notch_region
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.names import MOUNTING, either, notch_region
 from flexstage.fem.ports import Supports
-from flexstage.fem.quality import sound_mesh
 from flexstage.hinges import Leaf, plane_state
-from flexstage.hinges.compliance import PLANE_RULE, PlaneState
-from flexstage.progress import tell
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.system import ModalDamping
 
@@ -21,7 +20,10 @@ MODES = 16
 
 
 def strained_notches(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[str, str]:
-    """Choose the regions in plane strain."""
+    """Choose the regions in plane strain.
+
+    Returns their regular expression, empty for none, and the choice in words.
+    """
     chosen = {
         h.name: plane_state(stage.thickness, h.profile.neck_thickness) if plane == "auto" else plane
         for h in stage.hinges
@@ -74,7 +76,7 @@ def plane_model(
     stages are within 0.1 % in transmission ratio and 1 % in frequency.
     """
     settings = settings or MeshSettings()
-    tell("mesh")
+    progress.update("mesh")
     faces = stage_faces(stage)
     mesh = sound_mesh(stage, faces, settings)
     strain, words = strained_notches(stage, plane)

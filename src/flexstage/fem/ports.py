@@ -11,8 +11,8 @@ from flexstage.arrays import Array
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.geometry import Patch
-from flexstage.fem.names import body_region, either, exactly, notch_region, patch_edge
+from flexstage.fem.geometry import DrivePatch
+from flexstage.fem.mesh_regions import body_region, either, exactly, notch_region, patch_edge
 from flexstage.stage import Drive, Probe, Stage
 
 #: Whether the fixed bodies give way under the drives that react on them.
@@ -28,14 +28,22 @@ def body_regions(stage: Stage, body: str) -> str:
 
 
 def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
-    """Return displacement and rotation of a body in the plane, about a point."""
+    """Return displacement and rotation of a body in the plane, about a point.
+
+    x, y [m] and rotation [rad], shape (3, n): the rigid motion nearest to the body's. The middle
+    plane is at z = 0.
+    """
     centre = at if continuum.dimension == 2 else (*at, 0.0)
     _, motion = continuum.rigid_motion(body_regions(stage, body), centre)
     return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
 
 
 def _patch_vector(
-    continuum: Continuum, stage: Stage, patch: Patch, direction: tuple[float, float], reach: float
+    continuum: Continuum,
+    stage: Stage,
+    patch: DrivePatch,
+    direction: tuple[float, float],
+    reach: float,
 ) -> Array:
     """Mean displacement of a patch along a direction."""
     if patch.ends is not None:
@@ -63,13 +71,16 @@ def drive_vector(
     continuum: Continuum,
     stage: Stage,
     drive: Drive,
-    patches: Iterable[Patch],
+    patches: Iterable[DrivePatch],
     supports: Supports = "rigid",
 ) -> Array:
     r"""Return the elongation of a drive, :math:`d^T (\bar u_{push} - \bar u_{react})`.
 
     The bars are means over the patches. Where the reacting patch lies beside the line of action
     the rotation of its body carries it there, as force and reaction share one line.
+
+    Shape (n,). `patches` may be those of all drives; with `supports` ``rigid`` a drive that reacts
+    on a fixed body stands on the ground, with ``elastic`` that body gives way under it.
     """
     along = (math.cos(drive.direction), math.sin(drive.direction))
     aside = (-along[1], along[0])
@@ -120,7 +131,10 @@ def _reading(
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
-    """Return what is mounted on the bodies of a stage and is not of the plate."""
+    """Return what is mounted on the bodies of a stage and is not of the plate.
+
+    Each rides on the mean motion of its body.
+    """
     riders = []
     for body in stage.bodies:
         if body.fixed:

@@ -18,19 +18,14 @@ from flexstage.elasticity.stress import COMPONENTS, von_mises_of
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem.cells import (
-    lattice,
-    lattice_size,
-    loops,
-    merged,
-    sizes,
-    triangles,
-    turned,
-    wedges,
-)
 from flexstage.fem.mesh import MIDDLE
-from flexstage.fem.model import Half, StageModel
-from flexstage.fem.names import body_region, exactly, notch_region
+from flexstage.fem.mesh_regions import body_region, exactly, notch_region
+from flexstage.fem.model import StageModel, UncoupledProblem
+
+# Corners nearer than this [m] are one; the mesher's tolerance is a hundred times as large, and
+# rounding moves a corner by a millionth of it.
+_SAME = 1e-9
+
 
 # Where the stress has the opposite sign below the middle plane: yz and xz.
 _ODD = np.array([0, 0, 0, 1, 1, 0], dtype=bool)
@@ -68,7 +63,7 @@ class Sample:
         return von_mises_of(self.stress)
 
     def moved(self, factor: float = 1.0) -> Array:
-        """Return where the corners go to."""
+        """Return where the corners go to [m], shape (n, 3), motion exaggerated by a factor."""
         return self.points + factor * self.displacement
 
 
@@ -123,7 +118,7 @@ class Sampler:
     @property
     def mesh(self) -> ng.Mesh:
         """The mesh [mm]."""
-        return self.model.halves[0].continuum.mesh
+        return self.model.problems[0].continuum.mesh
 
     @property
     def solid(self) -> bool:
@@ -200,16 +195,19 @@ class Sampler:
         return loops(self._cells.cells)
 
     def read(self, q: Array, *, stress: bool = True) -> Sample:
-        """Return displacement and stress at the corners."""
+        """Return displacement and stress at the corners.
+
+        q are the coordinates of the system, shape (r,).
+        """
         cells = self._cells
         total = np.zeros((cells.below.size, 3))
         parts = np.zeros((cells.below.size, 6)) if stress else None
-        for half, u in self.model.displacement(q):
-            if not (half.basis @ q).any():
+        for problem, u in self.model.displacement(q):
+            if not (problem.basis @ q).any():
                 continue
-            total += self._displacement(half, u)
+            total += self._displacement(problem, u)
             if parts is not None:
-                parts += self._stress(half, q)
+                parts += self._stress(problem, q)
         return Sample(
             points=cells.points,
             cells=cells.cells,
@@ -219,8 +217,12 @@ class Sampler:
         )
 
     def neck_peak(self, q: Array, hinge: str) -> tuple[Array, float]:
-        """Return where the surface of a notch bears most, and how much."""
-        stress, points = self.model.system.stress, self.model.halves[0].points
+        """Return where the surface of a notch bears most, and how much.
+
+        Returns the point [m], shape (3,), and its equivalent stress [Pa]: the one that the system
+        gives as the largest of this hinge.
+        """
+        stress, points = self.model.system.stress, self.model.problems[0].points
         if stress is None or stress.point is None or hinge not in stress.hinges:
             raise ModelError(f"the model has no hinge '{hinge}'")
         own = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
@@ -233,23 +235,23 @@ class Sampler:
         worst = int(np.argmax(equivalent))
         return points.position[own[first[worst]]], float(equivalent[worst])
 
-    def _displacement(self, half: Half, u: ng.GridFunction) -> Array:
+    def _displacement(self, problem: UncoupledProblem, u: ng.GridFunction) -> Array:
         found = self._evaluate(u)
         if found.shape[1] == 2:
             found = np.column_stack((found, np.zeros(found.shape[0])))
         if not self.solid:
             return found
         # symmetric about the middle plane, or the opposite
-        mirror = (1.0, 1.0, -1.0) if not half.out_of_plane else (-1.0, -1.0, 1.0)
+        mirror = (1.0, 1.0, -1.0) if not problem.out_of_plane else (-1.0, -1.0, 1.0)
         return np.concatenate((found, found * mirror))
 
-    def _stress(self, half: Half, q: Array) -> Array:
-        tensor = half.continuum.stress(half.basis @ q)
+    def _stress(self, problem: UncoupledProblem, q: Array) -> Array:
+        tensor = problem.continuum.stress(problem.basis @ q)
         six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
         found = self._evaluate(six, inside=True)
         if not self.solid:
             return found
-        mirror = np.where(half.out_of_plane == _ODD, 1.0, -1.0)
+        mirror = np.where(problem.out_of_plane == _ODD, 1.0, -1.0)
         return np.concatenate((found, found * mirror))
 
     def _evaluate(self, function: ng.CoefficientFunction, *, inside: bool = False) -> Array:
@@ -273,3 +275,107 @@ class Sampler:
 
 def _ones(points: Sequence[object]) -> list[float]:
     return [1.0] * len(points)
+
+
+def lattice(n: int) -> list[tuple[float, float]]:
+    """Return points of a triangle whose edges are divided evenly.
+
+    The triangle is (0, 0), (1, 0), (0, 1), each edge has n parts, and the points are row by row.
+    """
+    return [(i / n, j / n) for j in range(n + 1) for i in range(n + 1 - j)]
+
+
+def lattice_size(n: int) -> int:
+    """Return the number of points of `lattice`.
+
+    Examples
+    --------
+    >>> lattice_size(4)
+    15
+    """
+    return (n + 1) * (n + 2) // 2
+
+
+def triangles(n: int) -> Integers:
+    """Return the triangles between the points of `lattice`: indices of corners, shape (n^2, 3)."""
+    start = [j * (n + 1) - j * (j - 1) // 2 for j in range(n + 2)]
+    found = []
+    for j in range(n):
+        for i in range(n - j):
+            a, above = start[j] + i, start[j + 1] + i
+            found.append((a, a + 1, above))
+            if i < n - j - 1:
+                found.append((a + 1, above + 1, above))
+    return np.array(found, dtype=np.intp)
+
+
+def wedges(base: Integers, count: int, layers: int) -> Integers:
+    """Return wedges over triangles, in layers.
+
+    `base` are the corners of the triangles in the lowest layer, shape (m, 3); a layer has `count`
+    points. Indices of their corners, shape (m layers, 6).
+    """
+    levels = [np.hstack((base + k * count, base + (k + 1) * count)) for k in range(layers)]
+    return np.concatenate(levels)
+
+
+def sizes(points: Array, cells: Integers) -> Array:
+    """Return area of triangles or volume of wedges between level planes.
+
+    The area [m^2] is positive of triangles that turn left about +z, the volume [m^3] of wedges
+    whose first face looks outwards; corners (m, 3) or (m, 6), shape (m,).
+    """
+    a, b, c = (points[cells[:, i]] for i in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    if cells.shape[1] == 3:
+        return area
+    return area * (a - points[cells[:, 3]])[:, 2]
+
+
+def turned(points: Array, cells: Integers) -> Integers:
+    """Order the corners of cells so that none has a negative size."""
+    wrong = sizes(points, cells) < 0.0
+    order = [0, 2, 1] if cells.shape[1] == 3 else [0, 2, 1, 3, 5, 4]
+    return np.where(wrong[:, None], cells[:, order], cells)
+
+
+def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
+    """Keep points that lie in one place once.
+
+    Points of different groups `apart`, shape (n,), stay apart. Returns the points that are kept,
+    and which of them each point is, shape (n,).
+    """
+    key = np.column_stack((apart, np.rint(points / _SAME).astype(np.int64)))
+    order = np.lexsort(key.T)
+    key = key[order]
+    new = np.ones(order.size, dtype=bool)
+    new[1:] = (key[1:] != key[:-1]).any(axis=1)
+    corner = np.empty(order.size, dtype=np.intp)
+    corner[order] = np.cumsum(new) - 1
+    return points[order[new]], corner
+
+
+def loops(cells: Integers) -> tuple[Integers, ...]:
+    """Chain the edges that one triangle alone has.
+
+    The triangles turn left, shape (m, 3), and lie to the left of the lines; the first corner of a
+    line is not repeated as last.
+    """
+    edges = np.concatenate((cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]))
+    size = int(cells.max()) + 1
+    forth, back = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
+    alone = edges[~np.isin(forth, back)]
+    following: dict[int, list[int]] = {}
+    for a, b in alone.tolist():
+        following.setdefault(a, []).append(b)
+    found = []
+    while following:
+        at, loop = next(iter(following)), []
+        while at in following:
+            loop.append(at)
+            ends = following[at]
+            at = ends.pop()
+            if not ends:
+                del following[loop[-1]]
+        found.append(np.array(loop, dtype=np.intp))
+    return tuple(found)

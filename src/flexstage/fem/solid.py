@@ -1,14 +1,14 @@
 """A stage in three dimensions: layers of curved prisms through half of its thickness."""
 
+from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.memory import require_memory
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh
+from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.names import MOUNTING
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
-from flexstage.progress import tell
 from flexstage.stage import Stage
 
 #: Modes that are kept besides the static responses, in the plane and out of it.
@@ -59,7 +59,7 @@ def solid_model(
     mounting holes are held over their whole depth.
     """
     settings = settings or MeshSettings()
-    tell("mesh")
+    progress.update("mesh")
     faces = stage_faces(stage)
     mesh = prism_mesh(stage, faces, settings)
     inside, outside = (

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.elasticity.buckling import buckling
@@ -11,9 +12,8 @@ from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.elasticity.loaded import stress_stiffening
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
-from flexstage.fem.model import Half, StageModel
+from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.ports import Supports, body_motion, drive_vector
-from flexstage.progress import share, tell
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.characteristics import axis_mode
@@ -100,23 +100,23 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     """
     if steps < 3:
         raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
-    stage, half = model.stage, model.halves[0]
-    continuum = half.continuum
+    stage, problem = model.stage, model.problems[0]
+    continuum = problem.continuum
     row = _drive_row(model, axis.drive)
     probe = stage.probe(axis.probe)
     platform = body_motion(continuum, stage, probe.body, probe.at)
     if probe.relative_to is not None:
         platform = platform - body_motion(continuum, stage, probe.relative_to, probe.at)
     values = np.linspace(0.0, axis.input_displacement, steps)[1:]
-    with share(0.0, 0.7):
-        tell("large displacement")
+    with progress.subtask(0.0, 0.7):
+        progress.update("large displacement")
         path = follow_drive(continuum, row, values)
     moved = np.concatenate((np.zeros((1, 3)), path.displacement @ platform.T))
     c, s = np.cos(probe.direction), np.sin(probe.direction)
-    tell("stiffening", 0.7)
-    frequency = _frequency_at(model, half, axis, path.displacement[-1])
-    tell("buckling", 0.85)
-    found = buckling(continuum, half.basis @ axis.static.q, locked=row)
+    progress.update("stiffening", 0.7)
+    frequency = _frequency_at(model, problem, axis, path.displacement[-1])
+    progress.update("buckling", 0.85)
+    found = buckling(continuum, problem.basis @ axis.static.q, locked=row)
     factor = float(found.positive[0]) if found.positive.size else np.inf
     continuum.release()
     return FiniteStroke(
@@ -136,29 +136,34 @@ def _drive_row(model: StageModel, name: str) -> Array:
     drive = stage.drive(name)
     supports: Supports = "elastic" if model.system.settings["supports"] == "elastic" else "rigid"
     touched = patches(drive, stage.bodies)
-    return drive_vector(model.halves[0].continuum, stage, drive, touched, supports)
+    return drive_vector(model.problems[0].continuum, stage, drive, touched, supports)
 
 
-def _frequency_at(model: StageModel, half: Half, axis: AxisAnalysis, u: Array) -> float:
+def _frequency_at(
+    model: StageModel, problem: UncoupledProblem, axis: AxisAnalysis, u: Array
+) -> float:
     """Frequency of the mode at a loaded state that moves the axis most."""
     stage = model.stage
     probe = stage.probe(axis.probe)
     drive = _drive_row(model, axis.drive)
-    motion = body_motion(half.continuum, stage, probe.body, probe.at)
+    motion = body_motion(problem.continuum, stage, probe.body, probe.at)
     read = np.cos(probe.direction) * motion[0] + np.sin(probe.direction) * motion[1]
-    omega, shapes = stress_stiffening(half.continuum, u, 4)
+    omega, shapes = stress_stiffening(problem.continuum, u, 4)
     gain = np.abs((read @ shapes) * (drive @ shapes)) / omega**2
     return float(omega[int(np.argmax(gain))] / (2.0 * np.pi))
 
 
 def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[FiniteStroke, ...]]:
-    """Add what finite displacements say to an analysis: straightness and buckling of each axis."""
+    """Add what finite displacements say to an analysis: straightness and buckling of each axis.
+
+    The model is in its plane.
+    """
     rows = list(analysis.characteristics)
     validity = list(analysis.validity)
     paths: list[FiniteStroke] = []
     for k, axis in enumerate(analysis.axes):
         try:
-            with share(k / len(analysis.axes), (k + 1) / len(analysis.axes)):
+            with progress.subtask(k / len(analysis.axes), (k + 1) / len(analysis.axes)):
                 path = follow_stroke(model, axis)
         except ConvergenceError as error:
             validity.append(f"Axis {axis.axis} could not be followed over its stroke: {error}.")

@@ -7,7 +7,7 @@ from importlib import metadata, resources
 
 from flexstage.fem.mesh import MeshSettings
 from flexstage.hinges import Profile
-from flexstage.hinges.compliance import PlaneState
+from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
 from flexstage.material import Material
 from flexstage.stage import Body, Circle, Force, Hinge, Loop, Probe, Stage
@@ -32,7 +32,7 @@ REFERENCE = Material(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Neck:
+class CutNeck:
     """A neck at which a body was cut from its neighbour."""
 
     at: Point
@@ -50,7 +50,7 @@ class Neck:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Patch:
+class LoadPatch:
     """Where a drive touches a body."""
 
     at: Point
@@ -62,7 +62,7 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class PointReading:
     """Where the motion of a body is read."""
 
     at: Point
@@ -86,11 +86,11 @@ class Substructure:
     """Its holes for bolts."""
     held: bool
     """Whether it is a fixed body, which is held by these holes."""
-    necks: tuple[Neck, ...]
+    necks: tuple[CutNeck, ...]
     """Where it was cut from its neighbours."""
-    patches: tuple[Patch, ...]
+    patches: tuple[LoadPatch, ...]
     """Where drives touch it."""
-    readings: tuple[Reading, ...]
+    readings: tuple[PointReading, ...]
     """Where it is read."""
     poissons_ratio: float
     """Poisson's ratio of its material [1]."""
@@ -102,16 +102,20 @@ class Substructure:
     """Number of modes with held interfaces."""
 
     def key(self) -> str:
-        """Return a hash of all that its condensation depends on, the software included."""
+        """Return the SHA-256 of all that its condensation depends on, the software included."""
         # the text of a float is that of no other float
         return hashlib.sha256(f"{_software()} {self!r}".encode()).hexdigest()
 
     def material(self) -> Material:
-        """Return the material that it is condensed with."""
+        """Return what it is condensed with: `REFERENCE` with its own Poisson's ratio."""
         return replace(REFERENCE, poissons_ratio=self.poissons_ratio)
 
     def stage(self) -> Stage:
-        """Return a stage of which it is a body, for the mesher."""
+        """Return a stage of which it is a body, for the mesher.
+
+        The body is `BODY`, its hinges, drives and probes are named by their number; the body at
+        their other ends has no meaning.
+        """
         nothing = Body(name=_REST, outline=Loop(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))))
         body = Body(
             name=BODY,

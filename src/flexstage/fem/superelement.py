@@ -10,6 +10,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.errors import ModelError
@@ -21,8 +22,7 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.plane import common_validity
 from flexstage.fem.ports import Supports
 from flexstage.fem.substructure import REFERENCE
-from flexstage.hinges.compliance import PLANE_RULE, PlaneState
-from flexstage.progress import tell
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
 from flexstage.system import MechanicalSystem, StressMap
@@ -80,7 +80,11 @@ class SuperelementModel:
         return sum(c.elements for c in self.condensed)
 
     def interface_system(self) -> MechanicalSystem:
-        """Return the system whose coordinates are the motions of the interfaces."""
+        """Return the system whose coordinates are the motions of the interfaces.
+
+        Three for each neck, one for each patch of a drive, the modes of the bodies and the inner
+        responses to loads: larger than `system`.
+        """
         identity = np.eye(len(self.joint.coordinates))
         return _system(
             self.stage,
@@ -92,7 +96,11 @@ class SuperelementModel:
         )
 
     def displacement(self, q: Array, bodies: Iterable[str] | None = None) -> list[BodyField]:
-        """Return the displacement on the meshes of bodies, which are made anew for it."""
+        """Return the displacement on the meshes of bodies, which are made anew for it.
+
+        q are the coordinates of `system`, shape (r,). All bodies are given where none are named, in
+        the order of the stage.
+        """
         wanted = None if bodies is None else set(bodies)
         found = []
         joined = self.basis @ q
@@ -238,7 +246,7 @@ def _condensed(
     ready: dict[str, Condensed] = {}
     found, built = [], []
     for i, p in enumerate(placed):
-        tell("bodies", i / len(placed))
+        progress.update("bodies", i / len(placed))
         key = p.part.key()
         if key not in ready:
             entry = None if cache is None else cache.load(key)

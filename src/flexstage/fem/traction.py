@@ -11,15 +11,19 @@ from numpy.polynomial import Legendre, Polynomial
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.unit import METRE
-from flexstage.fem.names import exactly, neck_edge
-from flexstage.fem.substructure import Neck
+from flexstage.fem.mesh_regions import exactly, neck_edge
+from flexstage.fem.substructure import CutNeck
 
 # Tractions without resultant go up to this degree; a neck is often one element wide.
 _HIGHEST = 6
 
 
-def edge_means(continuum: Continuum, necks: Sequence[Neck]) -> list[Array]:
-    """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement."""
+def edge_means(continuum: Continuum, necks: Sequence[CutNeck]) -> list[Array]:
+    """Return the means over necks of the powers of eta, -1 to 1 across, times a displacement.
+
+    For each neck for each unknown of one component, up to the power p of the order of the mesh,
+    shape (p + 1, n / 2); the necks are named by their number.
+    """
     mesh = continuum.mesh
     scalar = ng.H1(mesh, order=continuum.order)
     names = [exactly(neck_edge(str(i))) for i in range(len(necks))]
@@ -72,8 +76,13 @@ def _weights(degree: int) -> tuple[Array, Array, Array]:
     return table(beam), table(normal), table(shear)
 
 
-def neck_rows(neck: Neck, means: Array) -> tuple[Array, Array, Array]:
-    """Return means of the displacement over a neck."""
+def neck_rows(neck: CutNeck, means: Array) -> tuple[Array, Array, Array]:
+    """Return means of the displacement over a neck.
+
+    Of `edge_means`: those that do work with the tractions of a beam, along, across and the
+    rotation, shape (3, n); those with normal and with shear tractions that have no resultant,
+    shapes (k, n).
+    """
     c, s = math.cos(neck.direction), math.sin(neck.direction)
     tables = _weights(means.shape[0] - 1)
     turns = 2.0 / neck.profile.neck_thickness
@@ -96,6 +105,11 @@ def shaped(P: Array, X: Array, blocks: Sequence[tuple[int, int]]) -> tuple[Array
     nothing, and a shear force moves all of the neck alike across and leaves its normal traction
     nothing. The tractions without resultant that make it so are a part of each:
     :math:`\lambda_e = -F_{ee}^{-1} F_{er} \lambda_r` with the flexibility F of the neck.
+
+    P are the rows of `neck_rows` for each neck in turn, and after them any others, shape (m, n), X
+    the responses to them as loads, shape (n, m), and `blocks` for each neck the numbers of its
+    normal and shear rows without resultant. Returns rows, three for each neck and then the others,
+    shape (k, n), and responses, shape (n, k).
     """
     flexibility = P @ X
     count = len(P)

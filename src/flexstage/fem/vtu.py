@@ -3,11 +3,9 @@
 Points are in metres, as displacements are, so that a shape warped by a factor is exaggerated by it.
 """
 
-import base64
 import csv
 import io
 import re
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -16,14 +14,12 @@ from numpy.typing import NDArray
 from flexstage.errors import ModelError
 from flexstage.fem.model import StageModel
 from flexstage.fem.sampling import Sample, Sampler
+from flexstage.fem.vtk_format import CELL_TYPES, GRID, HEAD, Values, data_array
 from flexstage.system import Analysis, DriveCondition
 
-_TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
-_TRIANGLE, _WEDGE = 5, 13  # cell types of the format
 # of a symmetric tensor the format has xx, yy, zz, xy, yz, xz; ours is xx, yy, zz, yz, xz, xy
 _ORDER = [0, 1, 2, 5, 3, 4]
 _NAMES = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
-_HEAD = '<?xml version="1.0"?>\n'
 
 
 def vtu_files(
@@ -34,6 +30,15 @@ def vtu_files(
     drives: DriveCondition = "removed",
 ) -> dict[str, bytes]:
     """Return statics and modes of a finite-element model as files.
+
+    By name. ``static-AXIS.vtu`` for each axis at full stroke: ``displacement`` [m], ``von_mises``
+    [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``: ``displacement`` as a part
+    of the largest [1], with the frequency [Hz] as field data; ``modes.pvd`` opens all modes, the
+    number of each as its time. Every cell has its ``region`` and its ``body``, numbers whose names
+    stand in ``regions.csv``.
+
+    `divisions` are parts of each edge of an element: where None its order but 4 at most in the
+    plane, and 2 in three dimensions. `drives` is their condition for the modes.
 
     Notes
     -----
@@ -46,7 +51,7 @@ def vtu_files(
             f"{', '.join(analysis.modes)}"
         )
     if divisions is None:
-        solid = model.halves[0].continuum.dimension == 3
+        solid = model.problems[0].continuum.dimension == 3
         divisions = 2 if solid else min(model.mesh_settings.order, 4)
     sampler = Sampler(model=model, divisions=divisions, extent="whole", seams=True)
     files = {}
@@ -99,17 +104,15 @@ def _grid(
 ) -> bytes:
     """Write an unstructured grid; `about` goes into its field data."""
     count, corners = sample.cells.shape
-    kind = _TRIANGLE if corners == 3 else _WEDGE
     bodies = np.array([sampler.bodies[name] for name in sampler.regions], dtype=np.int64)
     general = [_array(name, np.array([value])) for name, value in about.items()]
     cells = [
         _array("connectivity", sample.cells.ravel()),
         _array("offsets", corners * np.arange(1, count + 1)),
-        _array("types", np.full(count, kind, dtype=np.uint8)),
+        _array("types", np.full(count, CELL_TYPES[corners], dtype=np.uint8)),
     ]
     parts = [
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64" compressor="vtkZLibDataCompressor">',
+        GRID,
         "<UnstructuredGrid>",
         f"<FieldData>{''.join(general)}</FieldData>",
         f'<Piece NumberOfPoints="{sample.points.shape[0]}" NumberOfCells="{count}">',
@@ -120,25 +123,13 @@ def _grid(
         "</CellData>",
         "</Piece></UnstructuredGrid></VTKFile>\n",
     ]
-    return (_HEAD + "\n".join(parts)).encode()
+    return (HEAD + "\n".join(parts)).encode()
 
 
 def _array(name: str, values: NDArray) -> str:
-    """Write numbers: a header of one block, and the block, compressed."""
-    kind = values.dtype.kind
-    wide = {"f": "<f8", "i": "<i8", "u": "|u1"}[kind]
-    raw = np.ascontiguousarray(values, dtype=wide).tobytes()
-    packed = zlib.compress(raw, 6)
-    header = np.array([1, len(raw), 0, len(packed)], dtype="<u8").tobytes()
-    width = values.shape[1] if values.ndim == 2 else 1
-    labels = ""
-    if width == 6:
-        labels = "".join(f' ComponentName{i}="{n}"' for i, n in enumerate(_NAMES))
-    data = base64.b64encode(header).decode() + base64.b64encode(packed).decode()
-    return (
-        f'<DataArray type="{_TYPES[kind]}" Name="{name}" NumberOfComponents="{width}"{labels}'
-        f' NumberOfTuples="{values.shape[0]}" format="binary">{data}</DataArray>'
-    )
+    """Write numbers; those of a symmetric tensor have names."""
+    components = _NAMES if values.ndim == 2 and values.shape[1] == 6 else ()
+    return data_array(name, Values(values=values, components=components))
 
 
 def _regions(sampler: Sampler) -> bytes:
@@ -158,7 +149,7 @@ def _collection(files: Sequence[str]) -> bytes:
         for k, name in enumerate(files, start=1)
     )
     text = (
-        f'{_HEAD}<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
+        f'{HEAD}<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
         f"<Collection>\n{sets}</Collection></VTKFile>\n"
     )
     return text.encode()

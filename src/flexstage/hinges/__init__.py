@@ -11,14 +11,11 @@ if TYPE_CHECKING:
         closed_form_compliance,
         closed_forms,
     )
-    from flexstage.hinges.compliance import (
-        HingeCompliance,
-        compliance,
-        plane_state,
-    )
+    from flexstage.hinges.compliance import compliance
     from flexstage.hinges.concentration import concentration
     from flexstage.hinges.corner_filleted import CornerFilleted
     from flexstage.hinges.elliptical import Elliptical
+    from flexstage.hinges.hinge_spring import HingeCompliance, plane_state
     from flexstage.hinges.hyperbolic import Hyperbolic
     from flexstage.hinges.leaf import Leaf
     from flexstage.hinges.parabolic import Parabolic

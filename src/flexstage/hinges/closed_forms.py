@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from flexstage.errors import HingeError
-from flexstage.hinges import lobontiu, paros_weisbord
+from flexstage.hinges import circular_forms as circular
 from flexstage.hinges import other_forms as other
-from flexstage.hinges.compliance import PlaneState, plane_moduli, plane_state
+from flexstage.hinges.hinge_spring import PlaneState, plane_moduli, plane_state
 from flexstage.hinges.profile import Profile
 
 _BEAM = "slender beam: too stiff where t/R is not small"
@@ -51,20 +51,20 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
             equals="euler-bernoulli",
         )
         for name, quantity, function in (
-            ("Paros and Weisbord 1965", "rotation", paros_weisbord.paros_weisbord_rotation),
-            ("Paros and Weisbord 1965", "axial", paros_weisbord.paros_weisbord_axial),
-            ("Paros and Weisbord 1965", "shear", paros_weisbord.paros_weisbord_shear),
-            ("Wu and Zhou 2002", "rotation", other.wu_zhou_rotation),
-            ("Wu and Zhou 2002", "axial", other.wu_zhou_axial),
-            ("Lobontiu 2003", "rotation", lobontiu.lobontiu_rotation),
-            ("Lobontiu 2003", "axial", lobontiu.lobontiu_axial),
+            ("Paros and Weisbord 1965", "rotation", circular.paros_weisbord_rotation),
+            ("Paros and Weisbord 1965", "axial", circular.paros_weisbord_axial),
+            ("Paros and Weisbord 1965", "shear", circular.paros_weisbord_shear),
+            ("Wu and Zhou 2002", "rotation", circular.wu_zhou_rotation),
+            ("Wu and Zhou 2002", "axial", circular.wu_zhou_axial),
+            ("Lobontiu 2003", "rotation", circular.lobontiu_rotation),
+            ("Lobontiu 2003", "axial", circular.lobontiu_axial),
         )
     ),
     ClosedForm(
         name="Lobontiu 2003",
         kind="circular",
         quantity="shear",
-        function=lobontiu.lobontiu_shear,
+        function=circular.lobontiu_shear,
         arguments=_CIRCLE,
         equals="timoshenko",
         takes_poisson=True,
@@ -73,7 +73,7 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
         name="Paros and Weisbord 1965, simplified",
         kind="circular",
         quantity="rotation",
-        function=paros_weisbord.paros_weisbord_simplified_rotation,
+        function=circular.paros_weisbord_simplified_rotation,
         arguments=_CIRCLE,
         validity="thin neck: -1.3 % at t/R = 0.05, -11 % at 0.8",
     ),
@@ -81,7 +81,7 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
         name="Paros and Weisbord 1965, simplified",
         kind="circular",
         quantity="axial",
-        function=paros_weisbord.paros_weisbord_simplified_axial,
+        function=circular.paros_weisbord_simplified_axial,
         arguments=_CIRCLE,
         validity="thin neck: -12 % at t/R = 0.05, -58 % at 0.8",
     ),
@@ -89,7 +89,7 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
         name="Schotborgh et al. 2005",
         kind="circular",
         quantity="rotation",
-        function=other.schotborgh_rotation,
+        function=circular.schotborgh_rotation,
         arguments=_CIRCLE,
         validity="fit, t/R from 0.05 to 0.8: -2.6 to +5.7 %",
     ),
@@ -97,7 +97,7 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
         name="Schotborgh et al. 2005",
         kind="circular",
         quantity="axial",
-        function=other.schotborgh_axial,
+        function=circular.schotborgh_axial,
         arguments=_CIRCLE,
         validity="fit, t/R from 0.05 to 0.8: -1 to +5 %",
     ),
@@ -118,19 +118,19 @@ CLOSED_FORMS: tuple[ClosedForm, ...] = (
                 "corner-filleted",
                 _FILLET,
                 "rotation",
-                lobontiu.lobontiu_corner_filleted_rotation,
+                other.lobontiu_corner_filleted_rotation,
             ),
             (
                 "Lobontiu et al. 2001",
                 "corner-filleted",
                 _FILLET,
                 "axial",
-                lobontiu.lobontiu_corner_filleted_axial,
+                other.lobontiu_corner_filleted_axial,
             ),
-            ("Lobontiu et al. 2002", "parabolic", _HALF, "rotation", lobontiu.parabolic_rotation),
-            ("Lobontiu et al. 2002", "parabolic", _HALF, "axial", lobontiu.parabolic_axial),
-            ("Lobontiu et al. 2002", "hyperbolic", _HALF, "rotation", lobontiu.hyperbolic_rotation),
-            ("Lobontiu et al. 2002", "hyperbolic", _HALF, "axial", lobontiu.hyperbolic_axial),
+            ("Lobontiu et al. 2002", "parabolic", _HALF, "rotation", other.parabolic_rotation),
+            ("Lobontiu et al. 2002", "parabolic", _HALF, "axial", other.parabolic_axial),
+            ("Lobontiu et al. 2002", "hyperbolic", _HALF, "rotation", other.hyperbolic_rotation),
+            ("Lobontiu et al. 2002", "hyperbolic", _HALF, "axial", other.hyperbolic_axial),
         )
     ),
     ClosedForm(

@@ -56,7 +56,11 @@ _STEP = {
 
 
 def end_of_wedge(profile: Profile, nu: float, side: float) -> Array:
-    """Return what the end of the wedge solution adds: Poisson's part, less the overlap."""
+    """Return what the end of the wedge solution adds: Poisson's part, less the overlap.
+
+    About the neck, times E b, shape (3, 3). `side` is 1 for the end in body b, -1 for that in body
+    a; `nu` is that of the plane problem.
+    """
     height = profile.root_height
     offset = 0.5 * profile.depth if profile.one_sided else 0.0
     force, shear, moment = _forces(0.5 * profile.length, offset, side)
@@ -81,7 +85,11 @@ def end_of_wedge(profile: Profile, nu: float, side: float) -> Array:
 
 
 def sharp_step(profile: Profile, side: float) -> Array:
-    """Return what a sharp step at the root adds to the compliance of a notch."""
+    """Return what a sharp step at the root adds to the compliance of a notch.
+
+    About the neck, times E b, shape (3, 3); the step is at the end of the part of constant
+    thickness. `side` is 1 for the end in body b, -1 for that in body a.
+    """
     t = profile.neck_thickness
     ratio = t / profile.root_height
     powers = (1.0 - ratio) ** np.arange(1.0, 6.0)

@@ -29,8 +29,8 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.threads import parallel
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import HingeError
-from flexstage.hinges.compliance import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.half_mesh import half_mesh, half_notch_on_block
+from flexstage.hinges.hinge_spring import ROOT_REACH, HingeCompliance, PlaneState, plane_moduli
 from flexstage.hinges.profile import Array, Profile
 from flexstage.material import Material
 
@@ -60,9 +60,9 @@ class SurfaceStress:
     bending: tuple[float, float]
     """The same on 6 M/(b t^2) [1]."""
     largest_axial: tuple[float, float]
-    """The same where it is largest along the surface, wherever that is [1]."""
+    """Factor on N/(b t) where it is largest along the surface, wherever that is [1]."""
     largest_bending: tuple[float, float]
-    """The same where it is largest along the surface, wherever that is [1]."""
+    """The same on 6 M/(b t^2) [1]."""
     largest_shear: tuple[float, float]
     """Largest factor on V/(b t) of a shear force that has no moment about the neck [1]."""
 
@@ -82,6 +82,11 @@ def condensed_compliance(
     With `root_widths` it holds the notch, what the two roots do to the bodies, and the bodies' own
     bending as strips over `reach`; without it, the notch alone, on blocks of the height of its
     root. The notch is in the given plane state, alone to its end; bodies are in plane stress.
+
+    `root_widths` below the height of the root count as that, and above 100 of them as 100 [m].
+    `reach` is how far into body a and body b their own bending counts, in heights of the root [1]:
+    0 beside bodies that are elastic themselves. A neck below 0.005 of the notch's length or height
+    is refused.
 
     Notes
     -----
@@ -124,6 +129,9 @@ def surface_stress(
     root_width: float | None = None,
 ) -> SurfaceStress:
     """Return the stress along the surface of a notch, by plane finite elements.
+
+    `root_width` is the width of the bodies behind the roots [m], that of the root where None. A
+    contour with a sharp corner at the end of its neck is refused: the stress is infinite there.
 
     Notes
     -----
@@ -172,6 +180,9 @@ def condensed_stress_rows(
     root_width: float | None = None,
 ) -> Array:
     """Return what `flexstage.hinges.stress_rows` does, with factors by plane finite elements.
+
+    Shape (2, 3), or (4, 3) for a notch with a flat part [1/m^2, 1/m^2, 1/m^3]. `root_width` and
+    refusals are those of `surface_stress`.
 
     Examples
     --------

@@ -68,7 +68,10 @@ class HalfNotch(NamedTuple):
     """Distance of the block's end from the neck [1]."""
 
     def as_beam(self, end: float, poisson: float) -> Array:
-        """The compliance about the neck of the block as a beam with shear, from the root on."""
+        """The compliance about the neck of the block as a beam with shear, from the root on.
+
+        It counts up to `end` from the neck; times E b, shape (3, 3).
+        """
         x, w, e = self.root, self.width, self.middle
         # integrals of 1, x and x^2
         i0, i1, i2 = end - x, (end**2 - x**2) / 2.0, (end**3 - x**3) / 3.0
@@ -84,7 +87,11 @@ class HalfNotch(NamedTuple):
 
 
 def half_notch_on_block(profile: Profile, width: float, length: float) -> HalfNotch:
-    """Return the measures of the half of a notch on a block."""
+    """Return the measures of the half of a notch on a block.
+
+    The block is `width` heights of the root wide and `length` of its widths long. The measures are
+    rounded, so that a notch and its enlargement have one mesh.
+    """
     height = profile.root_height
     root = round(0.5 * profile.length / height, 12)
     return HalfNotch(
@@ -97,7 +104,12 @@ def half_notch_on_block(profile: Profile, width: float, length: float) -> HalfNo
 
 
 def half_mesh(profile: Profile, half: HalfNotch, fineness: float) -> ng.Mesh:
-    """Mesh the half of a notch and its block."""
+    """Mesh the half of a notch and its block.
+
+    Regions ``notch`` and ``body``; edges ``neck``, ``left``, ``right`` (the surfaces of the notch)
+    and ``end``; points ``low`` and ``high`` at the ends of the neck. It is not yet curved;
+    `fineness` divides the size of the elements.
+    """
     t, x0, e, w, x1 = half.neck, half.root, half.middle, half.width, half.end
     left = _contour(profile, 1.0)
     right = _contour(profile, -1.0)

@@ -6,8 +6,9 @@ from typing import Any
 
 from flexstage.errors import HingeError
 from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
-from flexstage.hinges.compliance import PlaneState, compliance, plane_state
+from flexstage.hinges.compliance import compliance
 from flexstage.hinges.concentration import concentration
+from flexstage.hinges.hinge_spring import PlaneState, plane_state
 from flexstage.hinges.profile import Profile
 from flexstage.hinges.stress import largest_rotation
 from flexstage.material import Material
@@ -27,6 +28,9 @@ def hinge_figures(
     notch: Profile, material: Material, width: float, plane: str = "auto"
 ) -> dict[str, Any]:
     """Return what is known of a notch, by every method, as plain data.
+
+    `width` is the thickness of the plate. Everything is in SI units: sizes, ``stiffness`` (a row
+    for each quantity and method), compliance, concentration of stress, largest rotation.
 
     Examples
     --------

@@ -1,91 +1,18 @@
-"""Closed forms by Wu and Zhou, Schotborgh and others, Smith and others, and O'Donnell."""
+"""Closed forms of the other notches: elliptical, corner-filleted, parabolic, hyperbolic, leaf.
+
+They take the neck thickness t, the sizes of the notch and the width b [m], and Young's modulus E
+or, in plane strain, E/(1 - nu^2) [Pa]. Sizes are the half length l and the depth c on a side; the
+length l, fillets included, and the radius r of fillets; the length l of a leaf. Rotation by a
+moment is in rad/(N m), extension by an axial force in m/N.
+"""
 
 import numpy as np
 
-from flexstage.hinges.paros_weisbord import paros_weisbord_axial
-
-
-def wu_zhou_rotation(neck_thickness: float, radius: float, modulus: float, width: float) -> float:
-    r"""Rotation of a circular notch: Y. Wu and Z. Zhou 2002.
-
-    .. math::
-
-        C = \frac{12}{EbR^2}\left[\frac{2s^3(6s^2+4s+1)}{(2s+1)(4s+1)^2}
-        + \frac{12s^4(2s+1)}{(4s+1)^{5/2}}\arctan\sqrt{4s+1}\right],\quad s = R/t
-
-    Review of Scientific Instruments 73 (2002) 3101.
-
-    Notes
-    -----
-    Validity: beam theory, an exact integral of it. Against plane finite elements
-    1.9 % too stiff at t/R = 0.05, 20 % at 0.8.
-    """
-    s = radius / neck_thickness
-    p = 4.0 * s + 1.0
-    first = 2.0 * s**3 * (6.0 * s**2 + p) / ((2.0 * s + 1.0) * p**2)
-    second = 12.0 * s**4 * (2.0 * s + 1.0) / p**2.5 * np.arctan(np.sqrt(p))
-    return float(12.0 * (first + second) / (modulus * width * radius**2))
-
-
-def wu_zhou_axial(neck_thickness: float, radius: float, modulus: float, width: float) -> float:
-    r"""Extension of a circular notch: Y. Wu and Z. Zhou 2002.
-
-    .. math::
-
-        C = \frac{1}{Eb}\left[\frac{2(2s+1)}{\sqrt{4s+1}}\arctan\sqrt{4s+1}
-        - \frac{\pi}{2}\right],\quad s = R/t
-
-    Review of Scientific Instruments 73 (2002) 3101.
-
-    Notes
-    -----
-    Validity: beam theory, an exact integral of it. Against plane finite elements
-    10 % too stiff at t/R = 0.05, 20 % at 0.8.
-    """
-    p = 4.0 * radius / neck_thickness + 1.0
-    arc = np.arctan(np.sqrt(p))
-    return float(((p + 1.0) / np.sqrt(p) * arc - 0.5 * np.pi) / (modulus * width))
-
-
-def schotborgh_rotation(
-    neck_thickness: float, radius: float, modulus: float, width: float
-) -> float:
-    r"""Rotation of a circular notch: W. O. Schotborgh et al. 2005, a fit to finite elements.
-
-    .. math::
-
-        C = \left\{\frac{Ebt^2}{12}\left[-0.0089 + 1.3556\sqrt{\frac{t}{2R}}
-        - 0.5227\,\frac{t}{2R}\right]\right\}^{-1}
-
-    W. O. Schotborgh, F. G. M. Kokkeler, H. Tragter, F. J. A. M. van Houten, Precision Engineering
-    29 (2005) 41.
-
-    Notes
-    -----
-    Validity: t/R from 0.05 to 0.8; against plane finite elements -2.6 to +5.7 %.
-    """
-    root = np.sqrt(0.5 * neck_thickness / radius)
-    share = -0.0089 + 1.3556 * root - 0.5227 * root**2
-    return float(12.0 / (modulus * width * neck_thickness**2 * share))
-
-
-def schotborgh_axial(neck_thickness: float, radius: float, modulus: float, width: float) -> float:
-    r"""Extension of a circular notch: W. O. Schotborgh et al. 2005, a fit to finite elements.
-
-    .. math::
-
-        C = \left\{Eb\left[0.0010 + 0.4162\sqrt{\frac{t}{2R}}
-        + 0.3546\,\frac{t}{2R}\right]\right\}^{-1}
-
-    W. O. Schotborgh, F. G. M. Kokkeler, H. Tragter, F. J. A. M. van Houten, Precision Engineering
-    29 (2005) 41.
-
-    Notes
-    -----
-    Validity: t/R from 0.05 to 0.8; against plane finite elements -1 to +5 %.
-    """
-    root = np.sqrt(0.5 * neck_thickness / radius)
-    return float(1.0 / (modulus * width * (0.0010 + 0.4162 * root + 0.3546 * root**2)))
+from flexstage.hinges.circular_forms import (
+    lobontiu_axial,
+    lobontiu_rotation,
+    paros_weisbord_axial,
+)
 
 
 def smith_rotation(
@@ -133,6 +60,124 @@ def smith_axial(
     """
     circle = paros_weisbord_axial(neck_thickness, notch_depth, modulus, width)
     return half_length / notch_depth * circle
+
+
+def lobontiu_corner_filleted_rotation(
+    neck_thickness: float, notch_length: float, fillet_radius: float, modulus: float, width: float
+) -> float:
+    r"""Rotation of a corner-filleted notch: N. Lobontiu et al. 2001.
+
+    .. math::
+
+        C = \frac{12}{Eb}\left[\frac{l-2r}{t^3} + \int_{circle}\frac{dx}{h^3}\right]
+
+    with the integral of N. Lobontiu's circular form: N. Lobontiu, J. S. N. Paine, E. Garcia,
+    M. Goldfarb, Journal of Mechanical Design 123 (2001) 346.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    flat = 12.0 * (notch_length - 2.0 * fillet_radius) / (modulus * width * neck_thickness**3)
+    return flat + lobontiu_rotation(neck_thickness, fillet_radius, modulus, width)
+
+
+def lobontiu_corner_filleted_axial(
+    neck_thickness: float, notch_length: float, fillet_radius: float, modulus: float, width: float
+) -> float:
+    r"""Extension of a corner-filleted notch: N. Lobontiu et al. 2001.
+
+    .. math::
+
+        C = \frac{1}{Eb}\left[\frac{l-2r}{t} + \frac{2(2r+t)}{\sqrt{t(4r+t)}}
+        \arctan\sqrt{1+\frac{4r}{t}} - \frac{\pi}{2}\right]
+
+    N. Lobontiu, J. S. N. Paine, E. Garcia, M. Goldfarb, Journal of Mechanical Design 123 (2001)
+    346.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    flat = (notch_length - 2.0 * fillet_radius) / (modulus * width * neck_thickness)
+    return flat + lobontiu_axial(neck_thickness, fillet_radius, modulus, width)
+
+
+def parabolic_rotation(
+    neck_thickness: float, half_length: float, notch_depth: float, modulus: float, width: float
+) -> float:
+    r"""Rotation of a parabolic notch: the integral of N. Lobontiu et al. 2002.
+
+    .. math::
+
+        C = \frac{3l}{Ebt^3}\left[\frac{5+3k}{(1+k)^2}
+        + \frac{3\arctan\sqrt k}{\sqrt k}\right],\quad k = \frac{2c}{t}
+
+    N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
+    written here in k.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    k = 2.0 * notch_depth / neck_thickness
+    bracket = (5.0 + 3.0 * k) / (1.0 + k) ** 2 + 3.0 * np.arctan(np.sqrt(k)) / np.sqrt(k)
+    return float(3.0 * half_length * bracket / (modulus * width * neck_thickness**3))
+
+
+def parabolic_axial(
+    neck_thickness: float, half_length: float, notch_depth: float, modulus: float, width: float
+) -> float:
+    r"""Extension of a parabolic notch: the integral of N. Lobontiu et al. 2002.
+
+    .. math:: C = \frac{2l}{Ebt}\,\frac{\arctan\sqrt k}{\sqrt k},\quad k = \frac{2c}{t}
+
+    N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
+    written here in k.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    root = np.sqrt(2.0 * notch_depth / neck_thickness)
+    return float(2.0 * half_length * np.arctan(root) / (root * modulus * width * neck_thickness))
+
+
+def hyperbolic_rotation(
+    neck_thickness: float, half_length: float, notch_depth: float, modulus: float, width: float
+) -> float:
+    r"""Rotation of a hyperbolic notch: the integral of N. Lobontiu et al. 2002.
+
+    .. math:: C = \frac{24l}{Ebt^2(2c+t)}
+
+    N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    t = neck_thickness
+    return 24.0 * half_length / (modulus * width * t**2 * (2.0 * notch_depth + t))
+
+
+def hyperbolic_axial(
+    neck_thickness: float, half_length: float, notch_depth: float, modulus: float, width: float
+) -> float:
+    r"""Extension of a hyperbolic notch: the integral of N. Lobontiu et al. 2002.
+
+    .. math::
+
+        C = \frac{l}{Eb\sqrt{c(c+t)}}\,\operatorname{arsinh}\frac{2\sqrt{c(c+t)}}{t}
+
+    N. Lobontiu, J. S. N. Paine, E. O'Malley, M. Samuelson, Precision Engineering 26 (2002) 183;
+    written here with one logarithm.
+
+    Notes
+    -----
+    Validity: beam theory, an exact integral of it.
+    """
+    q = np.sqrt(notch_depth * (notch_depth + neck_thickness))
+    return float(half_length * np.arcsinh(2.0 * q / neck_thickness) / (q * modulus * width))
 
 
 def odonnell_leaf_rotation(

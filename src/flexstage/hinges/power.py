@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from flexstage.errors import HingeError
-from flexstage.hinges.chords import chords
-from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
+from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex, chords
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

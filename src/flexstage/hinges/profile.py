@@ -1,7 +1,7 @@
 """What every notch profile has: its dimensions, its shape as a curve, its outline for drawing."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -56,7 +56,11 @@ class Vertex(NamedTuple):
 
 
 def increments(values: Array) -> Array:
-    """Return the increments of a function along the contour: quadrature weight times derivative."""
+    """Return the increments of a function along the contour: quadrature weight times derivative.
+
+    The function is given at the points of `Profile.samples` and smooth in each piece; the
+    increments are what ``ds`` is for the arc length.
+    """
     panels = values.reshape(-1, _POINTS.size)
     return ((panels @ _DERIVATIVES.T) * _WEIGHTS).ravel()
 
@@ -188,3 +192,23 @@ class Profile(ABC):
             float(np.sum(e * h * dx)),
             float(np.sum((x**2 * h + e**2 * h + h**3 / 12.0) * dx)),
         )
+
+
+def chords(pieces: Sequence[Piece], number: int = 64) -> tuple[Vertex, ...]:
+    """Return the vertices of a polyline inscribed in a contour.
+
+    Each of the `number` chords of a piece ends on the contour; of a quarter ellipse they cut off
+    0.4/number^2 of its area.
+
+    Examples
+    --------
+    >>> from flexstage.hinges import RightCircular
+    >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
+    >>> len(chords(notch.pieces(), 8))
+    9
+    """
+    vertices = [Vertex(0.0, 0.0)]
+    for piece in pieces:
+        x, depth, _, _ = piece(np.arange(1, number + 1) / number)
+        vertices.extend(Vertex(float(a), float(b)) for a, b in zip(x, depth, strict=True))
+    return tuple(vertices)

@@ -6,8 +6,9 @@ from typing import Literal
 import numpy as np
 
 from flexstage.errors import HingeError
-from flexstage.hinges.compliance import PlaneState, compliance, plane_state
+from flexstage.hinges.compliance import compliance
 from flexstage.hinges.concentration import concentration
+from flexstage.hinges.hinge_spring import PlaneState, plane_state
 from flexstage.hinges.profile import Array, Profile
 from flexstage.material import Material
 

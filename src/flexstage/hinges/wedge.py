@@ -72,6 +72,8 @@ def densities(half_angle: Array) -> tuple[Array, Array, Array, Array]:
     with M the moment about the middle of the section and V positive if it makes M grow towards the
     thicker end.
 
+    The half angle between the surfaces is 0 to pi/2 [rad]; returns nn, mm, mv, vv [1].
+
     Examples
     --------
     >>> nn, mm, mv, vv = densities(np.array([0.0]))

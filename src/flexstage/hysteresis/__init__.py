@@ -15,11 +15,11 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.chain.amplifier import Amplifier
+    from flexstage.hysteresis.chain.coupled_stepping import simulate_with_stage
     from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
-    from flexstage.hysteresis.chain.joint import simulate_with_stage
     from flexstage.hysteresis.chain.lag import Lag
-    from flexstage.hysteresis.chain.resonance import StageModes
     from flexstage.hysteresis.chain.sensor import Sensor
+    from flexstage.hysteresis.chain.stage_modes import StageModes
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
     from flexstage.hysteresis.excitations.coverage import memory_coverage
     from flexstage.hysteresis.excitations.design import excitation
@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.chain_search import find_chain
     from flexstage.hysteresis.identification.cycles import Cycles, cycles
     from flexstage.hysteresis.identification.identify import Identification, identify
-    from flexstage.hysteresis.identification.measurement import Measurement, Section, measurement
-    from flexstage.hysteresis.identification.uncertainty import Estimate
+    from flexstage.hysteresis.identification.measurement import (
+        IdentificationData,
+        Section,
+        measurement,
+    )
+    from flexstage.hysteresis.identification.uncertainty import ParameterEstimate
     from flexstage.hysteresis.inversion import Feedforward, feedforward, smoothed
     from flexstage.hysteresis.loops import Tracking, loop_width, tracking
     from flexstage.hysteresis.model import HysteresisModel, Response, Segments
@@ -68,18 +72,18 @@ __all__ = [
     "Dahl",
     "DriveModel",
     "Duhem",
-    "Estimate",
     "Excitation",
     "Feedforward",
     "GeneralisedBoucWen",
     "GeneralisedMaxwellSlip",
     "HysteresisModel",
     "Identification",
+    "IdentificationData",
     "Lag",
     "LogCreep",
-    "Measurement",
     "ModelFile",
     "ModifiedPrandtlIshlinskii",
+    "ParameterEstimate",
     "Plant",
     "PrandtlIshlinskii",
     "Prediction",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.units import readable
 
@@ -41,7 +41,9 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
 
     Creep remembers longer than any record. A drive that has rested at the first command has settled
     there; one that has moved for a time t since it stood at its low end has come from there to the
-    mean of its motion in each lag by ``1 - exp(-t / tau)``.
+    mean of its motion in each lag by ``1 - exp(-t / tau)``. The input x is what the hysteresis
+    gives, shape (n,), or several of it, (m, n), as is the state one step before the first sample. A
+    number of `start` is seconds of motion.
     """
     state = x[..., :1] * creep.settled(1.0, dt)
     if start != "rested":
@@ -52,6 +54,8 @@ def creep_start(creep: Creep, x: Array, dt: float, start: Start) -> Array:
 
 def start_in_words(*starts: Start) -> str:
     """Return what a drive did before a record, as the end of a sentence about it.
+
+    Several starts where the drive may have done any of them; the words follow "the drive had".
 
     Examples
     --------

@@ -230,7 +230,7 @@ def _nearest(model: DriveModel, target: Array, start: Array) -> Response:
     try:
         return model.hysteresis.nearest(target, start)
     except ModelError as error:
-        if all(c.holds for c in model.hysteresis.conditions() if c.name == "invertible"):
+        if all(c.holds for c in model.hysteresis.properties() if c.name == "invertible"):
             raise
         raise ModelError(
             f"the {model.hysteresis.kind} model has no inverse for this reference, since its "

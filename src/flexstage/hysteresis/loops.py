@@ -29,7 +29,12 @@ class Tracking:
 
 
 def loop_branches(x: ArrayLike, y: ArrayLike, bounds: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the mean rising and falling branch of the cycles of a loop."""
+    """Return the mean rising and falling branch of the cycles of a loop.
+
+    Bounds are the first sample of each cycle, and the sample after the last, shape (c + 1,); a
+    cycle begins at a lower turning point of x. Returned: levels of x that all cycles reach, and y
+    on the rising and on the falling branch there, averaged over the cycles.
+    """
     given, drawn = samples(x, "abscissa of a loop"), samples(y, "ordinate of a loop")
     edges = np.asarray(bounds, dtype=np.intp)
     if edges.size < 2:

@@ -13,8 +13,8 @@ from flexstage.errors import ModelError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
-    """A condition on the parameters of a model, and whether it holds."""
+class ModelProperty:
+    """A property of a model by a condition on its parameters, and whether it holds."""
 
     name: str
     """What holds if it does: ``invertible``, ``dissipative``, ``bounded``..."""
@@ -76,7 +76,7 @@ class HysteresisModel(ABC):
     kind: ClassVar[str]
 
     @abstractmethod
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         """Return the state that has no history, at no input.
 
         Returns
@@ -94,8 +94,8 @@ class HysteresisModel(ABC):
         u : array_like
             Inputs, shape (n,).
         state : array_like, optional
-            State before the first of them; `rest` where not given. The first step leads from its
-            last input to ``u[0]``.
+            State before the first of them; `initial_state` where not given. The first step leads
+            from its last input to ``u[0]``.
 
         Returns
         -------
@@ -117,7 +117,7 @@ class HysteresisModel(ABC):
         y : array_like
             Outputs, shape (n,).
         state : array_like, optional
-            State before the first of them; `rest` where not given.
+            State before the first of them; `initial_state` where not given.
 
         Returns
         -------
@@ -139,7 +139,7 @@ class HysteresisModel(ABC):
         y : array_like
             Outputs, shape (n,).
         state : array_like, optional
-            State before the first of them; `rest` where not given.
+            State before the first of them; `initial_state` where not given.
 
         Returns
         -------
@@ -154,12 +154,12 @@ class HysteresisModel(ABC):
         return self.inverse(y, state)
 
     @abstractmethod
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
         """Return what is required of the parameters, and whether it holds.
 
         Returns
         -------
-        tuple of Condition
+        tuple of ModelProperty
             Conditions for bounded output, passivity (no energy out of nothing) and invertibility.
         """
 
@@ -189,7 +189,7 @@ class HysteresisModel(ABC):
         u : array_like
             Inputs, shape (n,), n at least 2.
         state : array_like, optional
-            State before the first of them; `rest` where not given.
+            State before the first of them; `initial_state` where not given.
 
         Returns
         -------
@@ -216,7 +216,7 @@ class HysteresisModel(ABC):
 
     def _state(self, state: ArrayLike | None) -> Array:
         """Return a private copy of a state after checking that it is one of this model."""
-        rest = self.rest()
+        rest = self.initial_state()
         if state is None:
             return rest
         given = np.array(state, dtype=np.float64)

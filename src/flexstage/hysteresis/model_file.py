@@ -14,7 +14,7 @@ import numpy as np
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
@@ -54,18 +54,7 @@ class ModelFile:
 
 
 def model_text(file: ModelFile) -> str:
-    """Return a drive model as the text of a file.
-
-    Parameters
-    ----------
-    file : ModelFile
-        The model and where it comes from.
-
-    Returns
-    -------
-    str
-        YAML, which `read_model_text` reads back to the same numbers.
-    """
+    """Return a drive model as YAML, which `read_model_text` reads back to the same numbers."""
     import yaml
 
     m = file.model
@@ -96,46 +85,15 @@ def model_text(file: ModelFile) -> str:
 
 
 def read_model_file(path: Path) -> ModelFile:
-    """Read the file of a drive model.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Returns
-    -------
-    ModelFile
-        The model and where it comes from.
-
-    Raises
-    ------
-    ModelError
-        There is no such file, or it is no model.
-    """
+    """Read the file of a drive model; a ModelError where there is none, or it is no model."""
     return read_model_text(read_text(path, _KIND, ModelError), f"'{path}'")
 
 
 def read_model_text(text: str, source: str = "the model file") -> ModelFile:
-    """Read a drive model.
+    """Read a drive model from the text of its file, which messages call `source`.
 
-    Parameters
-    ----------
-    text : str
-        Text of the file.
-    source : str
-        What it is called in messages.
-
-    Returns
-    -------
-    ModelFile
-        The model and where it comes from. A number that was changed by hand is allowed, and said
-        in the warnings.
-
-    Raises
-    ------
-    ModelError
-        It is no model file, of a newer version, or its numbers make no model.
+    A number that was changed by hand is allowed, and said in the warnings. A ModelError where it is
+    no model file, of a newer version, or its numbers make no model.
     """
     # a start may be infinitely long ago
     content = plain(parse_yaml(text, source, "model file", ModelError, finite=False))

@@ -8,9 +8,14 @@ from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
+from flexstage.hysteresis.chain.coupled_stepping import (
+    forcing,
+    lags_through,
+    modes_through,
+    values_of,
+)
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import checked_state, positive_step
-from flexstage.hysteresis.chain.joint import forcing, lags_through, modes_through, values_of
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.short_repr import short_repr
@@ -324,7 +329,7 @@ class Plant:
         amplifier = np.array([command])
         if chain.amplifier is not None:
             amplifier = chain.amplifier.settled(command, h)
-        response = chain.model.simulate(amplifier[-1:], chain.model.rest())
+        response = chain.model.simulate(amplifier[-1:], chain.model.initial_state())
         w, k = float(response.values[0]), self._omega.size
         return DriveState(
             amplifier=amplifier,

@@ -9,13 +9,9 @@ from flexstage.errors import RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start
 from flexstage.hysteresis.identification.cycles import Cycles, by_rate, cycles
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.measurement import (
-    early_text,
-    first_moving,
-    require_usable,
-    warm_up,
-)
+from flexstage.hysteresis.identification.measurement import require_usable
 from flexstage.hysteresis.identification.misfit import root_mean_square
+from flexstage.hysteresis.identification.warm_up import early_text, first_moving, warm_up
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.suitability import unsuited
 from flexstage.records import Record

@@ -97,7 +97,11 @@ def _amplifier(stack: PiezoStack, bandwidth_hz: float, current_limit: float | No
 
 
 def refuse_stroke(stack: PiezoStack, model: HysteresisModel, scale: float = 1.0) -> None:
-    """Refuse a model whose stroke over the voltage range is far from the free stroke."""
+    """Refuse a model whose stroke over the voltage range is far from the free stroke.
+
+    That is, five times larger or smaller; `scale` is the free displacement over what the model
+    gives.
+    """
     if stack.voltage_range is None:
         return
     ends = model.simulate(np.array(stack.voltage_range)).values

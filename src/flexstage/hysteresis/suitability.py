@@ -18,6 +18,9 @@ _OTHER_RATE = 1.5
 def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -> tuple[Array, str]:
     """Return values in the unit of a model.
 
+    Units are empty where nobody has said. The sentence is empty where nothing was converted. A
+    ModelError where one unit alone is known, or their dimensions differ.
+
     Examples
     --------
     >>> in_unit_of_model([0.02], "mm", "um", "reference")
@@ -56,7 +59,12 @@ def unsuited(
     command: ArrayLike,
     reading: ArrayLike | None = None,
 ) -> tuple[str, ...]:
-    """Say where a command and its readings leave what a model was identified on."""
+    """Say where a command and its readings leave what a model was identified on.
+
+    One sentence for each: the range of the command, spans that another prefix of the unit would
+    explain, and rates of cycles that were not identified; none of a model without such ranges. The
+    readings are wanted or measured ones.
+    """
     if model.validity is None:
         return ()
     u = samples(command, "command")

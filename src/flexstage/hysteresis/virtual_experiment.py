@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage import progress
 from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import LogCreep
@@ -19,7 +20,6 @@ from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.plant import Plant
 from flexstage.hysteresis.stage_plant import stage_plant
 from flexstage.hysteresis.virtual_stack import virtual_stack
-from flexstage.progress import tell
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem, modes
@@ -155,9 +155,9 @@ def virtual_experiment(
     """
     bench = _bench(stage, system, axis, seed)
     first = _study_record(bench)
-    tell(f"hysteresis, {axis}", 0.2)
+    progress.update(f"hysteresis, {axis}", 0.2)
     bouc_wen = identify(first, "voltage", axis, model="bouc-wen")
-    tell(f"hysteresis, {axis}", 0.4)
+    progress.update(f"hysteresis, {axis}", 0.4)
     best = identify(_designed_record(bench), "voltage", axis, model=_MODELS)
     voltage = bench.cosine(_CYCLES)
     measured, _ = bench.run(voltage)

@@ -11,8 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -40,7 +40,7 @@ class VirtualStack(HysteresisModel):
     Notes
     -----
     Validity: an invention for trials, of the size and shape that stacks have; no measured one. It
-    has no inverse.
+    has no inverse. State: that of `bent`, then that of `fading`.
 
     Examples
     --------
@@ -55,8 +55,8 @@ class VirtualStack(HysteresisModel):
     """The part that forgets by degrees, with a straight curve."""
     kind: ClassVar[str] = "virtual-stack"
 
-    def rest(self) -> Array:
-        return np.concatenate((self.bent.rest(), self.fading.rest()))
+    def initial_state(self) -> Array:
+        return np.concatenate((self.bent.initial_state(), self.fading.initial_state()))
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
         given = samples(u, "input")
@@ -92,15 +92,16 @@ class VirtualStack(HysteresisModel):
 
     def _parts(self, state: ArrayLike | None) -> tuple[Array, Array]:
         before = HysteresisModel._state(self, state)
-        cut = self.bent.rest().size
+        cut = self.bent.initial_state().size
         return before[:cut], before[cut:]
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        # it is there to be identified
         del y, state
         raise ModelError("a virtual stack has no inverse: identify a model, and invert that")
 
-    def conditions(self) -> tuple[Condition, ...]:
-        return (*self.bent.conditions(), *self.fading.conditions())
+    def properties(self) -> tuple[ModelProperty, ...]:
+        return (*self.bent.properties(), *self.fading.properties())
 
 
 def virtual_stack(

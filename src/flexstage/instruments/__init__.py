@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.instruments.acquire import record_now, run_waveform
     from flexstage.instruments.catalogue.catalogue import Catalogue
     from flexstage.instruments.catalogue.entries import CalibrationEntry, StageEntry
     from flexstage.instruments.catalogue.folder import enter_folder
     from flexstage.instruments.connect import connect
-    from flexstage.instruments.description import Signal
     from flexstage.instruments.guard import guarded
     from flexstage.instruments.ni.address import open_address
     from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
+    from flexstage.instruments.protocol import Signal
+    from flexstage.instruments.record_run import record_now, run_waveform
     from flexstage.instruments.recording.metadata import RunMetadata
     from flexstage.instruments.recording.recovery import recover
     from flexstage.instruments.recording.writer import RunWriter

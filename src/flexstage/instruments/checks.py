@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 
 
 def check_position(limits: AxisLimits, value: float, axis: str) -> None:
-    """Refuse a position that an axis must not be sent to.
+    """Refuse a position [m] that an axis must not be sent to; an unknown range forbids nothing.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def check_position(limits: AxisLimits, value: float, axis: str) -> None:
 
 
 def check_voltage(limits: AxisLimits, value: float, axis: str) -> None:
-    """Refuse a voltage that a drive must not get.
+    """Refuse a voltage [V] that a drive must not get, or that is for a drive without voltage.
 
     Examples
     --------
@@ -52,7 +52,10 @@ def check_waveform(
 
     Every sample is compared with the range of the axis, every step between samples with its speed
     or slew, and so are the step from the last sample to the first where the waveform is repeated,
-    and the one from where the axis stands to the first sample, which takes one sample's time.
+    and the one from where the axis stands to the first sample, which takes one sample's time. It
+    runs endlessly for 0 cycles. `start` says where axes stand now [m, or V], and is not looked at
+    for those that it does not name; `tolerance` is what may lie between there and the first sample
+    beside what speed or slew allows, such as the noise of a reading.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from flexstage.instruments.gcs.controller import PiController
-    from flexstage.instruments.gcs.profile import Wire
+    from flexstage.instruments.gcs.profile import TransferLimits
     from flexstage.instruments.twin.clock import Pace
     from flexstage.instruments.twin.session import Loopback
     from flexstage.instruments.twin.stage import VirtualStage
@@ -34,38 +34,16 @@ def connect(
 ) -> Instrument:
     """Connect to an instrument; nothing moves and nothing is switched by it.
 
-    Parameters
-    ----------
-    address : str or object
-        ``gcs://HOST:PORT`` for a controller in the network or `flexstage twin`,
-        ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3`` for one at a serial port,
-        ``twin://NAME?seed=3&model=lumped`` for a simulated one in this process, ``ni://Dev1`` for
-        an acquisition card; or an object of your own with `send` and `read`.
-    stage : Stage, optional
-        The stage that is connected; the built-in design of the name in a ``twin://`` address where
-        not given.
-    axes : Mapping, optional
-        Identifier of the controller's axis by name of the stage's axis; in their order where not
-        given.
-    timeout : float, optional
-        Longest silence of a controller [s].
+    The address is ``gcs://HOST:PORT`` for a controller in the network or `flexstage twin`,
+    ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3`` for one at a serial port,
+    ``twin://NAME?seed=3&model=lumped`` for a simulated one in this process, ``ni://Dev1`` for an
+    acquisition card (`open_address`); or it is an object of your own with `send` and `read`.
 
-    Returns
-    -------
-    Instrument
-        The instrument; close it when done.
+    The stage is the one that is connected; the built-in design of the name in a ``twin://`` address
+    where not given. `axes` names the controller's axis by the name of the stage's; they are taken
+    in their order where not given. `timeout` is the longest silence of a controller [s]. Close the
+    instrument when done.
 
-    Raises
-    ------
-    ModelError
-        The address is none.
-    NotConnectedError
-        Nothing answers there.
-    ControllerError
-        What answers is not what it should be.
-
-    Notes
-    -----
     Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``rate`` of
     its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``, and
     ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
@@ -163,7 +141,7 @@ def _twin(
     timeout: float | None,
 ) -> Instrument:
     from flexstage.designs import design
-    from flexstage.instruments.gcs.profile import Wire
+    from flexstage.instruments.gcs.profile import TransferLimits
 
     options = _options(address, parts, _TWIN)
     name = parts.netloc + parts.path
@@ -180,7 +158,7 @@ def _twin(
         )
     return _simulated(
         stage, options, address, axes, timeout=_wait(timeout, _LONGEST_WAIT),
-        wire=Wire(line_limit=_LONG_LINES),
+        transfer=TransferLimits(line_limit=_LONG_LINES),
     )  # fmt: skip
 
 
@@ -191,7 +169,7 @@ def _simulated(
     axes: Mapping[str, str] | None,
     *,
     timeout: float,
-    wire: "Wire",
+    transfer: "TransferLimits",
 ) -> "PiController":
     from flexstage.instruments.gcs.controller import PiController
     from flexstage.instruments.gcs.transport import InProcess
@@ -221,7 +199,7 @@ def _simulated(
     link = InProcess(
         _Paced(open_session(Interpreter(device, pace)), pace), name=f"twin of {stage.name}"
     )
-    return PiController.open(link, stage, axes=axes, timeout=timeout, wire=wire)
+    return PiController.open(link, stage, axes=axes, timeout=timeout, transfer=transfer)
 
 
 class _Paced:

@@ -77,7 +77,7 @@ class Guard:
             self._restore()
 
     def allow(self, seconds: float) -> None:
-        """Let the block run that much longer from now on, and no longer."""
+        """Let the block run that much longer from now on, in real time [s], and no longer."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = threading.Timer(
@@ -87,7 +87,7 @@ class Guard:
         self._timer.start()
 
     def stop(self, reason: str = "the run was stopped") -> None:
-        """Stop the stage now and end the block, from any thread."""
+        """Stop the stage now and end the block with the reason, from any thread."""
         self._end(reason)
 
     def check(self) -> None:
@@ -163,23 +163,11 @@ def guarded(
     raised, with a note of what went wrong after it. SIGTERM and SIGHUP end the program with
     status 128 + their number.
 
+    With `timeout` the block may take that long, in real time [s]; without, it may run without end.
+
     Validity: signals come to the main thread of a program only; a block in another thread is ended
     by `Guard.check`. A time-out ends what Python waits for, and not a library that does not return.
     A block that ends well leaves the stage as it is.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What is stopped.
-    lead_to_safe : bool
-        Whether the drives are led to their safe voltages after a stop.
-    timeout : float, optional
-        How long the block may take, in real time [s].
-
-    Returns
-    -------
-    Guard
-        For ``with``.
     """
     return Guard(instrument, lead_to_safe=lead_to_safe, timeout=timeout)
 

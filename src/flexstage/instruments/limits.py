@@ -35,7 +35,7 @@ class AxisLimits:
                 raise ModelError(f"the largest {name} must be positive and finite, got {value!r}")
 
     def within(self, other: "AxisLimits") -> "AxisLimits":
-        """Return the narrower of two limits."""
+        """Return the narrower of two limits, with the safe voltage of these, led into the range."""
         voltage = _common(self.voltage, other.voltage, "voltage")
         safe = self.safe_voltage
         if voltage is not None:
@@ -51,6 +51,9 @@ class AxisLimits:
 
 def stage_limits(stage: Stage, axis: str) -> AxisLimits:
     """Return what the description of a stage allows on one of its axes.
+
+    Voltage range and slew of a stack, travel and speed of a screw. The position of a piezo stage is
+    measured at its platform, and not limited by what is said of its drive.
 
     Examples
     --------

@@ -30,7 +30,7 @@ class Holder:
 
 
 def state_directory() -> Path:
-    """Return where the state of this user's work is kept."""
+    """Return where the state of this user's work is kept: ``$FLEXSTAGE_STATE``, if it is set."""
     if named := os.environ.get("FLEXSTAGE_STATE"):
         return Path(named)
     if base := os.environ.get("XDG_STATE_HOME"):
@@ -48,7 +48,9 @@ def stage_lock(
 ) -> Iterator[Path]:
     """Hold a stage for this program alone.
 
-    The operating system releases the lock when the process ends, however it ends.
+    Another program that holds it is given `timeout` to end [s]; `NotConnectedError` then says which
+    it is. The operating system releases the lock when the process ends, however it ends. What is
+    yielded is its file.
 
     Validity: programs of one user on one computer, or of all that share ``$FLEXSTAGE_STATE``, on a
     disk that knows locks; another program that talks to the controller directly is not held off.

@@ -5,17 +5,82 @@ SI: positions in m, voltages in V, times in s; the drivers convert at the wire.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
-from flexstage.instruments.description import Capability, Identity, Signal
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 
 
+class Capability(StrEnum):
+    """Something that an instrument, or one of its axes, can do."""
+
+    CLOSED_LOOP = "position control by a sensor"
+    OPEN_LOOP = "command of the voltage"
+    SERVO_TUNING = "settings of the position control can be read and written"
+    WAVE_GENERATOR = "waveforms from a table"
+    FEEDFORWARD_TABLE = "a table of voltages beside the position control"
+    DATA_RECORDER = "records at the rate of the controller"
+    CHANNELS = "further sensors can be read and recorded"
+    IMPACT = "a blow of a hammer on the stage, its drives taken out"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """What an instrument says it is."""
+
+    vendor: str
+    """Who made it."""
+    model: str
+    """What it is."""
+    serial_number: str = ""
+    """Its serial number; empty where it tells none."""
+    firmware: str = ""
+    """Version of its firmware."""
+    simulated: bool = False
+    """Whether it is a simulation, so that nothing measured with it is a measurement."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """Something that can be recorded."""
+
+    kind: str
+    """``position``, ``target``, ``voltage`` (of an axis, named by `source`), ``channel`` (a sensor,
+    whose number is `source`), ``force`` and ``response`` (of a blow).
+    """
+    source: str
+    """The axis, or the number of the channel."""
+    name: str
+    """What its column is called in the record."""
+    unit: str = "m"
+    """SI unit of the recorded values: ``m``, ``V``, ``rad``, ``N``, ``m/s^2``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelMap:
+    """Sensors of an instrument by what they read."""
+
+    numbers: Mapping[str, int] = field(default_factory=dict)
+    """Number of the channel by name."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """SI unit by name."""
+
+    def signal(self, name: str) -> Signal:
+        """Return the signal of a sensor."""
+        return Signal(
+            kind="channel",
+            source=str(self.numbers[name]),
+            name=name,
+            unit=self.units.get(name, "m"),
+        )
+
+
 @runtime_checkable
-class Axis(Protocol):
+class MotionAxis(Protocol):
     """One axis of an instrument."""
 
     @property
@@ -47,7 +112,7 @@ class Axis(Protocol):
         ...
 
     def voltage(self) -> float:
-        """Return the voltage at its drive [V]."""
+        """Return the voltage at its drive [V]; not a number where nobody knows."""
         ...
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
@@ -63,7 +128,7 @@ class Axis(Protocol):
         ...
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target; stop it on time-out."""
+        """Wait until it stands, and in closed loop is on target; stop it on time-out [s]."""
         ...
 
     def servo(self) -> ServoSettings:
@@ -95,7 +160,7 @@ class Recorder(Protocol):
         ...
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record; return the rate that will be kept [Hz]."""
+        """Choose what to record and how much; return the rate that will be kept [Hz]."""
         ...
 
     def arm(self) -> None:
@@ -130,11 +195,17 @@ class WaveGenerator(Protocol):
         ...
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables."""
+        """Check a waveform whole against the limits, then write it to the tables.
+
+        The feedforward is of voltages, beside a waveform of positions.
+        """
         ...
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; the axes must stand at its first sample."""
+        """Run the waveform that was loaded; the axes must stand at its first sample.
+
+        It runs endlessly for 0 cycles, where the instrument can.
+        """
         ...
 
     def running(self) -> bool:
@@ -161,7 +232,7 @@ class Instrument(Protocol):
         ...
 
     @property
-    def axes(self) -> Mapping[str, Axis]:
+    def axes(self) -> Mapping[str, MotionAxis]:
         """Its axes, by the names of the stage's axes where it has them."""
         ...
 
@@ -176,7 +247,7 @@ class Instrument(Protocol):
         ...
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now [m, or rad]."""
+        """Return what a sensor, by its number, reads now [m, rad, N]."""
         ...
 
     def strike(self, axis: str) -> None:
@@ -184,7 +255,7 @@ class Instrument(Protocol):
         ...
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: the clock of the instrument's own, which for a simulation may run fast."""
+        """Let time pass [s] on the instrument's own clock, which in a simulation may run fast."""
         ...
 
     def stop(self) -> None:

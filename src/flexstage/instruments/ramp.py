@@ -9,7 +9,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.checks import check_position, check_voltage
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.protocol import Axis, Capability, Instrument
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.waveform import Quantity, Waveform
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
@@ -30,7 +30,8 @@ def lead_to(
 
     With a generator of waveforms the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` of the time, which
     begins and ends without speed and acceleration; else small steps are commanded one by one.
-    All targets are checked before anything moves.
+    All targets [V, or m] are checked before anything moves. The motion takes `time` [s], longer
+    where speed or slew asks for it; `timeout` is how long an axis may take to stand after it [s].
     """
     limits = {name: _axis(instrument, name).limits for name in targets}
     for name, value in targets.items():
@@ -64,7 +65,8 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
     """Lead every drive with a voltage to its safe voltage, by small steps of plain commands.
 
     Position control is switched off first, which leaves the voltage as it is. Drives without a
-    voltage, such as screws, stay where they are.
+    voltage, such as screws, stay where they are. It takes `time` [s], longer where the slew asks
+    for it.
     """
     begins, ends = {}, {}
     for name, axis in instrument.axes.items():
@@ -97,7 +99,7 @@ def require_loop(instrument: Instrument, axes: Mapping[str, float], quantity: Qu
             )
 
 
-def _axis(instrument: Instrument, name: str) -> Axis:
+def _axis(instrument: Instrument, name: str) -> MotionAxis:
     if name not in instrument.axes:
         raise ModelError(
             f"the instrument has no axis '{name}': it has {', '.join(map(repr, instrument.axes))}"
@@ -105,7 +107,7 @@ def _axis(instrument: Instrument, name: str) -> Axis:
     return instrument.axes[name]
 
 
-def _here(axis: Axis, quantity: Quantity) -> float:
+def _here(axis: MotionAxis, quantity: Quantity) -> float:
     value = axis.voltage() if quantity == "voltage" else axis.position()
     if math.isfinite(value):
         return value

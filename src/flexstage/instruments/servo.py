@@ -44,7 +44,7 @@ class Notch:
             )
 
     def section(self, sample_rate_hz: float) -> NDArray[np.float64]:
-        """Return its coefficients at a rate of samples."""
+        """Return b0, b1, b2, a1, a2 of its difference equation (a0 = 1) at the loop's rate [Hz]."""
         w = math.tan(math.pi * _below_nyquist(self.frequency_hz, sample_rate_hz) / sample_rate_hz)
         z, p = 2.0 * self.zero_damping * w, 2.0 * self.pole_damping * w
         a0 = 1.0 + p + w * w
@@ -83,7 +83,7 @@ class ServoSettings:
             raise ModelError(f"the low-pass must be positive and finite, got {self.lowpass_hz!r}")
 
     def sections(self, sample_rate_hz: float) -> NDArray[np.float64]:
-        """Return the filters of the error, one row each."""
+        """Return the filters of the error, one row of b0, b1, b2, a1, a2 (a0 = 1) each."""
         rows = [notch.section(sample_rate_hz) for notch in self.notches]
         if self.lowpass_hz is not None:
             w = math.tan(math.pi * _below_nyquist(self.lowpass_hz, sample_rate_hz) / sample_rate_hz)
@@ -94,7 +94,7 @@ class ServoSettings:
         return np.array(rows).reshape(len(rows), 5)
 
     def response(self, frequency_hz: ArrayLike, sample_rate_hz: float) -> NDArray[np.complex128]:
-        """Return the controller's frequency response, from error to voltage."""
+        """Return the frequency response of the controller, voltage over error [V/m]."""
         omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) / sample_rate_hz
         z = np.exp(-1j * omega)
         total = np.full(omega.shape, self.proportional, dtype=np.complex128)

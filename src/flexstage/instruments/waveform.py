@@ -16,11 +16,6 @@ Quantity = Literal["voltage", "position"]
 class Waveform:
     """What axes are to follow.
 
-    Raises
-    ------
-    ModelError
-        There is no axis, the sequences differ in length, or a value is not finite.
-
     Examples
     --------
     >>> ramp = Waveform(values={"x": np.array([0.0, 60.0, 120.0])}, sample_rate_hz=10.0,
@@ -70,19 +65,9 @@ class Waveform:
         return self.size / self.sample_rate_hz
 
     def largest_rate(self, axis: str, *, closed: bool = False) -> float:
-        """Return the largest slope of an axis.
+        """Return the largest slope of an axis [V/s, or m/s].
 
-        Parameters
-        ----------
-        axis : str
-            The axis.
-        closed : bool
-            Whether the waveform is repeated, so that the step from its end to its start counts.
-
-        Returns
-        -------
-        float
-            The slope [V/s, or m/s].
+        Where the waveform is repeated (`closed`), the step from its end to its start counts.
         """
         v = self.values[axis]
         steps = np.diff(np.append(v, v[0]) if closed else v)

@@ -35,7 +35,11 @@ class HingeResult:
     """What `flexstage.hinges.hinge_figures` gives: plain data in SI units."""
 
     def stiffness(self, quantity: str = "rotation", method: str = "wedge") -> float:
-        """Return a stiffness about the neck."""
+        """Return a stiffness about the neck: ``rotation`` [N m/rad], ``axial`` or ``shear`` [N/m].
+
+        The method is ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a
+        closed form by its name.
+        """
         known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
         methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
         if method not in methods:
@@ -53,7 +57,10 @@ class HingeResult:
         return draw_notch(self.profile)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return the stiffness by every method as a data frame; needs pandas."""
+        """Return the stiffness by every method as a data frame; needs pandas.
+
+        Columns quantity, method, stiffness, unit, difference_percent, validity.
+        """
         rows = self.figures["stiffness"]
         return data_frame({name: [row[name] for row in rows] for name in rows[0]})
 

@@ -10,7 +10,7 @@ from flexstage.characteristic import Characteristics
 from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table
 from flexstage.interactive.stages import stage_of
-from flexstage.report.models import ModelRun, Plane, Wanted, run_model
+from flexstage.report.models import ModelOptions, ModelRun, Plane, run_model
 from flexstage.report.quantities import display
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem
@@ -43,7 +43,7 @@ class StageAnalysis:
         return self.analysis.characteristics
 
     def value(self, quantity: str, axis: str) -> float:
-        """Return one figure."""
+        """Return one figure, such as ``max_stress`` of an axis [SI]."""
         return self.characteristics.value(quantity, axis)
 
     def plot(
@@ -51,7 +51,11 @@ class StageAnalysis:
         kind: Literal["response", "shape", "stress", "modes"] = "response",
         axis: str | None = None,
     ) -> "Figure":
-        """Draw the result.
+        """Draw the result; of the first axis where none is named.
+
+        ``response``: Bode diagram of an axis; ``shape``: the stage at the full stroke of an axis;
+        ``stress``: stress of every hinge; ``modes``: mode shapes on the mesh of the plane or solid
+        model.
 
         Examples
         --------
@@ -62,7 +66,10 @@ class StageAnalysis:
         return _figure(self.run, kind, axis)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return the characteristics as a data frame; needs pandas."""
+        """Return the characteristics as a data frame, in SI units; needs pandas.
+
+        Columns quantity, axis, origin, value, unit, uncertainty, note and degrees_of_freedom.
+        """
         return data_frame(self.characteristics.columns())
 
     def __repr__(self) -> str:
@@ -130,10 +137,10 @@ def analyse(
     >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
     321.2 Hz
     """
-    wanted = Wanted(
+    options = ModelOptions(
         plane=plane, accuracy=accuracy, quantity=quantity, supports=supports, stroke=stroke
     )
-    return StageAnalysis(run=run_model(stage_of(stage), model, wanted))
+    return StageAnalysis(run=run_model(stage_of(stage), model, options))
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":

@@ -53,11 +53,14 @@ class StageStudy:
         return self.analysis(self.study.main.system.model).plot(kind, axis)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return all characteristics as a data frame, a row for each origin; needs pandas."""
+        """Return all characteristics as a data frame, a row for each origin; needs pandas.
+
+        The columns are those of `StageAnalysis.to_frame`, in SI units.
+        """
         return data_frame(self.characteristics.columns())
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write the report and the figures behind it."""
+        """Write the report and the figures behind it: ``report.html`` and ``results.json``."""
         from flexstage.report import report_html, results_json, study_results
         from flexstage.report.files import write_files
 

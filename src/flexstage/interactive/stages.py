@@ -13,22 +13,7 @@ if TYPE_CHECKING:
 def read(source: str | os.PathLike[str]) -> Stage:
     """Return the stage of a stage file; the name of a built-in design will do as well.
 
-    Measured data are read by `read_record`.
-
-    Parameters
-    ----------
-    source : str or os.PathLike
-        Path of the stage file, or name of a design.
-
-    Returns
-    -------
-    Stage
-        The stage, which a notebook shows as a drawing.
-
-    Raises
-    ------
-    StageError
-        There is neither such a file nor such a design, or the file is no stage.
+    A notebook shows it as a drawing. Measured data are read by `read_record`.
 
     Examples
     --------
@@ -40,18 +25,7 @@ def read(source: str | os.PathLike[str]) -> Stage:
 
 
 def draw(stage: Stage | str | os.PathLike[str]) -> "Figure":
-    """Draw a stage to scale, in millimetres.
-
-    Parameters
-    ----------
-    stage : Stage or str or os.PathLike
-        The stage, or what `read` takes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The drawing, which a notebook shows and ``savefig`` writes.
-    """
+    """Draw a stage, or what `read` takes, to scale, in millimetres."""
     from flexstage.report.figures.drawing import draw_stage
 
     return draw_stage(stage_of(stage))

@@ -7,11 +7,11 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
     from flexstage.lumped.finite_rotation import nonlinear
+    from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import latex_document, mathml
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
     from flexstage.lumped.sheet import equation_sheet
-    from flexstage.lumped.stroke import equilibrium, stroke_path
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
     from flexstage.lumped.time_integration import Motion, motion
     from flexstage.lumped.transfer import TransferFunction, transfer_function

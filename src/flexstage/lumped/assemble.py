@@ -10,8 +10,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
-from flexstage.hinges.compliance import PLANE_RULE, PlaneState
-from flexstage.lumped.hinge_kinematics import Layout, hinge_matrix, point_matrix
+from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
+from flexstage.lumped.hinge_kinematics import BodyCoordinates, hinge_matrix, point_matrix
 from flexstage.stage import (
     Drive,
     Force,
@@ -125,10 +125,13 @@ def _springs(
     return tuple(springs)
 
 
-def layout_of(stage: Stage) -> Layout:
-    """Return the coordinates of the lumped model of a stage."""
+def layout_of(stage: Stage) -> BodyCoordinates:
+    """Return the coordinates of the lumped model of a stage.
+
+    Three for each free body, in the order of the stage.
+    """
     properties = _masses(stage)
-    return Layout(
+    return BodyCoordinates(
         {name: p.centre for name, p in properties.items()},
         tuple(b.name for b in stage.bodies if not b.fixed),
     )
@@ -181,7 +184,7 @@ def lumped_system(
     free = tuple(b.name for b in stage.bodies if not b.fixed)
     if not free:
         raise ModelError(f"every body of stage '{stage.name}' is fixed: nothing can move")
-    layout = Layout({name: p.centre for name, p in properties.items()}, free)
+    layout = BodyCoordinates({name: p.centre for name, p in properties.items()}, free)
     mass = np.concatenate([(p.mass, p.mass, p.inertia) for p in map(properties.__getitem__, free)])
 
     springs = hinge_springs(stage, method=method, plane=plane)
@@ -229,7 +232,7 @@ def lumped_system(
     )
 
 
-def _weight(layout: Layout, mass: Array, axis: int) -> Array:
+def _weight(layout: BodyCoordinates, mass: Array, axis: int) -> Array:
     """Weight of the bodies, falling along x or y."""
     weight = np.zeros(layout.order)
     weight[axis::3] = STANDARD_GRAVITY * mass[axis::3]
@@ -240,7 +243,7 @@ def _along(angle: float) -> Array:
     return np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
-def _drive_port(layout: Layout, drive: Drive) -> DrivePort:
+def _drive_port(layout: BodyCoordinates, drive: Drive) -> DrivePort:
     # Force and reaction share one line of action, through the pushed point and turning with the
     # body that the drive stands on. Taken at two points beside each other they would be a couple
     # out of nothing, and turning both bodies alike would seem to stretch the drive.
@@ -256,7 +259,7 @@ def _drive_port(layout: Layout, drive: Drive) -> DrivePort:
     )
 
 
-def _probe_port(layout: Layout, probe: Probe) -> ProbePort:
+def _probe_port(layout: BodyCoordinates, probe: Probe) -> ProbePort:
     motion = point_matrix(layout, probe.body, probe.at)
     if probe.relative_to is not None:
         motion = motion - point_matrix(layout, probe.relative_to, probe.at)

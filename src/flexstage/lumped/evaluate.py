@@ -24,12 +24,20 @@ def starting_values(values: Mapping[sp.Symbol, float]) -> Known:
 
 
 def number(expression: sp.Basic, known: Known) -> float:
-    """Evaluate an expression."""
+    """Evaluate an expression.
+
+    Correctly rounded but for sines and cosines; see `exact`.
+    """
     return float(exact(expression, known))
 
 
 def exact(expression: sp.Basic, known: Known) -> Fraction:
-    """Evaluate an expression in rational arithmetic."""
+    """Evaluate an expression in rational arithmetic.
+
+    It is made of sums, products, whole powers, sines and cosines of symbols and numbers; sines and
+    cosines are rounded to a double first. `known` comes from `starting_values`, and parts that were
+    evaluated are added.
+    """
     value = known.get(expression)
     if value is not None:
         return value

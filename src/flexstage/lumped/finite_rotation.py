@@ -2,9 +2,10 @@ r"""The lumped model with finite rotations: energy, forces and tangent stiffness
 
 Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
 :math:`\mathbf x = (u, v, \vartheta)` that is seen from a frame turning with the *mean* rotation of
-its two bodies (`flexstage.lumped.frames`). Large rigid motion of the whole costs no energy, forces
-are the exact gradient and the tangent the exact Hessian of one energy, and at rest the tangent is
-the linear K. Masses are constant in these coordinates: T is quadratic with the linear M.
+its two bodies (`flexstage.lumped.joint_kinematics`). Large rigid motion of the whole costs no
+energy, forces are the exact gradient and the tangent the exact Hessian of one energy, and at rest
+the tangent is the linear K. Masses are constant in these coordinates: T is quadratic with the
+linear M.
 
 Validity: finite rotations of bodies, hinge stiffness constant. The shortening of a long leaf that
 bends into an S is not in a spring at its middle; for notches it is far below their elongation.
@@ -16,7 +17,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.frames import Connections, connections
+from flexstage.lumped.joint_kinematics import Connections, connections
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 
 
@@ -26,6 +27,8 @@ class NonlinearMechanism:
 
     Coordinates are those of `flexstage.lumped.lumped_system`: for each free body the displacement
     x, y of its centre of mass [m] and its rotation [rad].
+
+    `q` may have leading axes, shape (..., n), where not one state alone, shape (n,), is asked for.
     """
 
     mechanism: Mechanism
@@ -47,23 +50,23 @@ class NonlinearMechanism:
         return self.mass.size
 
     def potential_energy(self, q: Array) -> Array:
-        """Return the energy stored in the hinges."""
+        """Return the energy V stored in the hinges [J], shape (...)."""
         x = self.hinges.deformation(np.asarray(q, dtype=float))
         return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
 
     def kinetic_energy(self, velocity: Array) -> Array:
-        """Return the kinetic energy."""
+        """Return the kinetic energy T [J], shape (...)."""
         return 0.5 * np.sum(self.mass * np.asarray(velocity) ** 2, axis=-1)
 
     def force(self, q: Array) -> Array:
-        """Return the internal forces, the gradient of the potential energy."""
+        """Return the internal forces dV/dq [N, N m], shape (..., n)."""
         x, b = self.hinges.rates(np.asarray(q, dtype=float))
         spring = (self.stiffness @ x[..., None])[..., 0]
         local = (spring[..., None, :] @ b)[..., 0, :]
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
     def tangent(self, q: Array) -> Array:
-        """Return the tangent stiffness, the Hessian of the potential energy."""
+        """Return the tangent stiffness d2V/dq2 at one state, shape (n, n)."""
         q = np.asarray(q, dtype=float)
         x, b = self.hinges.rates(q)
         spring = (self.stiffness @ x[..., None])[..., 0]
@@ -71,7 +74,11 @@ class NonlinearMechanism:
         return _assembled(self.hinges, local)
 
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
-        """Return the elongation of a drive and its first and second derivatives."""
+        """Return the elongation of a drive and its first and second derivatives.
+
+        Along the drive's direction, which turns with the body it stands on [m]; of one state, with
+        gradient, shape (n,), and Hessian, shape (n, n).
+        """
         i = _index("drive", drive, self.mechanism.drives)
         x, b = self.drives.rates(q)
         unit = np.zeros((self.drives.count, 3))
@@ -81,7 +88,11 @@ class NonlinearMechanism:
         return float(x[i, 0]), gradient, _assembled(self.drives, self.drives.curvature(q, unit))
 
     def reading(self, probe: str, q: Array) -> Array:
-        """Return what a probe sees."""
+        """Return what a probe sees.
+
+        Displacement along and across its direction [m] and rotation of the body [rad], against the
+        body it is read from, shape (..., 3).
+        """
         i = _index("probe", probe, self.mechanism.probes)
         return self.probes.deformation(np.asarray(q, dtype=float))[..., i, :]
 

@@ -44,9 +44,9 @@ class GenericHinge:
     arms: tuple[sp.Symbol, ...]
     """Lever arms from the centres of mass to the neck: X, Y on body a, X, Y on body b."""
     cosine: sp.Symbol
-    """Of the hinge's direction."""
+    """Cosine of the hinge's direction."""
     sine: sp.Symbol
-    """Of the hinge's direction."""
+    """Sine of the hinge's direction."""
     stiffness: dict[str, sp.Symbol]
     """k_uu, k_vv, k_tt, k_uv, k_ut, k_vt by their two letters."""
     damping: dict[str, sp.Symbol]

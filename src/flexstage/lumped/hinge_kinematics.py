@@ -9,11 +9,13 @@ from flexstage.arrays import Array
 from flexstage.stage import Hinge
 
 
-class Layout:
+class BodyCoordinates:
     """Where the coordinates of each body stand among those of the stage.
 
     A free body has three coordinates: the displacement x, y of its centre of mass [m] and its
     rotation [rad]. A fixed body has none.
+
+    `centres` of mass are given for every body [m], `free` in order.
     """
 
     __slots__ = ("centres", "first", "free", "order")
@@ -25,13 +27,16 @@ class Layout:
         self.order = 3 * len(free)
 
     def names(self) -> tuple[str, ...]:
-        """Return a name with a unit for every coordinate."""
+        """Return a name with a unit for every coordinate, such as ``body.rotation [rad]``."""
         parts = (".x [m]", ".y [m]", ".rotation [rad]")
         return tuple(name + part for name in self.free for part in parts)
 
 
-def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
-    """Return the motion of a point of a body for each coordinate."""
+def point_matrix(layout: BodyCoordinates, body: str, at: tuple[float, float]) -> Array:
+    """Return the motion of a point of a body for each coordinate.
+
+    Displacement x, y and rotation, shape (3, n); zero for a fixed body.
+    """
     matrix = np.zeros((3, layout.order))
     first = layout.first.get(body)
     if first is not None:
@@ -42,8 +47,12 @@ def point_matrix(layout: Layout, body: str, at: tuple[float, float]) -> Array:
     return matrix
 
 
-def hinge_matrix(layout: Layout, hinge: Hinge) -> Array:
-    """Return the deformation of a hinge for each coordinate."""
+def hinge_matrix(layout: BodyCoordinates, hinge: Hinge) -> Array:
+    """Return the deformation of a hinge for each coordinate.
+
+    Motion of body b against body a at the neck, in the hinge's axes: along, across, rotation; shape
+    (3, n).
+    """
     a, b = hinge.bodies
     relative = point_matrix(layout, b, hinge.at) - point_matrix(layout, a, hinge.at)
     c, s = math.cos(hinge.direction), math.sin(hinge.direction)

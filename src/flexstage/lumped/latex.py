@@ -12,7 +12,7 @@ from typing import Any
 import sympy as sp
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-from flexstage.lumped.sheet_items import Formula, Item, Paragraph, Section, Tabular
+from flexstage.lumped.sheet_items import Formula, Item, Paragraph, SheetSection, Tabular
 
 _ESCAPES = {c: "\\" + c for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",
@@ -37,14 +37,14 @@ _HEAD = r"""\documentclass[a4paper,10pt]{article}
 """
 
 
-def latex_document(title: str, sections: Sequence[Section]) -> str:
+def latex_document(title: str, sections: Sequence[SheetSection]) -> str:
     """Write a sheet of equations as a LaTeX document.
 
     Parameters
     ----------
     title : str
         Title of the document.
-    sections : Sequence of Section
+    sections : Sequence of SheetSection
         The sheet.
 
     Returns
@@ -70,7 +70,7 @@ def latex_document(title: str, sections: Sequence[Section]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def plain_text(title: str, sections: Sequence[Section]) -> str:
+def plain_text(title: str, sections: Sequence[SheetSection]) -> str:
     """Write a sheet of equations as plain text."""
     parts = [title, "=" * len(title)]
     for section in sections:
@@ -92,7 +92,7 @@ def plain_text(title: str, sections: Sequence[Section]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def sheet_data(sections: Sequence[Section]) -> list[dict[str, Any]]:
+def sheet_data(sections: Sequence[SheetSection]) -> list[dict[str, Any]]:
     """Return a sheet of equations as plain data, each formula as LaTeX, MathML and text."""
     return [
         {"key": s.key, "title": s.title, "items": [_item_data(item) for item in s.items]}

@@ -14,9 +14,9 @@ from scipy.linalg import eigh, qr
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped.evaluate import number, starting_values
-from flexstage.lumped.mirror import Mirror, find_mirror
-from flexstage.lumped.symbolic import DampingKind, Port, SymbolicModel
+from flexstage.lumped.symbolic import DampingKind, SymbolicModel, SymbolicPort
 from flexstage.lumped.symbols import upright
+from flexstage.lumped.symmetry import Mirror, find_mirror
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,17 +30,17 @@ class ReducedModel:
     coordinates: tuple[sp.Symbol, ...]
     """z."""
     M: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Mass, shape (r, r)."""
     C: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Damping, shape (r, r)."""
     K: sp.ImmutableMatrix
-    """Mass, damping and stiffness, shape (r, r)."""
+    """Stiffness, shape (r, r)."""
     basis: Array
     """Displacements for unit z, shape (n, r)."""
-    drives: tuple[Port, ...]
-    """Where the stage is driven and read, as far as z can describe it."""
-    probes: tuple[Port, ...]
-    """Where the stage is driven and read, as far as z can describe it."""
+    drives: tuple[SymbolicPort, ...]
+    """Where the stage is driven, as far as z can describe it."""
+    probes: tuple[SymbolicPort, ...]
+    """Where it is read, as far as z can describe it."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
     damping: DampingKind
@@ -61,11 +61,11 @@ class ReducedModel:
         known = starting_values(self.values)
         return np.array([number(e, known) for e in matrix]).reshape(matrix.shape)
 
-    def drive(self, name: str) -> Port:
+    def drive(self, name: str) -> SymbolicPort:
         """Return a drive by name."""
         return _find("drive", name, self.drives)
 
-    def probe(self, name: str) -> Port:
+    def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name."""
         return _find("probe", name, self.probes)
 
@@ -140,9 +140,9 @@ def reduce_by_symmetry(
     )
     numbers = np.array(basis.tolist(), dtype=float)
 
-    def kept(ports: tuple[Port, ...]) -> tuple[Port, ...]:
+    def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
         return tuple(
-            Port(
+            SymbolicPort(
                 name=p.name,
                 vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)),
                 stiffness=p.stiffness,
@@ -236,9 +236,9 @@ def condense(
     else:
         Cr = _floats(basis.T @ C @ basis)
 
-    def kept(ports: tuple[Port, ...]) -> tuple[Port, ...]:
+    def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
         return tuple(
-            Port(
+            SymbolicPort(
                 name=p.name,
                 vector=_floats(basis.T @ model.numbers(p.vector)),
                 stiffness=p.stiffness,
@@ -309,7 +309,7 @@ def _floats(matrix: Array) -> sp.ImmutableMatrix:
     )
 
 
-def _find(noun: str, name: str, ports: tuple[Port, ...]) -> Port:
+def _find(noun: str, name: str, ports: tuple[SymbolicPort, ...]) -> SymbolicPort:
     for port in ports:
         if port.name == name:
             return port

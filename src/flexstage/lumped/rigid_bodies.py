@@ -10,7 +10,7 @@ from typing import Literal
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hinges.compliance import PlaneState
+from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.short_repr import short_repr
 from flexstage.stage.mass import mass_properties

@@ -10,7 +10,7 @@ import sympy as sp
 
 from flexstage.lumped.hinge_block import generic_body, generic_hinge
 from flexstage.lumped.reduction import ReducedModel
-from flexstage.lumped.sheet_items import Formula, Item, Paragraph, Section, Tabular
+from flexstage.lumped.sheet_items import Formula, Item, Paragraph, SheetSection, Tabular
 from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.lumped.symbols import upright
 from flexstage.lumped.transfer import TransferFunction
@@ -24,7 +24,7 @@ def equation_sheet(
     *,
     reduced: ReducedModel | None = None,
     transfer: Sequence[TransferFunction] = (),
-) -> tuple[Section, ...]:
+) -> tuple[SheetSection, ...]:
     """Write down the equations of a stage.
 
     The generic body and hinge are derived once; the stage follows as tables of what its bodies and
@@ -41,7 +41,7 @@ def equation_sheet(
 
     Returns
     -------
-    tuple of Section
+    tuple of SheetSection
         The sheet.
     """
     sections = [
@@ -62,12 +62,12 @@ def equation_sheet(
     return tuple(sections)
 
 
-def _bodies(model: SymbolicModel) -> Section:
+def _bodies(model: SymbolicModel) -> SheetSection:
     rows = tuple(
         (str(i + 1), name, m, J)
         for i, (name, (m, J)) in enumerate(zip(model.bodies, model.body_constants, strict=True))
     )
-    return Section(
+    return SheetSection(
         key="bodies",
         title="Bodies and generalised coordinates",
         items=(
@@ -81,7 +81,7 @@ def _bodies(model: SymbolicModel) -> Section:
     )
 
 
-def _body_energy() -> Section:
+def _body_energy() -> SheetSection:
     body = generic_body()
     accelerations = sp.symbols(r"\ddot{x} \ddot{y} \ddot{\theta}", real=True)
     swap = dict(zip(body.rates, accelerations, strict=True))
@@ -105,10 +105,10 @@ def _body_energy() -> Section:
                 plain=f"d/dt dT/d{q}' - dT/d{q}",
             )
         )
-    return Section(key="kinetic", title="Kinetic energy", items=tuple(items))
+    return SheetSection(key="kinetic", title="Kinetic energy", items=tuple(items))
 
 
-def _hinge_energy(model: SymbolicModel) -> Section:
+def _hinge_energy(model: SymbolicModel) -> SheetSection:
     hinge = generic_hinge()
     u, v, t = sp.symbols("u v vartheta", real=True)
     k, c = hinge.stiffness, hinge.damping
@@ -169,12 +169,12 @@ def _hinge_energy(model: SymbolicModel) -> Section:
                 right=r"\tfrac12\dot q^T(\alpha M + \beta K)\,\dot q",
             ),
         ]
-    return Section(
+    return SheetSection(
         key="hinge", title="Potential energy and dissipation of a hinge", items=tuple(items)
     )
 
 
-def _hinges(model: SymbolicModel) -> Section:
+def _hinges(model: SymbolicModel) -> SheetSection:
     generic = generic_hinge()
     used = [
         key
@@ -191,7 +191,7 @@ def _hinges(model: SymbolicModel) -> Section:
         )
         for h in model.hinges
     )
-    return Section(
+    return SheetSection(
         key="hinges",
         title="What each hinge puts in",
         items=(
@@ -201,9 +201,9 @@ def _hinges(model: SymbolicModel) -> Section:
     )
 
 
-def _lagrange(model: SymbolicModel) -> Section:
+def _lagrange(model: SymbolicModel) -> SheetSection:
     form = r"M\ddot q + C\dot q + Kq" if model.damping != "none" else r"M\ddot q + Kq"
-    return Section(
+    return SheetSection(
         key="lagrange",
         title="Lagrange's equations",
         items=(
@@ -221,7 +221,7 @@ def _lagrange(model: SymbolicModel) -> Section:
     )
 
 
-def _matrices(model: SymbolicModel) -> Section:
+def _matrices(model: SymbolicModel) -> SheetSection:
     items: list[Item] = [
         Paragraph(
             text="M is diagonal: m, m, J of each body in turn. K in 3 x 3 blocks by the numbers of "
@@ -246,10 +246,10 @@ def _matrices(model: SymbolicModel) -> Section:
         items.append(Paragraph(text="C is K with c in the place of k."))
     else:
         items.append(Formula(left="C", right="0"))
-    return Section(key="matrices", title="Mass, damping and stiffness", items=tuple(items))
+    return SheetSection(key="matrices", title="Mass, damping and stiffness", items=tuple(items))
 
 
-def _motion(model: SymbolicModel) -> Section:
+def _motion(model: SymbolicModel) -> SheetSection:
     items: list[Item] = []
     if model.damping != "none":
         items.append(
@@ -269,10 +269,10 @@ def _motion(model: SymbolicModel) -> Section:
                 )
             )
             items.append(Formula(left=left, right=model.forces[row]))
-    return Section(key="motion", title="Equations of motion", items=tuple(items))
+    return SheetSection(key="motion", title="Equations of motion", items=tuple(items))
 
 
-def _operator(model: SymbolicModel) -> Section:
+def _operator(model: SymbolicModel) -> SheetSection:
     damped = model.damping != "none"
     items = [
         Formula(
@@ -294,10 +294,10 @@ def _operator(model: SymbolicModel) -> Section:
             for port in ports
         ),
     ]
-    return Section(key="operator", title="Operator form", items=tuple(items))
+    return SheetSection(key="operator", title="Operator form", items=tuple(items))
 
 
-def _reduced(reduced: ReducedModel) -> Section:
+def _reduced(reduced: ReducedModel) -> SheetSection:
     z = sp.Matrix(reduced.coordinates)
     rounded = {"M": reduced.M, "C": reduced.C, "K": reduced.K}
     items: list[Item] = [
@@ -312,10 +312,10 @@ def _reduced(reduced: ReducedModel) -> Section:
             items.append(Formula(left="C_z", right=r"\alpha M_z + \beta K_z"))
         elif name != "C" or reduced.damping != "none":
             items.append(Formula(left=f"{name}_z", right=sp.ImmutableMatrix(matrix)))
-    return Section(key="reduced", title="Reduced model", items=tuple(items))
+    return SheetSection(key="reduced", title="Reduced model", items=tuple(items))
 
 
-def _transfer(transfer: Sequence[TransferFunction]) -> Section:
+def _transfer(transfer: Sequence[TransferFunction]) -> SheetSection:
     items: list[Item] = []
     for tf in transfer:
         unit = "m/N" if tf.input_kind == "force" else "1"
@@ -346,14 +346,14 @@ def _transfer(transfer: Sequence[TransferFunction]) -> Section:
         poles = tf.poles()
         lowest = sorted({float(f"{abs(p) / 6.283185307179586:.6g}") for p in poles})
         items.append(Paragraph(text=f"Poles at {', '.join(f'{f:.6g}' for f in lowest)} Hz."))
-    return Section(key="transfer", title="Transfer functions", items=tuple(items))
+    return SheetSection(key="transfer", title="Transfer functions", items=tuple(items))
 
 
-def _values(model: SymbolicModel) -> Section:
+def _values(model: SymbolicModel) -> SheetSection:
     rows = tuple(
         (symbol, f"{value:.10g}", _unit(symbol.name)) for symbol, value in model.values.items()
     )
-    return Section(
+    return SheetSection(
         key="values",
         title="Values of the constants",
         items=(Tabular(header=("symbol", "value", "unit"), rows=rows),),

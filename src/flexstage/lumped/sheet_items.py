@@ -39,7 +39,7 @@ Item = Paragraph | Formula | Tabular
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Section:
+class SheetSection:
     """A section of the sheet."""
 
     key: str

@@ -38,7 +38,7 @@ DampingKind = Literal["none", "hinge", "rayleigh"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Port:
+class SymbolicPort:
     """A drive or a probe in symbols."""
 
     name: str
@@ -62,31 +62,31 @@ class SymbolicModel:
     coordinates: tuple[sp.Symbol, ...]
     """q, for each free body x, y of its centre of mass and its rotation theta."""
     rates: tuple[sp.Symbol, ...]
-    """Their first and second derivatives in time."""
+    """Their first derivatives in time."""
     accelerations: tuple[sp.Symbol, ...]
-    """Their first and second derivatives in time."""
+    """Their second derivatives in time."""
     forces: tuple[sp.Symbol, ...]
     """Generalised forces Q."""
     kinetic_energy: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """T."""
     potential_energy: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """V."""
     dissipation: sp.Expr
-    """T, V and Rayleigh's function D."""
+    """Rayleigh's function D."""
     M: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Mass, shape (n, n)."""
     C: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Damping, shape (n, n)."""
     K: sp.ImmutableSparseMatrix
-    """Mass, damping and stiffness, shape (n, n)."""
+    """Stiffness, shape (n, n)."""
     hinges: tuple[HingeConstants, ...]
     """The hinges."""
     body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
     """Mass and inertia of each free body."""
-    drives: tuple[Port, ...]
-    """Where the stage is driven and read."""
-    probes: tuple[Port, ...]
-    """Where the stage is driven and read."""
+    drives: tuple[SymbolicPort, ...]
+    """Where the stage is driven."""
+    probes: tuple[SymbolicPort, ...]
+    """Where it is read."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
     damping: DampingKind
@@ -99,7 +99,7 @@ class SymbolicModel:
         """Number of coordinates n."""
         return len(self.coordinates)
 
-    def drive(self, name: str) -> Port:
+    def drive(self, name: str) -> SymbolicPort:
         """Return a drive by name.
 
         Parameters
@@ -109,7 +109,7 @@ class SymbolicModel:
 
         Returns
         -------
-        Port
+        SymbolicPort
             The drive.
 
         Raises
@@ -119,7 +119,7 @@ class SymbolicModel:
         """
         return _find("drive", name, self.drives)
 
-    def probe(self, name: str) -> Port:
+    def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name.
 
         Parameters
@@ -129,7 +129,7 @@ class SymbolicModel:
 
         Returns
         -------
-        Port
+        SymbolicPort
             The probe.
 
         Raises
@@ -298,13 +298,13 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     else:
         C, D = {}, sp.S.Zero
 
-    def port(sight: Sight, i: int) -> Port:
+    def port(sight: Sight, i: int) -> SymbolicPort:
         stiffness = (
             table.drive_stiffness(i, sight.stiffness)
             if sight.stiffness
             else (None if sight.stiffness is None else sp.S.Zero)
         )
-        return Port(
+        return SymbolicPort(
             name=sight.name, vector=sight_vector(source, table, sight, numbers), stiffness=stiffness
         )
 
@@ -332,7 +332,7 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     )
 
 
-def _find(noun: str, name: str, ports: tuple[Port, ...]) -> Port:
+def _find(noun: str, name: str, ports: tuple[SymbolicPort, ...]) -> SymbolicPort:
     for port in ports:
         if port.name == name:
             return port

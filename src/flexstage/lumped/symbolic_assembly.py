@@ -30,7 +30,10 @@ class HingeConstants:
 def hinge_constants(
     source: Mechanism, table: SymbolTable, i: int, damping: str
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return what a hinge puts in the place of each symbol of the generic hinge."""
+    """Return what a hinge puts in the place of each symbol of the generic hinge.
+
+    With `damping` ``hinge`` it has a damper as well.
+    """
     hinge, generic = source.hinges[i], generic_hinge()
     out: dict[sp.Symbol, sp.Expr] = {}
     for side, body in enumerate(hinge.bodies):
@@ -56,7 +59,12 @@ def assemble_blocks(
     local: tuple[sp.Symbol, ...],
     q: tuple[sp.Symbol, ...],
 ) -> tuple[dict[tuple[int, int], sp.Expr], sp.Expr]:
-    """Sum the blocks and energies of all hinges; held bodies have no coordinates."""
+    """Sum the blocks and energies of all hinges; held bodies have no coordinates.
+
+    `block` and `energy` are those of the generic hinge, `local` its six coordinates or rates, and
+    `q` those of the stage. Returns the entries of the matrix by row and column, and the energy of
+    all hinges.
+    """
     terms: dict[tuple[int, int], list[sp.Expr]] = {}
     energies = []
     for hinge in hinges:
@@ -82,7 +90,10 @@ def assemble_blocks(
 def sight_vector(
     source: Mechanism, table: SymbolTable, sight: Sight, numbers: dict[int, int]
 ) -> sp.ImmutableMatrix:
-    """Return the elongation of a drive or the reading of a probe for each coordinate."""
+    """Return the elongation of a drive or the reading of a probe for each coordinate.
+
+    Shape (n, 1); `numbers` has the number of each free body, from 1, by its index in the mechanism.
+    """
     c, s = table.direction(sight.direction)
     # the line of action goes through the point on body b and turns with body a: its first order
     at = sight.points[1]

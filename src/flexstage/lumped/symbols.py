@@ -17,6 +17,8 @@ from flexstage.lumped.rigid_bodies import Mechanism
 def upright(name: str) -> str:
     r"""Write a name of a drive or probe as an index of a symbol, in LaTeX.
 
+    What means something to LaTeX is left out.
+
     Examples
     --------
     >>> print(upright("x_1 50%"))
@@ -41,7 +43,10 @@ _TEXT = {
 
 
 class SymbolTable:
-    """Gives a symbol for each number, the same symbol for the same number."""
+    """Gives a symbol for each number, the same symbol for the same number.
+
+    The size of the mechanism sets how close two lengths must be to be one.
+    """
 
     def __init__(self, source: Mechanism) -> None:
         points = [b.centre for b in source.bodies] + [h.at for h in source.hinges]
@@ -51,15 +56,15 @@ class SymbolTable:
         self.values: dict[sp.Symbol, float] = {}
 
     def mass(self, value: float) -> sp.Symbol:
-        """Return the symbol of a mass."""
+        """Return the symbol of a mass [kg]: m_1, m_2, ..."""
         return self._symbol("m", value, 1e-13 * value, positive=True)
 
     def inertia(self, value: float) -> sp.Symbol:
-        """Return the symbol of a moment of inertia."""
+        """Return the symbol of a moment of inertia [kg m^2]: J_1, J_2, ..."""
         return self._symbol("J", value, 1e-13 * value, positive=True)
 
     def length(self, value: float) -> sp.Expr:
-        """Return the symbol of a lever arm, with its sign."""
+        """Return the symbol of a lever arm [m], with its sign: l_1 or -l_1, ..., or 0."""
         near = _SAME * self._size
         if abs(value) <= near:
             return sp.S.Zero
@@ -75,7 +80,7 @@ class SymbolTable:
         return sp.cos(symbol), sp.sin(symbol)
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
-        """Return the number of a kind of hinge."""
+        """Return the number of a kind of hinge, from 1: one for all of the same stiffness."""
         for i, known in enumerate(self._types):
             scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
             if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
@@ -86,7 +91,12 @@ class SymbolTable:
     def spring(
         self, letter: str, key: str, group: int, stiffness: float, *, value: float | None = None
     ) -> sp.Expr:
-        """Return the symbol of an entry of a hinge's stiffness or damping."""
+        """Return the symbol of an entry of a hinge's stiffness or damping.
+
+        `letter` is ``k`` or ``c``, `key` two letters, ``uu`` for along the hinge and so on, `group`
+        the kind of hinge; `value` is the number of the symbol, if not `stiffness`. It is 0 where
+        the stiffness has no such coupling.
+        """
         known = self._types[group - 1]
         i, j = ("uvt".index(c) for c in key)
         # rounding leaves couplings that a symmetric notch does not have
@@ -97,7 +107,7 @@ class SymbolTable:
         return symbol
 
     def drive_stiffness(self, number: int, value: float) -> sp.Symbol:
-        """Return the symbol of a drive's stiffness."""
+        """Return the symbol of a drive's stiffness [N/m]: k_d1, k_d2, ..."""
         symbol = sp.Symbol(f"k_{{d{number}}}", positive=True)
         self.values[symbol] = value
         return symbol

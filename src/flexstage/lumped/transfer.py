@@ -49,9 +49,9 @@ class TransferFunction:
     s: sp.Symbol
     """Laplace's variable."""
     numerator: sp.Expr
-    """The polynomials."""
+    """Polynomial above."""
     denominator: sp.Expr
-    """The polynomials."""
+    """Polynomial below."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.centring.bench import CentreReading, table_reading
 from flexstage.centring.head_averaging import against_reference
 from flexstage.centring.procedure import centre
+from flexstage.centring.rotary_table import CentreReading, table_reading
 from flexstage.centring.virtual_table import VirtualTable
 from flexstage.errors import PlanError
-from flexstage.instruments.protocol import Axis, Capability, Instrument
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to
 from flexstage.plans.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.plans.files import write_text
@@ -125,7 +125,7 @@ class _AxisOf:
                 f"the instrument has no axis '{name}': its axes are {', '.join(instrument.axes)}"
             )
         self._instrument, self.name = instrument, name
-        self._axis: Axis = instrument.axes[name]
+        self._axis: MotionAxis = instrument.axes[name]
         can = Capability.CLOSED_LOOP in self._axis.capabilities
         voltage = self._axis.limits.voltage is not None
         self._setting: AxisSetting = axis_setting(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Annotated
 
 from flexstage.errors import PlanError
-from flexstage.experiment.campaign.plan import Instrument
+from flexstage.experiment.campaign.plan import SensorSpecification
 from flexstage.experiment.uncertainty.sensor import SensorSetup
 from flexstage.plans.excite import Blows, Corners, EqualCycles, Excite
 from flexstage.plans.verbs import (
@@ -22,7 +22,7 @@ Action = Excite | Measure | Characterise | Identify | Compensate | Verify | Cent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorEntry(Instrument):
+class SensorEntry(SensorSpecification):
     """A sensor of the instrument: which channel it is, and what is known of its errors."""
 
     channel: float
@@ -45,9 +45,11 @@ class SensorEntry(Instrument):
         return self.instrument.setup
 
     @property
-    def instrument(self) -> Instrument:
+    def instrument(self) -> SensorSpecification:
         """What is known of its errors."""
-        return Instrument(**{f.name: getattr(self, f.name) for f in fields(Instrument)})
+        return SensorSpecification(
+            **{f.name: getattr(self, f.name) for f in fields(SensorSpecification)}
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

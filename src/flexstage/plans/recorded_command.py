@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import PlanError
-from flexstage.instruments.acquire import record_blow, run_moves, run_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to
+from flexstage.instruments.record_run import record_blow, run_moves, run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.plans.command import CommandWaveform, Strike
-from flexstage.progress import share
 
 #: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
 _BLOW_TIME = 0.8
@@ -172,7 +172,7 @@ def record_strikes(
     channels = [(s.name, s.unit) for s in signals]
     with RunWriter(stream, channels, rate, metadata) as writer:
         for hit in range(strike.hits):
-            with share(hit / strike.hits, (hit + 1) / strike.hits):
+            with progress.subtask(hit / strike.hits, (hit + 1) / strike.hits):
                 numbered = _Numbered(writer, lambda _: {}, offset=hit * samples)
                 record_blow(instrument, strike.axis, signals, rate_hz, samples, numbered)
     return stream.with_suffix(".h5")

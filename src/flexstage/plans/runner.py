@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import flexstage
+from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import stage_lock
@@ -37,7 +38,6 @@ from flexstage.plans.state import (
     write_state,
 )
 from flexstage.plans.verbs import Characterise, Measure
-from flexstage.progress import share, tell
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
@@ -253,8 +253,8 @@ def _run_steps(context: RunContext, state: RunState, steps: tuple[Step, ...]) ->
     outputs: dict[str, str] = {}
     identity = context.instrument.identity
     for k, step in enumerate(steps):
-        with share(k / len(steps), (k + 1) / len(steps)):
-            tell(step.name[:17])
+        with progress.subtask(k / len(steps), (k + 1) / len(steps)):
+            progress.update(step.name[:17])
             mark = _fingerprint(step, context.plan, context.stage, identity, outputs)
             before = state.steps.get(step.name)
             now = before is None or not _whole(context.folder, before, mark)

@@ -16,8 +16,8 @@ from flexstage.estimate import Component, Estimate
 from flexstage.experiment.campaign.results import Figure
 from flexstage.experiment.uncertainty.sensor import measured
 from flexstage.hysteresis import loop_width, tracking
-from flexstage.instruments.acquire import run_waveform
 from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.attributes import read_metadata
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.servo import ServoSettings

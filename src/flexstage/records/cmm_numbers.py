@@ -12,7 +12,7 @@ _OTHER = {".": ",", ",": "."}
 
 
 def decimal_sign(numbers: Iterable[tuple[int, str]], given: str | None = None) -> str:
-    """Return the decimal sign of numbers in a text.
+    """Return the decimal sign of numbers in a text, each with the number of its line.
 
     ``0,025`` and ``10,0012`` can only have a decimal comma, ``1,234.5`` only a decimal point;
     ``1,234`` may be either.
@@ -74,7 +74,7 @@ def _shown(text: str) -> tuple[str, bool]:
 
 
 def printed_number(text: str, sign: str, where: str) -> float:
-    """Return a number as printed.
+    """Return a number as printed; the other sign may divide thousands. `where` is for the message.
 
     Examples
     --------
@@ -97,6 +97,8 @@ def printed_number(text: str, sign: str, where: str) -> float:
 
 def is_difference(deviation: str, measured: str, nominal: str, sign: str) -> bool:
     """Say whether a deviation is measured minus nominal, as far as the digits tell.
+
+    Its negative counts too: some machines count deviations away from zero.
 
     Examples
     --------

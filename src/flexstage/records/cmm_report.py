@@ -9,7 +9,7 @@ from flexstage.records.cmm_numbers import decimal_sign, is_difference, printed_n
 from flexstage.records.cmm_words import (
     AXES,
     LEFT_OUT,
-    Reading,
+    CoordinateReading,
     axis_name,
     printed_unit,
     role,
@@ -62,7 +62,7 @@ class _Row:
 
 
 def has_report(lines: Sequence[str]) -> bool:
-    """Say whether a text has a table as PC-DMIS writes it.
+    """Say whether a text has a table as PC-DMIS writes it, by its heading.
 
     Examples
     --------
@@ -80,8 +80,13 @@ def _heading(line: str) -> _Heading | None:
     return _Heading(roles=tuple(roles[1:]), ends=tuple(token.end() for token in tokens[1:]))
 
 
-def read_report(lines: Sequence[str], decimal: str | None) -> tuple[list[Reading], tuple[str, ...]]:
-    """Read the tables of a report."""
+def read_report(
+    lines: Sequence[str], decimal: str | None
+) -> tuple[list[CoordinateReading], tuple[str, ...]]:
+    """Read the tables of a report: the values, and the kinds of rows that are no coordinates.
+
+    Values go by the name of the feature, distances and errors of form (M) by that of the dimension.
+    """
     rows, left_out = _rows(lines)
     if not rows:
         raise RecordError("there is no row of an axis in its tables: print the report again")
@@ -222,7 +227,7 @@ def _aligned(number: int, ends: Sequence[int], heading: _Heading) -> list[int]:
     return places
 
 
-def _reading(row: _Row, sign: str) -> Reading:
+def _reading(row: _Row, sign: str) -> CoordinateReading:
     where = f"line {row.line}"
     nominal, measured = (
         printed_number(row.values[name], sign, where) for name in ("nominal", "measured")
@@ -242,6 +247,6 @@ def _reading(row: _Row, sign: str) -> Reading:
             f"line {row.dimension.line}: it is not clear of which feature dimension "
             f"'{row.dimension.name}' is: print the report in English, or export it as a table"
         )
-    return Reading(
+    return CoordinateReading(
         feature=feature, axis=row.axis, nominal=nominal, measured=measured, unit=row.dimension.unit
     )

@@ -56,7 +56,7 @@ _UNITS = {"mm": "mm", "in": "inch", "inch": "inch", "inches": "inch", "cm": "cm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class CoordinateReading:
     """One value that a measuring machine reports."""
 
     feature: str
@@ -64,9 +64,9 @@ class Reading:
     axis: str
     """Which coordinate of it."""
     nominal: float
-    """Where it should be and where it is, in `unit`."""
+    """Where it should be, in `unit`."""
     measured: float
-    """Where it should be and where it is, in `unit`."""
+    """Where it is, in `unit`."""
     unit: str = ""
     """The unit, where the report says it."""
 
@@ -84,7 +84,7 @@ def plain_word(text: str) -> str:
 
 
 def role(heading: str) -> str:
-    """Return which column a heading is over.
+    """Return which column a heading without its unit is over; nothing where it is of no report.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def role(heading: str) -> str:
 
 
 def axis_name(text: str) -> str:
-    """Return an axis as it is called here.
+    """Return the letter of an axis; the text in capitals where that is not known.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def axis_name(text: str) -> str:
 
 
 def printed_unit(text: str) -> str:
-    """Return a unit as it is known here.
+    """Return a unit that a report prints; the text where it is none of a report.
 
     Examples
     --------

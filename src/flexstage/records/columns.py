@@ -47,7 +47,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Columns:
+class FileColumns:
     """Equally long columns of one file."""
 
     columns: tuple[Column, ...]
@@ -74,7 +74,7 @@ class Columns:
     """The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
     """
 
-    def renamed(self, names: Sequence[str]) -> "Columns":
+    def renamed(self, names: Sequence[str]) -> "FileColumns":
         """Return the same columns with other names."""
         if len(names) != len(self.columns):
             raise RecordError(
@@ -87,7 +87,7 @@ class Columns:
         )
         return replace(self, columns=tuple(named))
 
-    def part(self, rows: slice) -> "Columns":
+    def part(self, rows: slice) -> "FileColumns":
         """Return some of the rows."""
         first = rows.indices(self.columns[0].values.size)[0]
         return replace(
@@ -105,8 +105,8 @@ class Columns:
             lines=None if self.lines is None else self.lines[rows],
         )
 
-    def numbered(self, number: int) -> "Columns":
-        """Return the same columns with the texts of one numbered as they first appear."""
+    def numbered(self, number: int) -> "FileColumns":
+        """Return the same columns, any texts of one numbered as they first appear."""
         column = self.columns[number]
         if column.words is None or not (column.words != "").any():
             return self
@@ -135,7 +135,7 @@ class Columns:
 
 @lru_cache(maxsize=256)
 def measured_unit(text: str) -> tuple[float, str]:
-    """Return what a unit is in SI, of a quantity or of one quantity over another.
+    """Return what a unit, of a quantity or of one over another, is in SI: factor and SI unit.
 
     Examples
     --------
@@ -223,6 +223,9 @@ def is_acceleration(name: str) -> bool:
 def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
     """Return what a unit is in SI that means the acceleration of gravity, and no gram.
 
+    In a column whose name is of no acceleration, ``g_n`` and a unit over a force are it, ``g``
+    alone is not.
+
     Examples
     --------
     >>> gravity_unit("g", "ax"), gravity_unit("g", "load"), gravity_unit("g/N", "H")
@@ -253,7 +256,10 @@ def complex_parts(column: Column, imaginary: NDArray[np.float64]) -> tuple[Colum
 
 
 def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
-    """Return an array of a file as floats, or say why that would not be the same numbers."""
+    """Return an array of a file as floats, or say why that would not be the same numbers.
+
+    Dates become seconds after the first. Integers that a float would round are refused.
+    """
     kind = values.dtype.kind
     if kind in "Mm":
         return _seconds(values, what)

@@ -47,6 +47,9 @@ def from_branches(
 ) -> Record:
     """Return the loop that a table of its two branches holds.
 
+    One row for each input, rising or falling; where nothing was measured, the output is NaN and so
+    is the number of the sample. Without a sample rate it is 1 Hz.
+
     The input rises along the first branch and falls along the second. Where the loop is closed, it
     was run before: it then begins with a loop that nothing was measured in. Where it is open at its
     lower end, the first branch began at rest.

@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, as_float, complex_parts, labelled
-from flexstage.records.unpacked import require_unpacked
+from flexstage.records.columns import Column, FileColumns, as_float, complex_parts, labelled
 
 _RATE_NAMES = frozenset(
     ("fs", "samplerate", "sampleratehz", "samplingrate", "samplingratehz", "samplingfrequency")
 )
 _INTERVAL_NAMES = frozenset(("ts", "dt", "deltat", "sampletime", "interval", "sampleinterval"))
+#: Every file may unpack to `_ALWAYS`, a large one to `_RATIO` times its size, none to more than
+#: `_NEVER` [bytes]. Measured data with noise pack to a half or a tenth.
+_ALWAYS, _RATIO, _NEVER = 2**28, 100, 2**32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Leaf:
+class StoredArray:
     """An array in a file."""
 
     parent: str
@@ -75,7 +77,7 @@ class Leaf:
 class Tree:
     """All that a file holds."""
 
-    leaves: tuple[Leaf, ...]
+    leaves: tuple[StoredArray, ...]
     """Its arrays, in the order of the file."""
     numbers: Mapping[str, float] = field(default_factory=dict)
     """Its single numbers, by path."""
@@ -85,8 +87,10 @@ class Tree:
     """Size of the file [bytes]."""
 
 
-def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
+def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:
     """Return the columns of a file: those that were asked for, or the only ones there are.
+
+    `dataset` is the path of a group or an array, or of several arrays with commas between.
 
     Arrays in one group that have as many samples as each other belong together; so do the columns
     of a matrix, whose samples run along its longer side.
@@ -111,7 +115,7 @@ def chosen_columns(tree: Tree, dataset: str | None) -> Columns:
     rate, start, source, hint = _sampling(leaves, tree.numbers)
     attributes = {path: text for path, text in tree.texts.items() if not _is_label(path)}
     attributes |= {path: repr(number) for path, number in tree.numbers.items()}
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         sample_rate_hz=rate,
         start=start,
@@ -126,25 +130,25 @@ def _is_label(path: str) -> bool:
     return PurePosixPath(path).parent.name in {"units", "names"}
 
 
-def _some(leaves: Sequence[Leaf], most: int = 12) -> str:
+def _some(leaves: Sequence[StoredArray], most: int = 12) -> str:
     listed = ", ".join(str(leaf) for leaf in leaves[:most])
     more = len(leaves) - most
     return f"{listed} and {more} more" if more > 0 else listed
 
 
-def _require_usable(leaf: Leaf) -> None:
+def _require_usable(leaf: StoredArray) -> None:
     if not leaf.usable:
         raise RecordError(f"{leaf} cannot be columns of a record: choose a vector or a matrix")
 
 
-def _asked(tree: Tree, dataset: str) -> list[Leaf]:
-    found: list[Leaf] = []
+def _asked(tree: Tree, dataset: str) -> list[StoredArray]:
+    found: list[StoredArray] = []
     for word in dataset.split(","):
         found += _at(tree, word.strip().strip("/"))
     return found
 
 
-def _at(tree: Tree, path: str) -> list[Leaf]:
+def _at(tree: Tree, path: str) -> list[StoredArray]:
     for wanted in (path, path.replace(".", "/")):
         exact = [leaf for leaf in tree.leaves if leaf.path == wanted]
         if exact:
@@ -157,13 +161,13 @@ def _at(tree: Tree, path: str) -> list[Leaf]:
     raise RecordError(f"there is no dataset '{path}': the file contains {_some(tree.leaves)}")
 
 
-def _only(leaves: Sequence[Leaf]) -> list[Leaf]:
+def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:
     """Return the leaves that belong together, where there is only one such set."""
     usable = [leaf for leaf in leaves if leaf.usable]
     if not usable:
         held = f"it holds {_some(leaves)}" if leaves else "it holds no arrays"
         raise RecordError(f"the file has no column of numbers: {held}")
-    sets: dict[tuple[str, int], list[Leaf]] = {}
+    sets: dict[tuple[str, int], list[StoredArray]] = {}
     for leaf in usable:
         sets.setdefault((leaf.parent, leaf.samples), []).append(leaf)
     several = [group for group in sets.values() if sum(leaf.width for leaf in group) > 1]
@@ -183,7 +187,7 @@ def _only(leaves: Sequence[Leaf]) -> list[Leaf]:
     )
 
 
-def _append(columns: list[Column], leaf: Leaf, tree: Tree) -> list[str]:
+def _append(columns: list[Column], leaf: StoredArray, tree: Tree) -> list[str]:
     """Add the columns of an array; return what to note about it."""
     label = leaf.label or _text_beside(tree, "names", leaf) or leaf.name
     unit = leaf.unit or _text_beside(tree, "units", leaf)
@@ -203,7 +207,7 @@ def _append(columns: list[Column], leaf: Leaf, tree: Tree) -> list[str]:
 
 
 def _real_columns(
-    columns: list[Column], leaf: Leaf, label: str, unit: str, array: NDArray
+    columns: list[Column], leaf: StoredArray, label: str, unit: str, array: NDArray
 ) -> list[str]:
     values = as_float(array, f"'{leaf.path}'")
     notes = []
@@ -224,13 +228,13 @@ def _real_columns(
     return notes
 
 
-def _text_beside(tree: Tree, kind: str, leaf: Leaf) -> str:
+def _text_beside(tree: Tree, kind: str, leaf: StoredArray) -> str:
     prefix = f"{leaf.parent}/" if leaf.parent else ""
     return tree.texts.get(f"{prefix}{kind}/{leaf.name}", "")
 
 
 def _sampling(
-    leaves: Sequence[Leaf], numbers: Mapping[str, float]
+    leaves: Sequence[StoredArray], numbers: Mapping[str, float]
 ) -> tuple[float | None, float, str, str]:
     """Return sample rate, time of the first sample, where they stand, and a hint."""
     timed = [leaf for leaf in leaves if leaf.interval]
@@ -261,3 +265,23 @@ def _sampling(
                     f"sample rate is {1.0 / number:g} Hz"
                 )
     return None, 0.0, "", hint
+
+
+def most_unpacked(packed: int) -> int:
+    """Return how much a file may unpack to.
+
+    Examples
+    --------
+    >>> most_unpacked(1_000_000), most_unpacked(10_000_000)
+    (268435456, 1000000000)
+    """
+    return min(max(_ALWAYS, _RATIO * packed), _NEVER)
+
+
+def require_unpacked(unpacked: int, packed: int, what: str) -> None:
+    """Refuse what unpacks to more than measured data do, before memory is taken for it."""
+    if unpacked > most_unpacked(packed):
+        raise RecordError(
+            f"{what} is too large to read: {unpacked / 1e6:,.0f} MB from a file of "
+            f"{packed / 1e6:.3g} MB; save a part of it, or save it without compression"
+        )

@@ -34,7 +34,7 @@ _HEAD = 65_536
 
 
 def format_of(file: Path, wanted: str | None = None) -> str:
-    """Return the format of a file: as told, by its first bytes, by its suffix."""
+    """Return the format of a file: as told (or a suffix), by its first bytes, by its suffix."""
     if wanted is not None:
         suffix = f".{wanted.lower().lstrip('.')}"
         for name, suffixes in FORMATS.items():

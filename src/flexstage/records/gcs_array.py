@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns, labelled
+from flexstage.records.columns import FileColumns, labelled
 from flexstage.records.text_lines import text_lines
 
 _KEY = re.compile(r"#\s*(?:REM\s+)?([A-Z_]+[0-9]*)\s*=\s*(.*)")
@@ -28,8 +28,11 @@ def is_gcs_array(head: str) -> bool:
     return head.lstrip().startswith("#") and len(set(_KEYS.findall(head[:8192]))) > 1
 
 
-def read_gcs_array(path: Path) -> Columns:
+def read_gcs_array(path: Path) -> FileColumns:
     r"""Read the columns of an array file of a GCS controller.
+
+    Columns go by their ``NAME``, ``SAMPLE_TIME`` gives the sample rate. Units are not part of the
+    format.
 
     Examples
     --------
@@ -54,7 +57,7 @@ def read_gcs_array(path: Path) -> Columns:
         )
     names = [keys.get(f"NAME{j}") or f"column {j}" for j in range(width)]
     interval = _sample_time(keys)
-    return Columns(
+    return FileColumns(
         columns=tuple(
             labelled(name, np.ascontiguousarray(values[:, j])) for j, name in enumerate(names)
         ),

@@ -8,15 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
-from flexstage.records.datasets import Leaf, Tree, chosen_columns
+from flexstage.records.columns import FileColumns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns
 
 _DEEPEST = 12
 _MOST = 20_000
 
 
-def read_hdf5(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of an HDF5 file."""
+def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
+    """Read the columns of an HDF5 file.
+
+    `dataset` is a group, ``run1``, or datasets, ``run1/u,run1/y``. Attributes ``unit`` and ``name``
+    of a dataset are its unit and heading.
+    """
     import h5py
 
     try:
@@ -52,7 +56,7 @@ class _Walk:
 
     def __init__(self, *, matlab: bool) -> None:
         self.matlab = matlab
-        self.leaves: list[Leaf] = []
+        self.leaves: list[StoredArray] = []
         self.numbers: dict[str, float] = {}
         self.texts: dict[str, str] = {}
 
@@ -113,7 +117,7 @@ class _Walk:
         is_field = dataset.dtype.names is not None and kind != "c"
         shape = tuple(dataset.shape)
         self.leaves.append(
-            Leaf(
+            StoredArray(
                 parent=parent,
                 name=name,
                 shape=shape[::-1] if self.matlab else shape,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
-from flexstage.records.datasets import Leaf, Tree, chosen_columns
+from flexstage.records.columns import FileColumns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab_structure import require_sound
 
@@ -17,8 +17,11 @@ _DEEPEST = 12
 _MOST_ITEMS = 200
 
 
-def read_matlab(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of a MATLAB file, of any version."""
+def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
+    """Read the columns of a MATLAB file, of any version.
+
+    `dataset` is variables, ``data.u,data.y``, or a structure, ``data``.
+    """
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5 in (head[:8], head[512:520]):
@@ -69,7 +72,7 @@ class _Walk:
     """Gathers the arrays, numbers and texts of nested structures and cells."""
 
     def __init__(self) -> None:
-        self.leaves: list[Leaf] = []
+        self.leaves: list[StoredArray] = []
         self.numbers: dict[str, float] = {}
         self.texts: dict[str, str] = {}
         self.unread: list[str] = []
@@ -90,7 +93,7 @@ class _Walk:
         elif value.size == 1 and value.dtype.kind in "biuf":
             self.numbers[path] = float(value.reshape(-1)[0])
         elif value.size:
-            leaf = Leaf(
+            leaf = StoredArray(
                 parent=parent,
                 name=name,
                 shape=value.shape,

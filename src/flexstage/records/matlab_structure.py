@@ -8,7 +8,7 @@ followed here first: MathWorks, MAT-File Format, 2019, chapter 1.
 import struct
 import zlib
 
-from flexstage.records.unpacked import most_unpacked, require_unpacked
+from flexstage.records.datasets import most_unpacked, require_unpacked
 
 _MATRIX, _COMPRESSED = 14, 15
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
@@ -21,7 +21,10 @@ _DEEPEST = 40
 
 
 def require_sound(data: bytes) -> None:
-    """Refuse a MATLAB 5 file whose tags contradict each other."""
+    """Refuse a MATLAB 5 file whose tags contradict each other.
+
+    A ValueError says what is cut short or damaged.
+    """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("its heading is damaged")

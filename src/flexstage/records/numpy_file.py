@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
-from flexstage.records.datasets import Leaf, Tree, chosen_columns
-from flexstage.records.unpacked import require_unpacked
+from flexstage.records.columns import FileColumns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns, require_unpacked
 
 
-def read_numpy(path: Path, dataset: str | None = None) -> Columns:
+def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of a NumPy file, ``.npy`` or ``.npz``.
+
+    `dataset` names arrays of an archive, ``u,y``. The fields of a structured array are columns with
+    their names.
 
     Pickled objects are never loaded, as that would run what the file says.
     """
@@ -52,7 +54,7 @@ def _arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _tree(arrays: dict[str, NDArray], file_size: int) -> Tree:
-    leaves: list[Leaf] = []
+    leaves: list[StoredArray] = []
     numbers: dict[str, float] = {}
     texts: dict[str, str] = {}
     for path, array in arrays.items():
@@ -68,7 +70,7 @@ def _tree(arrays: dict[str, NDArray], file_size: int) -> Tree:
     return Tree(leaves=tuple(leaves), numbers=numbers, texts=texts, file_size=file_size)
 
 
-def _leaf(parent: str, name: str, array: NDArray) -> Leaf:
-    return Leaf(
+def _leaf(parent: str, name: str, array: NDArray) -> StoredArray:
+    return StoredArray(
         parent=parent, name=name, shape=array.shape, kind=array.dtype.kind, load=lambda: array
     )

@@ -18,21 +18,21 @@ class Saturation:
     """How a column rests at its ends."""
 
     low: float
-    """The least and the greatest value, in the unit of the column."""
+    """The least value, in the unit of the column."""
     high: float
-    """The least and the greatest value, in the unit of the column."""
+    """The greatest value."""
     at_low: int
-    """How many samples are at each."""
+    """How many samples are at the least value."""
     at_high: int
-    """How many samples are at each."""
+    """How many are at the greatest."""
     longest_low: int
-    """The longest run of samples at each."""
+    """The longest run of samples at the least value."""
     longest_high: int
-    """The longest run of samples at each."""
+    """The longest run at the greatest."""
     clipped_low: bool
-    """Whether the column looks cut off there."""
+    """Whether the column looks cut off at the least value."""
     clipped_high: bool
-    """Whether the column looks cut off there."""
+    """Whether it looks cut off at the greatest."""
 
     @property
     def clipped(self) -> bool:

@@ -15,7 +15,7 @@ from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (
     GRAVITY,
     Column,
-    Columns,
+    FileColumns,
     gravity_unit,
     is_acceleration,
     measured_unit,
@@ -188,7 +188,7 @@ def _read(
     skip_lines: int,
     delimiter: str | None,
     decimal: str | None,
-) -> Columns:
+) -> FileColumns:
     if known in ("text", "gcs", "touchstone") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
@@ -216,7 +216,7 @@ def _read(
     return readers[known](file, dataset)
 
 
-def _distinct(raw: Columns) -> Columns:
+def _distinct(raw: FileColumns) -> FileColumns:
     """Number columns that have the same name."""
     names = [c.name for c in raw.columns]
     again = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
@@ -237,7 +237,7 @@ def _distinct(raw: Columns) -> Columns:
 
 
 def _kind(
-    raw: Columns, wanted: str, time: str | int | None, rate: float | None
+    raw: FileColumns, wanted: str, time: str | int | None, rate: float | None
 ) -> Literal["time", "frequency", "point"]:
     """Return what the samples follow one another by: as the file says, else as asked."""
     if wanted not in ("time", "point"):
@@ -251,14 +251,14 @@ def _kind(
     return kind
 
 
-def _numbers(raw: Columns, names: Sequence[str], selector: str | int) -> tuple[int, ...]:
+def _numbers(raw: FileColumns, names: Sequence[str], selector: str | int) -> tuple[int, ...]:
     """Return the columns that a name or number stands for."""
     if isinstance(selector, str) and selector.strip() in raw.groups:
         return raw.groups[selector.strip()]
     return (column_number(names, selector),)
 
 
-def _accelerations(raw: Columns, file: Path) -> str:
+def _accelerations(raw: FileColumns, file: Path) -> str:
     """Return what says that a file is of accelerations, where its columns do not; empty if none."""
     if raw.attributes.get("heading", "").startswith("LabVIEW Measurement"):
         return "of an acquisition by LabVIEW"
@@ -269,7 +269,7 @@ def _accelerations(raw: Columns, file: Path) -> str:
 
 
 def _in_si(
-    raw: Columns, units: Mapping[str, str], accelerations: str
+    raw: FileColumns, units: Mapping[str, str], accelerations: str
 ) -> tuple[list[Channel], list[str]]:
     """Return the columns in SI units, and what was done."""
     names = [c.name for c in raw.columns]
@@ -353,7 +353,7 @@ def _known(text: str) -> tuple[float, str] | None:
         return None
 
 
-def _used(raw: Columns, wanted: Sequence[str | int] | None) -> set[int]:
+def _used(raw: FileColumns, wanted: Sequence[str | int] | None) -> set[int]:
     """Return the columns that must be complete: those wanted, or all that hold numbers."""
     names = [c.name for c in raw.columns]
     if wanted is not None:
@@ -372,7 +372,7 @@ def _is_text(column: Column) -> bool:
     return not any(_LIKE_NUMBER.fullmatch(word) for word in np.unique(column.words) if word)
 
 
-def _left_out(raw: Columns, channels: Sequence[Channel], used: set[int]) -> list[str]:
+def _left_out(raw: FileColumns, channels: Sequence[Channel], used: set[int]) -> list[str]:
     """Refuse incomplete columns among those that are used; return notes on the others."""
     incomplete, text = [], []
     for number, (column, channel) in enumerate(zip(raw.columns, channels, strict=True)):

@@ -112,6 +112,8 @@ class Record:
 def column_number(names: Sequence[str], selector: str | int) -> int:
     """Return the number of a column that is asked for by name or by number.
 
+    A selector is a name, or a number from 0, also as text; a name goes before a number.
+
     Examples
     --------
     >>> column_number(["drive", "position"], "position"), column_number(["drive", "y"], "1")

@@ -81,6 +81,8 @@ def require_live(record: Record, columns: Sequence[str | int]) -> None:
 def require_unit(record: Record, column: str | int, unit: str) -> Channel:
     """Return a column, and refuse one that is in another unit or in none.
 
+    `unit` is an SI unit, such as ``m``.
+
     Examples
     --------
     >>> import numpy as np

@@ -44,7 +44,10 @@ def require_complete(values: Array, name: str) -> None:
 
 
 def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
-    """Refuse times that do not rise, and gaps between them."""
+    """Refuse times that do not rise, and gaps between them.
+
+    `largest_step` is the longest step that is no gap, over the median one.
+    """
     require_complete(time, name)
     if time.size < 2:
         raise RecordError(f"a record needs at least two samples, got {time.size}")
@@ -85,7 +88,7 @@ def _mean_rate(time: Array) -> str:
 
 
 def time_jitter(time: Array) -> float:
-    """Return how much the steps of time differ from their mean, relative to it.
+    """Return the largest difference of a rising time's steps from their mean, over that mean.
 
     Examples
     --------
@@ -383,3 +386,22 @@ def selected(
         notes=(*record.notes, note),
         numbers=numbers[part],
     )
+
+
+def row_range(text: str | None, option: str) -> tuple[int | None, int | None] | None:
+    """Return a range of samples: the first, and the one before which to stop.
+
+    Examples
+    --------
+    >>> row_range("400:", "--rows")
+    (400, None)
+    """
+    if text is None:
+        return None
+    words = [word.strip() for word in text.split(":")]
+    if len(words) != 2 or not all(word == "" or word.isdecimal() for word in words):
+        raise RecordError(f"{option} must be a range of samples such as 400:7200, got '{text}'")
+    start, stop = (int(word) if word else None for word in words)
+    if start is not None and stop is not None and start >= stop:
+        raise RecordError(f"{option} must rise, got '{text}'")
+    return start, stop

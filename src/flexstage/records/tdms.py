@@ -10,14 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
-from flexstage.records.datasets import Leaf, Tree, chosen_columns
+from flexstage.records.columns import FileColumns
+from flexstage.records.datasets import StoredArray, Tree, chosen_columns
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
 
-def read_tdms(path: Path, dataset: str | None = None) -> Columns:
-    """Read the columns of a TDMS file."""
+def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
+    """Read the columns of a TDMS file.
+
+    `dataset` is a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
+    ``wf_increment`` and ``wf_start_offset`` give the times.
+    """
     from nptdms import TdmsFile
 
     try:
@@ -60,10 +64,10 @@ def _tree(file: Any, file_size: int) -> Tree:
     return Tree(leaves=tuple(leaves), texts=texts, file_size=file_size)
 
 
-def _leaf(group: str, channel: Any) -> Leaf:
+def _leaf(group: str, channel: Any) -> StoredArray:
     properties = channel.properties
     interval = _number(properties.get("wf_increment"))
-    return Leaf(
+    return StoredArray(
         parent=group,
         name=channel.name,
         shape=(len(channel),),

@@ -10,14 +10,14 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, complex_parts, labelled
+from flexstage.records.columns import Column, FileColumns, complex_parts, labelled
 from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
 from flexstage.records.text_lines import text_lines
 from flexstage.records.text_rows import (
     COMPLEX,
     NUMBER,
     STAMP,
-    Layout,
+    RowLayout,
     day,
     first_row,
     is_comment,
@@ -46,8 +46,12 @@ def read_text(
     skip_lines: int = 0,
     delimiter: str | None = None,
     decimal: str | None = None,
-) -> Columns:
-    """Read the columns of a text file."""
+) -> FileColumns:
+    """Read the columns of a text file.
+
+    Delimiter (also as tab, comma, semicolon, space) and decimal sign are found where not given. An
+    empty field is not a number (NaN), nor is text, which is kept beside.
+    """
     if decimal not in (None, ".", ","):
         raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
     if skip_lines < 0:
@@ -86,17 +90,17 @@ def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
 
 
 def _one_or_two(
-    lines: list[str], first: int, layout: Layout, heading: Heading, one_name: bool
-) -> tuple[Layout, Heading]:
+    lines: list[str], first: int, layout: RowLayout, heading: Heading, one_name: bool
+) -> tuple[RowLayout, Heading]:
     """Tell one column of decimal commas from two columns of integers, by the heading."""
     sample = [line for line in lines[first : first + 200] if line.strip()]
     if one_name and all(re.fullmatch(r"\s*[+-]?\d+,\d+\s*", line) for line in sample):
-        single = Layout(delimiter=None, comma=True, width=1, trailing=False)
+        single = RowLayout(delimiter=None, comma=True, width=1, trailing=False)
         return single, heading_of(lines[:first], 1, None)
     return layout, heading
 
 
-def _numbers(lines: list[str], first: int, layout: Layout) -> _Table:
+def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
     """Read the rows; those that a fast reader refuses are read one by one, to say why."""
     body = lines[first:]
     if layout.trailing:
@@ -137,7 +141,7 @@ def _without_last(table: _Table) -> _Table:
     return table
 
 
-def _text_beside(lines: list[str], first: int, layout: Layout) -> _Table | None:
+def _text_beside(lines: list[str], first: int, layout: RowLayout) -> _Table | None:
     """Return the text of plain rows without their numbers; None where one is unlike the others."""
     table = _Table(np.zeros(0))
     for number, line in enumerate(lines[first:], start=first + 1):
@@ -154,7 +158,7 @@ def _text_beside(lines: list[str], first: int, layout: Layout) -> _Table | None:
     return table
 
 
-def _numbers_slowly(lines: list[str], first: int, layout: Layout) -> _Table:
+def _numbers_slowly(lines: list[str], first: int, layout: RowLayout) -> _Table:
     rows: list[list[float]] = []
     table = _Table(np.zeros(0))
     signs: dict[str, int] = {}
@@ -184,7 +188,7 @@ def _numbers_slowly(lines: list[str], first: int, layout: Layout) -> _Table:
     return table
 
 
-def _fitted(fields: list[str], number: int, layout: Layout) -> tuple[list[str], str]:
+def _fitted(fields: list[str], number: int, layout: RowLayout) -> tuple[list[str], str]:
     """Return a field for each column, and the text behind the last."""
     count, width = len(fields), layout.width
     more = fields[width:]
@@ -196,7 +200,7 @@ def _fitted(fields: list[str], number: int, layout: Layout) -> tuple[list[str], 
     return fields[:width] + [""] * (width - count), " ".join(more).strip()
 
 
-def _value(text: str, column: int, layout: Layout) -> float | None:
+def _value(text: str, column: int, layout: RowLayout) -> float | None:
     """Return the number in a field, NaN where it is missing; None for a text."""
     if is_missing(text):
         return np.nan
@@ -221,7 +225,7 @@ def _seconds(text: str, first_day: int) -> float | None:
     return 86400.0 * (own - first_day) + 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
 
 
-def _columns(table: _Table, heading: Heading, layout: Layout) -> Columns:
+def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
     names: Sequence[str] = _x_named(heading.names, table.values) or [""] * layout.width
     units: Sequence[str] = heading.units or [""] * layout.width
     notes = _remarks(table)
@@ -248,7 +252,7 @@ def _columns(table: _Table, heading: Heading, layout: Layout) -> Columns:
             beside[list(words)] = list(words.values())
             column = replace(column, words=beside)
         columns.append(column)
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         sample_rate_hz=None if heading.interval is None else 1.0 / heading.interval,
         start=heading.start,

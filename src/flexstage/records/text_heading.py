@@ -38,7 +38,7 @@ class Heading:
 
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
-    """Return the fields of a line of text."""
+    """Return the fields of a line, without spaces and quotation marks around them."""
     if delimiter is None:
         return line.replace('"', "").split()
     if '"' in line:
@@ -48,7 +48,10 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
 
 
 def heading_of(lines: Sequence[str], width: int, delimiter: str | None) -> Heading:
-    """Understand the lines above the numbers."""
+    """Understand the lines above the numbers.
+
+    A file of LabVIEW that holds more than one part is refused.
+    """
     written = [line for line in lines if line.strip()]
     text = "\n".join(written)[:4000]
     if written and written[0].startswith("LabVIEW Measurement"):

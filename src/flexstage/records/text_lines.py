@@ -10,7 +10,7 @@ _BINARY = re.compile("[\x00-\x08\x0e-\x19\x1c-\x1f]")
 
 
 def text_lines(path: Path) -> list[str]:
-    """Return the lines of a text file."""
+    """Return the lines of a text file, UTF-8, UTF-16 with a mark, or Latin-1."""
     data = path.read_bytes()
     if not data.strip():
         raise RecordError(f"'{path}' is empty: there is nothing to read")
@@ -23,7 +23,7 @@ def text_lines(path: Path) -> list[str]:
 
 
 def decoded(data: bytes) -> str:
-    """Return bytes as text."""
+    """Return bytes as text, UTF-8, UTF-16 with a mark, or Latin-1; empty for half a letter."""
     wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         try:

@@ -32,7 +32,7 @@ _MANY = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class RowLayout:
     """How a row is written."""
 
     delimiter: str | None
@@ -62,7 +62,7 @@ def is_missing(field: str) -> bool:
 
 
 def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
-    """Return the fields of a row, and the remark at its end."""
+    """Return the fields of a line, and what stands behind the mark of a remark, if any."""
     if '"' not in line and delimiter not in COMMENT_MARKS[:2]:
         found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
         if found is not None:
@@ -71,7 +71,10 @@ def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
 
 
 def day(field: str) -> int:
-    """Return the number of the day of a date."""
+    """Return the number of the day of a date.
+
+    0 for a time alone, -1 for a date that is none.
+    """
     if len(field) < 10 or field[4] != "-":
         return 0
     try:
@@ -82,7 +85,7 @@ def day(field: str) -> int:
 
 def first_row(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
-) -> tuple[int, Layout] | None:
+) -> tuple[int, RowLayout] | None:
     """Find the first row of numbers, or of numbers beside text."""
     found = _numbers_alone(lines, skip, delimiters, decimal)
     if found is not None and found[1].width > 1:
@@ -96,9 +99,9 @@ def first_row(
 
 def _numbers_alone(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
-) -> tuple[int, Layout] | None:
+) -> tuple[int, RowLayout] | None:
     """Return the first line that holds nothing but numbers."""
-    lone: tuple[int, Layout] | None = None
+    lone: tuple[int, RowLayout] | None = None
     for number in range(skip, min(len(lines), skip + _LONGEST_HEADING)):
         line = lines[number]
         if not line.strip() or is_comment(line, delimiters[0]):
@@ -115,7 +118,7 @@ def _numbers_alone(
     return lone
 
 
-def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) -> Layout | None:
+def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) -> RowLayout | None:
     """Return how a line is written, if it is a row of numbers alone."""
     for candidate in delimiters:
         if candidate is not None and candidate not in line and len(delimiters) > 1:
@@ -130,7 +133,7 @@ def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) ->
         comma = _has_comma([fields]) or decimal == ","
         if (comma and candidate == "," and '"' not in line) or (comma and decimal == "."):
             continue
-        return Layout(delimiter=candidate, comma=comma, width=len(fields), trailing=trailing)
+        return RowLayout(delimiter=candidate, comma=comma, width=len(fields), trailing=trailing)
     return None
 
 
@@ -163,7 +166,7 @@ def _columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
     return ["".join(column) for column in zip(*kinds, strict=True)]
 
 
-def _settled(lines: Sequence[str], first: int, layout: Layout) -> tuple[int, Layout]:
+def _settled(lines: Sequence[str], first: int, layout: RowLayout) -> tuple[int, RowLayout]:
     """Learn from many rows how all are written."""
     rows = _sample(lines, first, layout.delimiter)
     count = Counter(map(len, rows)).most_common(1)[0][0]
@@ -183,7 +186,7 @@ def _settled(lines: Sequence[str], first: int, layout: Layout) -> tuple[int, Lay
     )
 
 
-def _above(lines: Sequence[str], skip: int, first: int, layout: Layout) -> int:
+def _above(lines: Sequence[str], skip: int, first: int, layout: RowLayout) -> int:
     """Return the first of the rows with text that stand above the first row of numbers alone.
 
     A heading of words with a number each looks alike: its words stand where rows have numbers.
@@ -205,9 +208,9 @@ def _above(lines: Sequence[str], skip: int, first: int, layout: Layout) -> int:
 
 def _beside_text(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
-) -> tuple[int, Layout] | None:
+) -> tuple[int, RowLayout] | None:
     """Return the first row of a file of which every row holds text beside its numbers."""
-    best: tuple[Layout, list[int]] | None = None
+    best: tuple[RowLayout, list[int]] | None = None
     for candidate in delimiters:
         rows = _tail(lines[skip:], candidate)
         if len(rows) < 2:
@@ -223,7 +226,7 @@ def _beside_text(
         if (comma and candidate == ",") or (comma and decimal == "."):
             continue
         if numbers and (best is None or len(numbers) > len(best[1])):
-            layout = Layout(delimiter=candidate, comma=comma, width=width, trailing=False)
+            layout = RowLayout(delimiter=candidate, comma=comma, width=width, trailing=False)
             best = layout, numbers
         if numbers and candidate in ("\t", ";"):  # which stand in no number and in few words
             break

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Columns
+from flexstage.records.columns import FileColumns
 from flexstage.records.record import Channel, column_number
 from flexstage.records.sampling import require_rising, step_uncertainty, time_jitter
 from flexstage.records.text_heading import X_VALUE
@@ -18,13 +18,17 @@ _SAME_RATE = 0.01
 
 
 def timed(
-    raw: Columns,
+    raw: FileColumns,
     channels: list[Channel],
     wanted: str | int | None,
     rate: float | None,
     largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
-    """Return the times, and the channels with the column of time in seconds."""
+    """Return the times, and the channels with the column of time in seconds.
+
+    The channel that is chosen as time is replaced by one in seconds. `largest_step` is the longest
+    step that is no gap, over the median one. The strings say where the times come from.
+    """
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"the sample rate must be positive, got {rate} Hz")
     names = [c.name for c in channels]
@@ -81,7 +85,7 @@ def _own_time(names: Sequence[str], sure: Sequence[int]) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
-def _no_time(raw: Columns, names: Sequence[str], called: Sequence[int]) -> str:
+def _no_time(raw: FileColumns, names: Sequence[str], called: Sequence[int]) -> str:
     hint = raw.hint
     several = [name for name in names if name.startswith(f"{X_VALUE} of ")]
     if several:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns, complex_parts
+from flexstage.records.columns import Column, FileColumns, complex_parts
 from flexstage.records.text_lines import text_lines
 
 _OPTIONS = re.compile(
@@ -38,6 +38,8 @@ def from_polar(
 ) -> NDArray[np.complex128]:
     """Return complex values by their magnitudes and phases.
 
+    Phases are in rad; a magnitude in decibel is 20 times its common logarithm.
+
     Examples
     --------
     >>> from_polar(np.array([20.0]), np.array([np.pi / 2]), decibel=True).imag
@@ -47,8 +49,12 @@ def from_polar(
     return np.asarray(size * np.exp(1j * phase), dtype=np.complex128)
 
 
-def read_touchstone(path: Path) -> Columns:
+def read_touchstone(path: Path) -> FileColumns:
     r"""Read the responses of a Touchstone file, version 1.
+
+    The line of options says unit of frequency and form of the values: real and imaginary part (RI),
+    magnitude and degrees (MA), decibels and degrees (DB). ``2/1`` is the response at port 2 to port
+    1. Version 2 is refused.
 
     Examples
     --------
@@ -90,7 +96,7 @@ def read_touchstone(path: Path) -> Columns:
         notes.append(f"its {kind} parameters are read as they stand, over the reference")
     if np.any(np.diff(table[:, 0]) <= 0.0):
         raise RecordError("its frequencies must rise: sort the lines, or leave repeated ones out")
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         notes=tuple(notes),
         attributes={"heading": options[0].strip()} if options else {},

@@ -1,20 +1,22 @@
-"""Universal files of modal test systems: functions at points, data set 58, as columns."""
+"""Universal files of modal test systems: functions at points, data set 58, as columns in SI.
+
+Units are those of the labels, else those of the file (data set 164).
+"""
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.records.columns import Column, Columns
-from flexstage.records.universal_sets import KINDS, Function, read_sets
-from flexstage.records.universal_units import axis_unit, function_units
+from flexstage.errors import RecordError, UnitError
+from flexstage.records.columns import GRAVITY, Column, FileColumns, measured_unit
+from flexstage.records.universal_sets import KINDS, Function, FunctionAxis, UnitSystem, read_sets
 
 Domain = Literal["time", "frequency"]
-
 _DOMAINS: dict[int, Domain] = {17: "time", 18: "frequency"}
 # kinds of functions over time or frequency by definition, where the abscissa does not say it
 _BY_KIND: dict[int, Domain] = {1: "time", **dict.fromkeys((2, 3, 4, 6, 9, 10, 12), "frequency")}
@@ -23,10 +25,28 @@ _SI: dict[Domain, str] = {"time": "s", "frequency": "Hz"}
 _UNNAMED = frozenset((1, 4))
 # an abscissa is printed with six digits
 _SAME = 2e-6
+_ACCELERATION = 12
+# kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
+_BY_SYSTEM = {
+    8: ((1, 0, "m"), (0, 0, "rad")),
+    9: ((0, 1, "N"), (1, 1, "N*m")),
+    11: ((1, 0, "m/s"), (0, 0, "rad/s")),
+    12: ((1, 0, "m/s^2"), (0, 0, "rad/s^2")),
+    13: ((0, 1, "N"), (1, 1, "N*m")),
+    17: ((0, 0, "s"), (0, 0, "s")),
+    18: ((0, 0, "Hz"), (0, 0, "Hz")),
+}
+# kinds of functions whose values are in the unit of the ordinate: all squares are left open
+_PLAIN = frozenset((1, 12))
+_RATIOS = frozenset((4, 5))
+_COHERENCE = 6
 
 
-def read_universal(path: Path, dataset: str | None = None) -> Columns:
+def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     r"""Read functions of a universal file, data sets 58 as text or binary.
+
+    `dataset` is names, numbers from 0, or ranges of numbers such as ``0-11``, with commas between.
+    Functions that do not share their abscissa are refused.
 
     A function of complex values is two columns, ``NAME real`` and ``NAME imaginary``. The name is
     the point and direction of the response, then those of the reference, ``12:+z/3:+x``; what is
@@ -80,7 +100,7 @@ def read_universal(path: Path, dataset: str | None = None) -> Columns:
     step = float(axis[1] - axis[0])
     if domain == "time" and not even:
         columns.append(Column(name="time", values=axis, unit="s"))
-    return Columns(
+    return FileColumns(
         columns=tuple(columns),
         sample_rate_hz=1.0 / step if domain == "time" and even else None,
         start=float(axis[0]) if domain == "time" and even else 0.0,
@@ -203,3 +223,109 @@ def _attributes(function: Function, name: str, output: str, given: str) -> dict[
         "date": function.date,
     }
     return {f"{key} of {name}": text for key, text in said.items() if text}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FunctionUnits:
+    """What the units of a function are in SI."""
+
+    text: str = ""
+    """The unit of its values as the file has it."""
+    si: tuple[float, str] | None = None
+    """Number of SI units that one of it is, and the SI unit; None where that is not known."""
+    output: str = ""
+    """SI unit of the output; empty where it is not known."""
+    input: str = ""
+    """SI unit of the input; empty where it is not known."""
+    note: str = ""
+    """What a reader should know."""
+
+
+def axis_unit(axis: FunctionAxis, system: UnitSystem | None) -> tuple[float, str] | None:
+    """Return the SI units that one of an axis' units is, and which; None where nobody has said.
+
+    Examples
+    --------
+    >>> axis_unit(FunctionAxis(quantity=12, label="g"), None)
+    (9.80665, 'm/s^2')
+    >>> axis_unit(FunctionAxis(quantity=12), None) is None  # nobody has said
+    True
+    """
+    if axis.label in GRAVITY:
+        return (GRAVITY[axis.label], "m/s^2") if axis.quantity == _ACCELERATION else None
+    if axis.label:
+        try:
+            return measured_unit(axis.label)
+        except UnitError:
+            return None
+    if axis.quantity in (17, 18):
+        return 1.0, _BY_SYSTEM[axis.quantity][0][2]
+    if system is None or axis.quantity not in _BY_SYSTEM:
+        return None
+    length, force, unit = _BY_SYSTEM[axis.quantity][int(axis.rotational)]
+    return 1.0 / (system.length**length * system.force**force), unit
+
+
+def function_units(function: Function) -> FunctionUnits:
+    """Return what the units of a function are in SI.
+
+    Validity
+    --------
+    Spectra of power and correlations are left without a unit: programs differ in whether a label
+    means the quantity or its square.
+    """
+    if function.kind == _COHERENCE:
+        return FunctionUnits(text="1", si=(1.0, "1"))
+    numerator = axis_unit(function.ordinate, function.system)
+    if function.kind in _PLAIN or (function.kind == 0 and function.denominator.quantity == 0):
+        return FunctionUnits(
+            text=function.ordinate.label or (numerator[1] if numerator else ""),
+            si=numerator,
+            output=numerator[1] if numerator else "",
+            note=_unknown(function.ordinate, numerator),
+        )
+    if function.kind in _RATIOS or function.kind == 0:
+        return _ratio(function, numerator)
+    return FunctionUnits()
+
+
+def _ratio(function: Function, numerator: tuple[float, str] | None) -> FunctionUnits:
+    """Return the units of an output over an input."""
+    above, below = function.ordinate, function.denominator
+    denominator = axis_unit(below, function.system)
+    if numerator is not None and _is_whole(above, numerator[1], below, denominator):
+        output, _, per = numerator[1].rpartition("/") if "(" not in numerator[1] else ("", "", "")
+        return FunctionUnits(text=above.label, si=numerator, output=output, input=per)
+    output = numerator[1] if numerator else ""
+    per = denominator[1] if denominator else ""
+    if numerator is None or denominator is None:
+        notes = (_unknown(above, numerator), _unknown(below, denominator))
+        return FunctionUnits(output=output, input=per, note="; ".join(n for n in notes if n))
+    return FunctionUnits(
+        text=_quotient(above.label or output, below.label or per),
+        si=(numerator[0] / denominator[0], _quotient(output, per)),
+        output=output,
+        input=per,
+    )
+
+
+def _is_whole(
+    above: FunctionAxis, unit: str, below: FunctionAxis, denominator: tuple[float, str] | None
+) -> bool:
+    """Say whether the label of the ordinate is that of the quotient already."""
+    kinds = _BY_SYSTEM.get(above.quantity)
+    plain = kinds[int(above.rotational)][2] if kinds else ""
+    if denominator is not None:
+        return bool(plain) and unit == _quotient(plain, denominator[1])
+    # "m/s" is a speed, and no length over a time that drives
+    return not below.label and unit != plain and "/" in unit and not unit.endswith(("/s", "/s^2"))
+
+
+def _quotient(above: str, below: str) -> str:
+    if above == below:
+        return "1"
+    return f"{above}/({below})" if "/" in below else f"{above}/{below}"
+
+
+def _unknown(axis: FunctionAxis, unit: tuple[float, str] | None) -> str:
+    return f"'{axis.label}' is no known unit" if axis.label and unit is None else ""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
-from flexstage.records.universal_values import Layout, binary_end, decoded_values
+from flexstage.records.universal_values import ValueLayout, binary_end, decoded_values
 
 #: What a function is, by its number.
 KINDS = (
@@ -37,7 +37,7 @@ _LONGEST = 160
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
+class FunctionAxis:
     """What is on an axis of a function."""
 
     quantity: int
@@ -53,9 +53,9 @@ class UnitSystem:
     """The units of data set 164: how many of each are one SI unit."""
 
     length: float
-    """Units of the file in a metre, and in a newton."""
+    """Units of the file in a metre."""
     force: float
-    """Units of the file in a metre, and in a newton."""
+    """Units of the file in a newton."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,26 +63,26 @@ class Function:
     """One function at a point, data set 58, with its values still as the file has them."""
 
     title: str
-    """Its first line of text, and the third, by convention when it was measured."""
+    """Its first line of text."""
     date: str
-    """Its first line of text, and the third, by convention when it was measured."""
+    """Its third line of text, by convention when it was measured."""
     kind: int
     """What it is, as numbered by `KINDS`."""
     response: str
-    """Point and direction, ``12:+z``; empty where there is none."""
+    """Point and direction of the response, ``12:+z``; empty where there is none."""
     reference: str
-    """Point and direction, ``12:+z``; empty where there is none."""
-    abscissa: Axis
-    """What is on its axes; the denominator is that of the ordinate."""
-    ordinate: Axis
-    """What is on its axes; the denominator is that of the ordinate."""
-    denominator: Axis
-    """What is on its axes; the denominator is that of the ordinate."""
+    """Those of the reference; empty where there is none."""
+    abscissa: FunctionAxis
+    """What is on its abscissa."""
+    ordinate: FunctionAxis
+    """What is on its ordinate."""
+    denominator: FunctionAxis
+    """What its ordinate is divided by."""
     start: float
-    """First abscissa, and the step, where the samples are even."""
+    """First abscissa, where the samples are even."""
     step: float
-    """First abscissa, and the step, where the samples are even."""
-    layout: Layout
+    """Step of the abscissa, where the samples are even."""
+    layout: ValueLayout
     """How its values are stored."""
     content: bytes
     """Its values."""
@@ -110,7 +110,7 @@ def is_universal(head: bytes) -> bool:
 
 
 def read_sets(data: bytes) -> list[Function]:
-    """Return the functions of a universal file."""
+    """Return the functions of a universal file, data sets 58 in their order."""
     functions: list[Function] = []
     system: UnitSystem | None = None
     at, number = 0, 0
@@ -234,7 +234,7 @@ def _text(line: str) -> str:
     return "" if line.upper() == "NONE" else line
 
 
-def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
+def _layout(identity: bytes, line: str) -> tuple[ValueLayout, float, float]:
     """Return how the values are stored, the first abscissa, and its step."""
     words = _fields(line, (10, 10, 10, 13, 13, 13))
     if not all(_is_count(word) for word in words[:3]):
@@ -261,7 +261,7 @@ def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
             )
         order = "<" if method[0] == "1" else ">"
     return (
-        Layout(
+        ValueLayout(
             count=count,
             double=kind in (4, 6),
             is_complex=kind in (5, 6),
@@ -274,16 +274,16 @@ def _layout(identity: bytes, line: str) -> tuple[Layout, float, float]:
     )
 
 
-def _axis(line: str) -> Axis:
+def _axis(line: str) -> FunctionAxis:
     words = _fields(line, (10, 5, 5, 5, 21, 21))
     if not _is_count(words[0]):
         raise RecordError(f"what is on an axis is not understood: '{_plain(line.encode())[:60]}'")
-    return Axis(quantity=int(words[0]), label=_text(words[5]))
+    return FunctionAxis(quantity=int(words[0]), label=_text(words[5]))
 
 
-def _turned(axis: Axis, direction: int) -> Axis:
+def _turned(axis: FunctionAxis, direction: int) -> FunctionAxis:
     rotational = abs(direction) > 3
-    return Axis(quantity=axis.quantity, label=axis.label, rotational=rotational)
+    return FunctionAxis(quantity=axis.quantity, label=axis.label, rotational=rotational)
 
 
 def _direction(text: str) -> int:

@@ -14,7 +14,7 @@ _TO_E = bytes.maketrans(b"Dd", b"EE")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class ValueLayout:
     """How the numbers of a function are stored."""
 
     count: int
@@ -45,7 +45,7 @@ class Layout:
         return (13, 20, 20) if self.is_complex else (13, 20, 13, 20)
 
 
-def binary_end(data: bytes, start: int, layout: Layout) -> tuple[int, int]:
+def binary_end(data: bytes, start: int, layout: ValueLayout) -> tuple[int, int]:
     """Return where binary numbers end, and where the data set does that they are in.
 
     The abscissa of uneven samples is single in the original format even where values are double,
@@ -62,7 +62,7 @@ def binary_end(data: bytes, start: int, layout: Layout) -> tuple[int, int]:
     )
 
 
-def _binary_types(layout: Layout) -> list[np.dtype]:
+def _binary_types(layout: ValueLayout) -> list[np.dtype]:
     """Return what one sample may be."""
     value = f"{layout.order}f{8 if layout.double else 4}"
     values = [("re", value), ("im", value)][: 1 + int(layout.is_complex)]
@@ -72,8 +72,11 @@ def _binary_types(layout: Layout) -> list[np.dtype]:
     return [np.dtype([("x", f"{layout.order}f{size}"), *values]) for size in sizes]
 
 
-def decoded_values(content: bytes, layout: Layout) -> NDArray[np.float64]:
-    """Return the numbers of a function, one row for each sample."""
+def decoded_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
+    """Return the numbers of a function, shape (n, width), one row for each sample.
+
+    A row is the abscissa where samples are uneven, the real part, and the imaginary part if any.
+    """
     if not layout.binary:
         return _text_values(content, layout).reshape(layout.count, layout.width)
     kind = next(k for k in _binary_types(layout) if layout.count * k.itemsize == len(content))
@@ -83,7 +86,7 @@ def decoded_values(content: bytes, layout: Layout) -> NDArray[np.float64]:
         return np.column_stack([table[name].astype(np.float64) for name in names])
 
 
-def _text_values(content: bytes, layout: Layout) -> NDArray[np.float64]:
+def _text_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
     if not _TEXT_OF_NUMBERS.fullmatch(text := content.translate(_TO_E)):
         raise RecordError("its values hold letters that no number has: export the file again")
     wanted = layout.count * layout.width
@@ -108,7 +111,7 @@ def _text_values(content: bytes, layout: Layout) -> NDArray[np.float64]:
     raise RecordError(_miscounted(wanted, len(words), layout))
 
 
-def _miscounted(wanted: int, found: int, layout: Layout) -> str:
+def _miscounted(wanted: int, found: int, layout: ValueLayout) -> str:
     return (
         f"its heading says {wanted} numbers in lines of {len(layout.fields)}, the data set has "
         f"{found}: the file is cut short or damaged; export it again"

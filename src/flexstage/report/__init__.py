@@ -6,37 +6,73 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.report.comparison import Comparison, compare
+    from flexstage.report.figures.bode import draw_bode
+    from flexstage.report.figures.budget import draw_budget
+    from flexstage.report.figures.centring import draw_polar
+    from flexstage.report.figures.compensation import draw_compensation
+    from flexstage.report.figures.convergence import draw_convergence
+    from flexstage.report.figures.decay import draw_ring_down
     from flexstage.report.figures.drawing import draw_stage
-    from flexstage.report.figures.following import draw_following
-    from flexstage.report.figures.stabilisation import draw_stabilisation
+    from flexstage.report.figures.fe_modes import draw_fe_modes
+    from flexstage.report.figures.following import draw_drive_fit, draw_following
+    from flexstage.report.figures.identification import draw_identification
+    from flexstage.report.figures.measured_response import draw_response
+    from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
+    from flexstage.report.figures.neck_stress import draw_neck_stress
+    from flexstage.report.figures.noise import draw_hold, draw_staircase
+    from flexstage.report.figures.notch import draw_notch
+    from flexstage.report.figures.part import draw_part
+    from flexstage.report.figures.positioning import draw_positioning
+    from flexstage.report.figures.prediction import draw_prediction
+    from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+    from flexstage.report.figures.static_shape import draw_static_shape
+    from flexstage.report.figures.stress_bars import draw_stress
+    from flexstage.report.figures.stroke import draw_stroke
     from flexstage.report.figures.style import encode
     from flexstage.report.html import report_html
-    from flexstage.report.measurement import (
-        Measurement,
-        measurement,
-    )
+    from flexstage.report.measurement import MeasurementComparison, compare_measurement
     from flexstage.report.models import MODELS, ModelRun, analyse_model, run_model
     from flexstage.report.quantities import display, number
-    from flexstage.report.results import (
-        results_json,
-        study_results,
-    )
+    from flexstage.report.results import results_json, study_results
     from flexstage.report.study import Study, run_study
 
 __all__ = [
     "MODELS",
     "Comparison",
-    "Measurement",
+    "MeasurementComparison",
     "ModelRun",
     "Study",
     "analyse_model",
     "compare",
+    "compare_measurement",
     "display",
+    "draw_bode",
+    "draw_budget",
+    "draw_compensation",
+    "draw_convergence",
+    "draw_drive_fit",
+    "draw_fe_modes",
     "draw_following",
+    "draw_hold",
+    "draw_identification",
+    "draw_modal_fit",
+    "draw_motion_error",
+    "draw_neck_stress",
+    "draw_notch",
+    "draw_part",
+    "draw_polar",
+    "draw_positioning",
+    "draw_prediction",
+    "draw_response",
+    "draw_ring_down",
     "draw_stabilisation",
     "draw_stage",
+    "draw_staircase",
+    "draw_static_shape",
+    "draw_stress",
+    "draw_stroke",
+    "draw_workspace",
     "encode",
-    "measurement",
     "number",
     "report_html",
     "results_json",

@@ -13,7 +13,7 @@ from flexstage.errors import FlexstageError
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.resonance import draw_resonance
 from flexstage.report.figures.style import inline_svg
-from flexstage.report.measurement import Measurement, set_beside
+from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.page import captioned, figure, row_of, table_html
 from flexstage.report.quantities import beside, display
 
@@ -58,10 +58,11 @@ class CentringTrial:
     """Angles of their samples [rad]."""
 
 
-def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
-    """Measure a virtual stage.
+def run_measurement(stage: "Stage", *, seed: int) -> MeasurementComparison | str:
+    """Measure a virtual stage; a text says why that could not be done.
 
     It is made from published values and random errors, so that its figures are compared with none.
+    The seed is that of the virtual stage and of its measurement.
     """
     from flexstage.experiment.campaign.evaluate import evaluate
     from flexstage.experiment.virtual.as_built import as_built
@@ -72,15 +73,18 @@ def run_measurement(stage: "Stage", *, seed: int) -> Measurement | str:
         found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     except FlexstageError as error:
         return str(error)
-    return set_beside(found, stage, Characteristics())
+    return compare_with_references(found, stage, Characteristics())
 
 
 def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
-    """Centre a scale with the virtual stage on a virtual table."""
+    """Centre a scale with the virtual stage on a virtual table; a text says why it failed.
+
+    The seed is that of noise and of the lines of the scale.
+    """
     from flexstage.centring import ARCSEC, fit_harmonics
-    from flexstage.centring.bench import VirtualBench
     from flexstage.centring.positioner import VirtualPositioner
     from flexstage.centring.procedure import centre
+    from flexstage.centring.rotary_table import VirtualBench
     from flexstage.centring.virtual_table import VirtualTable, scale_errors
 
     try:
@@ -118,8 +122,11 @@ def run_centring(stage: "Stage", *, seed: int) -> CentringTrial | str:
     )
 
 
-def bench_section(found: Measurement | str | None, file: str) -> str:
-    """Write half a page on the simulated measurement, which has a report of its own."""
+def bench_section(found: MeasurementComparison | str | None, file: str) -> str:
+    """Write half a page on the simulated measurement, which has a page of its own.
+
+    Empty where it was not asked for. The file is the name of that page, beside this one.
+    """
     if found is None:
         return ""
     if isinstance(found, str):
@@ -134,7 +141,7 @@ def bench_section(found: Measurement | str | None, file: str) -> str:
     )
 
 
-def _main_figures(found: Measurement) -> str:
+def _main_figures(found: MeasurementComparison) -> str:
     """A row for each main quantity, a column for each axis."""
     axes = list(dict.fromkeys(r.figure.axis for r in found.rows if r.figure.quantity in _MAIN))
     lines = []
@@ -161,7 +168,7 @@ def _with_spread(estimate: "Estimate", factor: float) -> str:
     return f"{value} ± {spread}"
 
 
-def _resonances(found: Measurement) -> Iterator[str]:
+def _resonances(found: MeasurementComparison) -> Iterator[str]:
     published = Characteristics(() if found.stage is None else found.stage.published)
     estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
     for i, result in enumerate(found.found.results):
@@ -190,7 +197,7 @@ def _resonances(found: Measurement) -> Iterator[str]:
 
 
 def centring_section(found: CentringTrial | str | None) -> str:
-    """Write the section on the scale that was centred."""
+    """Write the section on the scale that was centred; empty where it was not asked for."""
     if found is None:
         return ""
     if isinstance(found, str):
@@ -229,7 +236,7 @@ def centring_section(found: CentringTrial | str | None) -> str:
 
 
 def centring_results(found: CentringTrial | str | None) -> dict[str, Any]:
-    """Return the scale that was centred as plain data."""
+    """Return what is left of the eccentricity [m] and every step as plain data; or why not."""
     if found is None:
         return {}
     if isinstance(found, str):

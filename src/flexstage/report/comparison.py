@@ -25,12 +25,15 @@ class ComparisonRow:
     """What tells it from other rows of the same quantity and axis; empty where there are none."""
 
     def value(self, column: str) -> float | None:
-        """Return the value of a column."""
+        """Return the value of a column in the unit of the quantity; None where there is none."""
         cell = self.cells.get(column)
         return None if cell is None else cell.value
 
     def difference_percent(self, column: str, reference: str) -> float | None:
-        """Return by how much a column is above another."""
+        """Return by how much a column is above another, in percent of that.
+
+        None where one is missing, the reference is 0, or the value is 0 but for rounding.
+        """
         value = self.value(column)
         # a value that is shown as zero is what the model leaves out, not 100 % less
         if value is not None and abs(value) < display(self.quantity).zero:
@@ -73,6 +76,8 @@ class Comparison:
 def difference_percent(value: float | None, reference: float | None) -> float | None:
     """Return by how much a value is above a reference, in percent of it.
 
+    None where one is missing or the reference is 0.
+
     Examples
     --------
     >>> round(difference_percent(115.74, 111.53), 2)
@@ -86,19 +91,10 @@ def difference_percent(value: float | None, reference: float | None) -> float | 
 def compare(
     rows: Iterable[Characteristic], variants: Mapping[str, Iterable[Characteristic]] | None = None
 ) -> Comparison:
-    """Set characteristics side by side.
+    """Set characteristics of any origin side by side.
 
-    Parameters
-    ----------
-    rows : iterable of Characteristic
-        Rows of any origin.
-    variants : Mapping, optional
-        More columns by name, each with rows of its own.
-
-    Returns
-    -------
-    Comparison
-        The table; rows by quantity, then by axis in the order of first appearance.
+    Variants are more columns by name, each with rows of its own. Rows stand by quantity, then by
+    axis in the order of first appearance.
     """
     cells: dict[tuple[str, str], list[dict[str, Characteristic]]] = {}
     axes: list[str] = []
@@ -135,7 +131,7 @@ def compare(
 
 
 def shared_rows(rows: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Write rows that are the same on several axes once."""
+    """Write rows of one quantity that are the same on several axes once, axes between commas."""
     out: list[ComparisonRow] = []
     for row in rows:
         same = next((i for i, kept in enumerate(out) if _same(kept, row)), None)

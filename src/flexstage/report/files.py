@@ -9,7 +9,10 @@ from pathlib import Path
 
 
 def require_writable(directory: Path) -> None:
-    """Refuse a directory that cannot be written to, before the work whose result goes there."""
+    """Refuse a directory that cannot be written to, before the work whose result goes there.
+
+    It need not exist, and is not made: the nearest directory above must take it then.
+    """
     nearest = directory
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
@@ -27,6 +30,9 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
 
     Each is written under another name beside its place and moved there when all are complete, so
     a reader never sees half a file, and a failure leaves what was there before.
+
+    The directory is made where it does not exist; names may have folders inside it,
+    ``FOLDER/NAME``.
     """
     drafts: list[tuple[Path, Path]] = []
     made: list[Path] = []

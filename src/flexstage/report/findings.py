@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.report.front_page import best_model, listed, model_name
-from flexstage.report.measurement import Measurement
+from flexstage.report.measurement import MeasurementComparison
 from flexstage.report.quantities import display, number
 from flexstage.report.tables import percent
 
@@ -86,7 +86,7 @@ def _measured(study: "Study") -> str:
         ]
         if words:
             parts.append(f"{title}: {listed(words)}.")
-    if isinstance(study.virtual, Measurement):
+    if isinstance(study.virtual, MeasurementComparison):
         parts.append("The simulated measurement is a report of its own.")
     return " ".join(parts) or "Nothing was measured."
 

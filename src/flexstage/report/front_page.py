@@ -43,7 +43,7 @@ def model_name(model: str) -> str:
 
 
 def outer_size(study: "Study") -> str:
-    """Return outer size and mass of the stage, from its outlines."""
+    """Return the outer size of a stage, and the mass of all bodies and of those that move."""
     from flexstage.report.figures.shapes import body_shapes, extent
     from flexstage.stage.mass import mass_properties
 
@@ -59,7 +59,10 @@ def outer_size(study: "Study") -> str:
 
 
 def verdict(study: "Study") -> tuple[str, ...]:
-    """Say in sentences what was reproduced, how well, and what was not."""
+    """Say in sentences what was reproduced, how well, and what was not, from the rows of the study.
+
+    Of a stage with nothing published, what is known of it.
+    """
     if not study.comparison.published:
         return tuple(_known(study))
     return tuple(s for s in (_to_fem(study), _to_measured(study), _not_reproduced(study)) if s)

@@ -17,7 +17,7 @@ from flexstage.report.figures.style import inline_svg
 from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.hysteresis import hysteresis_section
-from flexstage.report.measurement import Measurement, set_beside
+from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section, measurement_text
 from flexstage.report.mesh_sections import (
     convergence_section,
@@ -25,7 +25,6 @@ from flexstage.report.mesh_sections import (
     neck_stress_section,
 )
 from flexstage.report.page import figure, folded, page_html, row_of
-from flexstage.report.record_sections import provenance_section, validity_section
 from flexstage.report.structure import diagram_section, equations_section
 from flexstage.report.study import Study
 from flexstage.report.tables import (
@@ -54,18 +53,9 @@ class Chapter:
 
 
 def report_html(study: Study) -> str:
-    """Write the report of a study.
+    """Write the report of a study as one page: what was found, then chapters that are folded.
 
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    str
-        The page: what was found, then chapters that are folded. Those that have nothing to show are
-        left out.
+    Chapters that have nothing to show are left out.
     """
     stage = study.stage
     parts, links = [front_page(study)], [("summary", "Result")]
@@ -95,9 +85,12 @@ def report_html(study: Study) -> str:
 
 
 def report_pages(study: Study) -> dict[str, str]:
-    """Write the report of a study, and that of its simulated measurement."""
+    """Write the report of a study, and that of its simulated measurement, by name of the file.
+
+    They stand in one folder.
+    """
     pages = {"report.html": report_html(study)}
-    if isinstance(study.virtual, Measurement):
+    if isinstance(study.virtual, MeasurementComparison):
         pages[_VIRTUAL_FILE] = measurement_text(study.virtual)
     return pages
 
@@ -249,7 +242,7 @@ def _measured(study: Study) -> str:
     if study.measured is None:
         return ""
     others = Characteristics(r for r in study.characteristics if r.origin != "measured")
-    return measurement_section(set_beside(study.measured, study.stage, others))
+    return measurement_section(compare_with_references(study.measured, study.stage, others))
 
 
 def _virtual(study: Study) -> str:
@@ -267,6 +260,39 @@ def _hinges(study: Study) -> str:
     used = settings.get("plane", "")
     plane = used if used in ("stress", "strain") else "auto"
     return hinge_table(study.stage, method=settings.get("method", "wedge"), plane=plane)
+
+
+def _validity(study: Study) -> str:
+    """Return where the stage and its models stop being valid; empty where nothing is said of it."""
+    notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
+    notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
+    return f'<div class="columns">{_list(notes)}</div>' if notes else ""
+
+
+def _provenance(study: Study) -> str:
+    """Return what the results rest on: settings of each model, versions, hash of the stage."""
+    entries: list[tuple[str, str]] = []
+    for name, analysis in study.analyses.items():
+        settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())
+        entries.append((f"{name}, {analysis.system.order} coordinates", settings))
+    for title, of in (
+        ("flexstage", lambda origin: origin.version),
+        ("description, SHA-256", lambda origin: origin.input_hash),
+        ("computed", lambda origin: origin.created),
+        ("with", lambda origin: f"Python {origin.python}, {origin.machine}"),
+    ):
+        values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
+        entries.append((title, "; ".join(values)))
+    material = study.stage.material
+    entries.append(("material", f"{material.name}: {material.source}"))
+    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in entries)
+    return f"<dl>{rows}</dl>"
+
+
+def _list(notes: tuple[str, ...]) -> str:
+    if len(notes) == 1:
+        return f"<p>{escape(notes[0])}</p>"
+    return f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in notes)}</ul>"
 
 
 #: The chapters in order, by id.
@@ -326,8 +352,8 @@ CHAPTERS: dict[str, Chapter] = {
     "record": Chapter(
         title="Record",
         sections={
-            "validity": ("Validity", validity_section),
-            "provenance": ("Provenance", provenance_section),
+            "validity": ("Validity", _validity),
+            "provenance": ("Provenance", _provenance),
         },
     ),
 }

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from flexstage import progress
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
-from flexstage.progress import share
 from flexstage.report.figures.compensation import draw_compensation
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, row_of, table_html
@@ -27,7 +27,11 @@ _CAPTION = (
 def run_experiments(
     stage: Stage, system: MechanicalSystem
 ) -> "tuple[dict[str, AxisExperiment], dict[str, str]]":
-    """Identify and compensate each axis of a stage that is driven by a piezo stack."""
+    """Identify and compensate each axis of a stage that is driven by a piezo stack.
+
+    Returns the experiment by axis, and why it could not be made, by axis; both are empty where no
+    axis has a stack.
+    """
     from flexstage.hysteresis.virtual_experiment import virtual_experiment
 
     stacks = {a.name: stage.drive(a.drive) for a in stage.axes}
@@ -41,7 +45,7 @@ def run_experiments(
         if stack.voltage_range is None
     }
     for i, axis in enumerate(driven):
-        with share(i / len(driven), (i + 1) / len(driven)):
+        with progress.subtask(i / len(driven), (i + 1) / len(driven)):
             try:
                 made[axis] = virtual_experiment(stage, system, axis)
             except FlexstageError as error:  # as of a stage that is not held: the rest stands
@@ -52,7 +56,10 @@ def run_experiments(
 def hysteresis_section(
     stage: Stage, experiments: "Mapping[str, AxisExperiment]", left_out: Mapping[str, str]
 ) -> str:
-    """Write the section."""
+    """Write the section, with what is published of the stage.
+
+    Empty where no axis has a piezo stack.
+    """
     reasons = "".join(
         f"<p>Axis {escape(axis)} was left out: {escape(why)}.</p>" for axis, why in left_out.items()
     )
@@ -129,7 +136,10 @@ def _published(stage: Stage, axis: str, quantity: str) -> float | None:
 
 
 def experiment_results(experiments: "Mapping[str, AxisExperiment]") -> dict[str, Any]:
-    """Return the figures of the experiments as plain data."""
+    """Return the figures of the experiments as plain data, by axis.
+
+    Stroke, widths, errors [m], reductions [%], and how good each model is [%].
+    """
     return {
         axis: {
             "kind": "virtual experiment",

@@ -30,8 +30,8 @@ class MeasuredRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Measurement:
-    """A characterisation beside its references."""
+class MeasurementComparison:
+    """What was measured, compared with models and publications."""
 
     found: "Characterisation"
     """What the tests gave."""
@@ -59,35 +59,19 @@ class Measurement:
         return tuple(dict.fromkeys((*self.found.campaign.notes, *own, *out)))
 
 
-def measurement(
+def compare_measurement(
     found: "Characterisation", stage: "Stage | None", models: Sequence[str] = ()
-) -> Measurement:
-    """Compare what was measured with the models of the stage and with what is published.
+) -> MeasurementComparison:
+    """Compare what was measured with models of the stage and with what is published of it.
 
-    Parameters
-    ----------
-    found : Characterisation
-        What the tests gave.
-    stage : Stage or None
-        The stage; nothing is compared where there is none.
-    models : sequence of str
-        Models to make of it.
-
-    Returns
-    -------
-    Measurement
-        Figures, references, differences and their verdicts.
-
-    Raises
-    ------
-    ModelError
-        There is no such model.
+    Nothing is compared where there is no stage; a model that cannot be made is left out, with the
+    reason.
     """
     from flexstage.errors import ConvergenceError, ModelError, StageError
     from flexstage.report.models import analyse_model, known_model
 
     if stage is None:
-        return set_beside(found, None, Characteristics())
+        return compare_with_references(found, None, Characteristics())
     rows = list(stage.published)
     left_out: dict[str, str] = {}
     for model in models:
@@ -97,16 +81,16 @@ def measurement(
             rows += analyse_model(stage, model).characteristics
         except (ConvergenceError, ModelError, StageError) as error:
             left_out[model] = str(error)
-    return set_beside(found, stage, Characteristics(rows), left_out)
+    return compare_with_references(found, stage, Characteristics(rows), left_out)
 
 
-def set_beside(
+def compare_with_references(
     found: "Characterisation",
     stage: "Stage | None",
     references: Characteristics,
     left_out: Mapping[str, str] | None = None,
-) -> Measurement:
-    """Compare what was measured with rows that are there already."""
+) -> MeasurementComparison:
+    """Compare what was measured with rows that models or publications have given."""
     measured = {(row.quantity, row.axis): row for row in found.characteristics}
     rows = []
     present: dict[str, None] = {}
@@ -127,7 +111,7 @@ def set_beside(
             )
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}
-    return Measurement(
+    return MeasurementComparison(
         found=found,
         stage=stage,
         rows=tuple(rows),
@@ -147,8 +131,8 @@ def _compared(own: Characteristic, other: Characteristic) -> Difference:
     return found
 
 
-def measurement_results(result: Measurement) -> dict[str, Any]:
-    """Return what was measured as plain data."""
+def measurement_results(result: MeasurementComparison) -> dict[str, Any]:
+    """Return what was measured as plain data, in SI units."""
     return {
         "stage": result.stage.name if result.stage is not None else "",
         "origin": result.found.campaign.origin,

@@ -12,7 +12,7 @@ from flexstage.report.figures.positioning import draw_positioning
 from flexstage.report.figures.resonance import strongest_output
 from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import inline_svg
-from flexstage.report.measurement import MeasuredRow, Measurement
+from flexstage.report.measurement import MeasuredRow, MeasurementComparison
 from flexstage.report.page import figure, page_html, row_of
 from flexstage.report.positioning_tables import positioning_tables
 from flexstage.report.quantities import beside, display, number
@@ -27,7 +27,7 @@ _MOTIONS = {
 }
 
 
-def measurement_text(result: Measurement) -> str:
+def measurement_text(result: MeasurementComparison) -> str:
     """Write a page of what was measured, which needs nothing else."""
     parts = dict(_parts(result))
     notes = "".join(f"<li>{escape(note)}</li>" for note in result.found.campaign.notes)
@@ -48,8 +48,11 @@ def measurement_text(result: Measurement) -> str:
     )
 
 
-def measurement_section(result: Measurement, *, prefix: str = "") -> str:
-    """Write what was measured as a section of another page."""
+def measurement_section(result: MeasurementComparison, *, prefix: str = "") -> str:
+    """Write what was measured as a section of another page.
+
+    `prefix` begins the ids of its pictures, where a page has several such sections.
+    """
     whole = "".join(
         content if key == "figures" else f"<h3>{title}</h3>{content}"
         for key, (title, content) in _parts(result, prefix)
@@ -58,7 +61,9 @@ def measurement_section(result: Measurement, *, prefix: str = "") -> str:
     return (f'<div class="note"><p>{escape(notes)}</p></div>' if notes else "") + whole
 
 
-def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[str, str]]]:
+def _parts(
+    result: MeasurementComparison, prefix: str = ""
+) -> Iterator[tuple[str, tuple[str, str]]]:
     yield "figures", ("Figures", _table(result))
     named = (
         ("motion", "Motion over the stroke", _motion),
@@ -77,7 +82,7 @@ def _parts(result: Measurement, prefix: str = "") -> Iterator[tuple[str, tuple[s
         yield "records", ("Records", _records(result, words))
 
 
-def _table(result: Measurement) -> str:
+def _table(result: MeasurementComparison) -> str:
     simulated = result.found.campaign.origin == "virtual"
     # a simulated stage is made from published values and random errors: it tests no model
     references = () if simulated else result.references
@@ -141,7 +146,7 @@ def _difference(found: Any) -> str:
     return f"{found.percent:+.2f} %{mark}"
 
 
-def _budgets(result: Measurement) -> str:
+def _budgets(result: MeasurementComparison) -> str:
     names = list(
         dict.fromkeys(c.name for row in result.rows for c in row.figure.estimate.components)
     )
@@ -288,7 +293,7 @@ def _standing(result: TestResult, key: str) -> str:
     return row_of([figure(svg, f"{kind}, test {escape(result.test.name)}.")])
 
 
-def _records(result: Measurement, words: list[str]) -> str:
+def _records(result: MeasurementComparison, words: list[str]) -> str:
     notes = "".join(f"<li>{escape(note)}</li>" for note in words)
     rows = "".join(
         f"<dt>{escape(name)}</dt><dd>SHA-256 {escape(digest)}</dd>"

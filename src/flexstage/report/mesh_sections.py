@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def neck_stress_section(study: "Study") -> str:
-    """Return the stress at the necks, by the model with a mesh that leaves the least out."""
+    """Return the stress at the necks, by the model with a mesh that leaves the least out.
+
+    Empty where no model has a mesh.
+    """
     for name, run in _meshed(study):
         shown = [a.axis for a in run.analysis.axes if any(a.static.hinge_stress.values())]
         if not shown:
@@ -49,7 +52,10 @@ def neck_stress_section(study: "Study") -> str:
 
 
 def fe_modes_section(study: "Study") -> str:
-    """Return the modes by the model with a mesh that leaves the least out."""
+    """Return the modes by the model with a mesh that leaves the least out.
+
+    Empty where no model has a mesh.
+    """
     for name, run in _meshed(study):
         if run.analysis.modes["removed"].frequency_hz.size:
             assert run.mesh is not None
@@ -66,7 +72,7 @@ def fe_modes_section(study: "Study") -> str:
 
 
 def convergence_section(study: "Study") -> str:
-    """Return how models settled as their meshes became finer."""
+    """Return how models settled as their meshes became finer; empty where no mesh was refined."""
     parts = []
     for name, run in _meshed(study):
         found = run.refinement
@@ -92,7 +98,7 @@ def convergence_section(study: "Study") -> str:
 
 
 def mesh_words(name: str, run: "ModelRun") -> str:
-    """Return a model with a mesh in a few words."""
+    """Return a model with a mesh in a few words of HTML without a full stop."""
     mesh = run.mesh
     assert mesh is not None
     held = mesh.system.settings.get("held", "")

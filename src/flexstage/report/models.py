@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+from flexstage import progress
 from flexstage.errors import ModelError
 from flexstage.lumped import lumped_system
-from flexstage.progress import share
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis, analyse
@@ -37,7 +37,7 @@ class ModelRun:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
+class ModelOptions:
     """What is asked of a model beyond its stage."""
 
     plane: Plane = "auto"
@@ -52,79 +52,79 @@ class Wanted:
     """Whether to follow the stage over its stroke with finite displacements (plane model)."""
 
 
-def _lumped(stage: Stage, wanted: Wanted) -> ModelRun:
-    _no_accuracy("lumped", wanted)
-    _no_stroke("lumped", wanted)
-    if wanted.supports != "rigid":
+def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
+    _no_accuracy("lumped", options)
+    _no_stroke("lumped", options)
+    if options.supports != "rigid":
         raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
-    return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=wanted.plane)))
+    return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=options.plane)))
 
 
-def _superelement(stage: Stage, wanted: Wanted) -> ModelRun:
+def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import superelement_model
 
-    _no_accuracy("superelement", wanted)
-    _no_stroke("superelement", wanted)
-    model = superelement_model(stage, plane=wanted.plane, supports=wanted.supports)
+    _no_accuracy("superelement", options)
+    _no_stroke("superelement", options)
+    model = superelement_model(stage, plane=options.plane, supports=options.supports)
     return ModelRun(analysis=analyse(stage, model.system))
 
 
-def _plane(stage: Stage, wanted: Wanted) -> ModelRun:
+def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import plane_model
-    from flexstage.fem.legs import bar_buckling_load, two_notch_bars
+    from flexstage.fem.guide_buckling import bar_buckling_load, two_notch_bars
     from flexstage.fem.stroke import with_stroke
 
-    with share(0.0, 0.4 if wanted.stroke else 1.0):
+    with progress.subtask(0.0, 0.4 if options.stroke else 1.0):
         run = _meshed(
             stage,
-            wanted,
+            options,
             "plane",
-            lambda mesh: plane_model(stage, mesh, plane=wanted.plane, supports=wanted.supports),
+            lambda mesh: plane_model(stage, mesh, plane=options.plane, supports=options.supports),
         )
-    if not wanted.stroke or run.mesh is None:
+    if not options.stroke or run.mesh is None:
         return run
-    with share(0.4, 0.9):
+    with progress.subtask(0.4, 0.9):
         analysis, strokes = with_stroke(run.analysis, run.mesh)
-    with share(0.9, 1.0):
+    with progress.subtask(0.9, 1.0):
         bars = {body: bar_buckling_load(stage, body) for body in two_notch_bars(stage)}
     return replace(run, analysis=analysis, strokes=strokes, bars=bars)
 
 
-def _solid(stage: Stage, wanted: Wanted) -> ModelRun:
+def _solid(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import solid_model
 
-    _no_stroke("solid", wanted)
-    if wanted.plane != "auto":
+    _no_stroke("solid", options)
+    if options.plane != "auto":
         raise ModelError(
-            f"the solid model has no plane state, got '{wanted.plane}': leave the option out"
+            f"the solid model has no plane state, got '{options.plane}': leave the option out"
         )
     return _meshed(
-        stage, wanted, "solid", lambda mesh: solid_model(stage, mesh, supports=wanted.supports)
+        stage, options, "solid", lambda mesh: solid_model(stage, mesh, supports=options.supports)
     )
 
 
 def _meshed(
     stage: Stage,
-    wanted: Wanted,
+    options: ModelOptions,
     name: str,
     build: "Callable[[MeshSettings | None], StageModel]",
 ) -> ModelRun:
     from flexstage.fem import LADDERS, refine
 
-    if wanted.accuracy is None:
+    if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
-    found = refine(build, LADDERS[name], accuracy=wanted.accuracy, quantity=wanted.quantity)
+    found = refine(build, LADDERS[name], accuracy=options.accuracy, quantity=options.quantity)
     return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
 
 
-def _no_accuracy(model: str, wanted: Wanted) -> None:
-    if wanted.accuracy is not None:
+def _no_accuracy(model: str, options: ModelOptions) -> None:
+    if options.accuracy is not None:
         raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
 
 
-def _no_stroke(model: str, wanted: Wanted) -> None:
-    if wanted.stroke:
+def _no_stroke(model: str, options: ModelOptions) -> None:
+    if options.stroke:
         raise ModelError(
             f"only the plane model is followed over the stroke, not the {model} one: choose plane, "
             "or leave the stroke out"
@@ -132,7 +132,7 @@ def _no_stroke(model: str, wanted: Wanted) -> None:
 
 
 #: Models by name: each makes an analysis from a stage and what is asked for.
-MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
+MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "lumped": _lumped,
     "superelement": _superelement,
     "plane": _plane,
@@ -140,64 +140,24 @@ MODELS: Mapping[str, Callable[[Stage, Wanted], ModelRun]] = {
 }
 
 
-def run_model(stage: Stage, model: str, wanted: Wanted | None = None) -> ModelRun:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    wanted : Wanted, optional
-        What is asked for.
-
-    Returns
-    -------
-    ModelRun
-        What the model says of the stage, and the mesh behind it.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state, or the model cannot give what is asked for.
-    """
-    wanted = wanted or Wanted()
-    known_model(model, wanted)
-    return MODELS[model](stage, wanted)
+def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> ModelRun:
+    """Analyse a stage with one of `MODELS`."""
+    options = options or ModelOptions()
+    known_model(model, options)
+    return MODELS[model](stage, options)
 
 
-def known_model(model: str, wanted: Wanted | None = None) -> None:
+def known_model(model: str, options: ModelOptions | None = None) -> None:
     """Refuse a model that there is not, or choices that it cannot have."""
-    wanted = wanted or Wanted()
-    if wanted.plane not in ("auto", "stress", "strain"):
-        raise ModelError(f"unknown plane state '{wanted.plane}': expected auto, stress or strain")
-    if wanted.supports not in ("rigid", "elastic"):
-        raise ModelError(f"unknown supports '{wanted.supports}': expected rigid or elastic")
+    options = options or ModelOptions()
+    if options.plane not in ("auto", "stress", "strain"):
+        raise ModelError(f"unknown plane state '{options.plane}': expected auto, stress or strain")
+    if options.supports not in ("rigid", "elastic"):
+        raise ModelError(f"unknown supports '{options.supports}': expected rigid or elastic")
     if model not in MODELS:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
 
 
 def analyse_model(stage: Stage, model: str, *, plane: Plane = "auto") -> Analysis:
-    """Analyse a stage with one model.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : str
-        One of `MODELS`.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-
-    Returns
-    -------
-    Analysis
-        What the model says of the stage.
-
-    Raises
-    ------
-    ModelError
-        There is no such model, or no such plane state.
-    """
-    return run_model(stage, model, Wanted(plane=plane)).analysis
+    """Analyse a stage with one of `MODELS`, without its mesh."""
+    return run_model(stage, model, ModelOptions(plane=plane)).analysis

@@ -24,7 +24,11 @@ def page_html(
     notes: str = "",
     symbols: str = "",
 ) -> str:
-    """Fill the template, number its figures and tables, and write every minus as U+2212."""
+    """Fill the template, number its figures and tables, and write every minus as U+2212.
+
+    Body and notes are HTML, title, heading and lead plain text. `links` are id and title of what
+    the navigation names, `symbols` SVG that others refer to.
+    """
     page = Template(files("flexstage.report").joinpath("template.html").read_text("utf-8"))
     return page.substitute(
         version=escape(version),
@@ -41,24 +45,27 @@ def page_html(
 
 
 def figure(svg: str, caption: str, *, kind: str = "") -> str:
-    """Return a figure with its caption, which `page_html` numbers."""
+    """Return a figure with its caption of HTML, which `page_html` numbers."""
     return f'<figure class="{kind or "whole"}">{svg}<figcaption>{caption}</figcaption></figure>'
 
 
 def row_of(figures: Iterable[str], *, columns: int = 1) -> str:
-    """Return figures side by side."""
+    """Return figures side by side, 1 to 3 in a row; empty where there is none."""
     shown = "".join(figures)
     kind = {1: "", 2: " two", 3: " three"}[columns]
     return f'<div class="plots{kind}">{shown}</div>' if shown else ""
 
 
 def captioned(table: str, caption: str) -> str:
-    """Give a table its caption, which `page_html` numbers."""
+    """Give HTML with one table in it a caption, which `page_html` numbers."""
     return table.replace("<table>", f"<table><caption>{caption}</caption>", 1)
 
 
 def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") -> str:
-    """Write a table that may be scrolled where the window is narrow."""
+    """Write a table that may be scrolled where the window is narrow.
+
+    Heads and groups, a row above them, are ``<th>``; lines are the ``<tr>``.
+    """
     above = f'<tr class="groups">{groups}</tr>' if groups else ""
     return (
         f'<div class="scroll"><table><thead>{above}<tr>{"".join(heads)}</tr></thead>'
@@ -67,7 +74,7 @@ def table_html(heads: Iterable[str], lines: Iterable[str], *, groups: str = "") 
 
 
 def folded(key: str, title: str, finding: str, content: str) -> str:
-    """Return a chapter that is folded behind its title and its finding."""
+    """Return a chapter that is folded behind its title and its finding, one line of HTML."""
     return (
         f'<section id="{key}" class="chapter"><details><summary><h2>{title}</h2>'
         f"<p>{finding}</p></summary>{content}</details></section>"

@@ -28,17 +28,17 @@ class PositioningTables:
     unit: str
     """Unit of all figures but the targets."""
     axis_heads: tuple[str, ...]
-    """Headings of the columns."""
+    """Headings of the columns of `axis`."""
     axis: tuple[tuple[str, ...], ...]
-    """Rows of cells."""
+    """A row of cells for each figure of the axis."""
     target_heads: tuple[str, ...]
-    """Headings of the columns."""
+    """Headings of the columns of `targets`."""
     targets: tuple[tuple[str, ...], ...]
-    """Rows of cells."""
+    """A row of cells for each target."""
 
 
 def positioning_tables(found: Positioning) -> PositioningTables:
-    """Write the figures of an axis and of its targets."""
+    """Write the figures of an axis and of its targets, in unit and decimals of the accuracy."""
     accuracy = abs(found.accuracy.value)
     factor, prefix = prefixed(accuracy)
     shown = factor * accuracy
@@ -77,7 +77,7 @@ def positioning_tables(found: Positioning) -> PositioningTables:
 
 
 def positioning_data(found: Positioning) -> dict[str, Any]:
-    """Return everything that a test of positioning gave as plain data."""
+    """Return everything that a test of positioning gave as plain data, in SI units."""
     figures = {
         f.name: value
         for f in fields(found)

@@ -23,7 +23,7 @@ class Display:
     """Magnitude below which a value is rounding and no motion, in that same unit."""
 
     def text(self, value: float | None) -> str:
-        """Write a value without its unit.
+        """Write a value in the unit of `QUANTITIES` with four significant digits; a dash for none.
 
         Examples
         --------
@@ -38,6 +38,10 @@ class Display:
 
     def cell(self, row: Characteristic) -> str:
         """Write the value of a characteristic with the digits that are known of it.
+
+        Published values as they are printed; measured ones to the second digit of their
+        uncertainty; those of models with four significant digits, or fewer where their uncertainty
+        says so.
 
         Examples
         --------
@@ -57,6 +61,9 @@ class Display:
 
     def fitting(self, largest: float) -> "Display":
         """Return the same quantity in a smaller unit where its values are tiny.
+
+        In nanometres or nanoradians where the largest magnitude, in the unit of `QUANTITIES`, is
+        below a tenth of a micrometre or microradian, and in pico units below that.
 
         Examples
         --------
@@ -120,17 +127,9 @@ _SHOWN: dict[str, Display] = {
 
 
 def display(quantity: str) -> Display:
-    """Return how a quantity is shown.
+    """Return how a quantity, one of `flexstage.characteristic.QUANTITIES`, is shown.
 
-    Parameters
-    ----------
-    quantity : str
-        One of `flexstage.characteristic.QUANTITIES`.
-
-    Returns
-    -------
-    Display
-        Its name, unit and factor; the name itself and its own unit where nothing nicer is known.
+    The name itself and its own unit where nothing nicer is known.
     """
     plain = Display(
         label=quantity.replace("_", " ").capitalize(),
@@ -143,17 +142,7 @@ def display(quantity: str) -> Display:
 def number(value: float, digits: int = 4) -> str:
     """Write a number with a fixed count of significant digits, trailing zeros kept.
 
-    Parameters
-    ----------
-    value : float
-        The number.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Plain from 1e-3 to 1e6, with an exponent outside.
+    Plain from 1e-3 to 1e6, with an exponent outside.
 
     Examples
     --------
@@ -169,7 +158,9 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def prefixed(largest: float) -> tuple[float, str]:
-    """Return the prefix of a unit in which values are neither long nor tiny.
+    """Return factor and prefix, none to pico, of a unit in which values are neither long nor tiny.
+
+    The largest magnitude is in the unit without prefix.
 
     Examples
     --------
@@ -183,7 +174,9 @@ def prefixed(largest: float) -> tuple[float, str]:
 
 
 def beside(value: float, uncertainty: float) -> tuple[str, str]:
-    """Write a value and its uncertainty with the same decimals.
+    """Write a value and its uncertainty, in one unit, with the same decimals.
+
+    Two digits of the uncertainty are seen, and seven of the value at most.
 
     Examples
     --------

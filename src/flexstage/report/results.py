@@ -9,7 +9,7 @@ from flexstage.report.models import ModelRun
 from flexstage.system import Analysis, load_readings
 
 if TYPE_CHECKING:
-    from flexstage.report.measurement import Measurement
+    from flexstage.report.measurement import MeasurementComparison
     from flexstage.report.study import Study
 
 
@@ -27,7 +27,11 @@ def characteristic_row(row: Characteristic) -> dict[str, Any]:
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
-    """Return an analysis as plain data."""
+    """Return an analysis as plain data; SI units, frequencies in Hz.
+
+    With the motion of the probes under one unit of each load on the whole stage [m]; the frequency
+    responses, which are long, where asked for.
+    """
     origin = analysis.provenance
     readings = load_readings(analysis.system) if _is_held(analysis) else {}
     out: dict[str, Any] = {
@@ -77,7 +81,11 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
 
 
 def run_results(run: ModelRun) -> dict[str, Any]:
-    """Return what a run has beyond its analysis, as plain data."""
+    """Return what a run has beyond its analysis, as plain data; SI units, frequencies in Hz.
+
+    Only what there is of the meshes and their values, the path of each axis, and the buckling load
+    of bars [N].
+    """
     out: dict[str, Any] = {}
     if run.refinement is not None:
         out["refinement"] = {
@@ -119,15 +127,7 @@ def run_results(run: ModelRun) -> dict[str, Any]:
 def study_results(study: "Study") -> dict[str, Any]:
     """Return a study as plain data.
 
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    dict
-        The tidy table of characteristics, and each model's modes, stress, validity, provenance.
+    The tidy table of characteristics, and each model's modes, stress, validity, provenance.
     """
     from flexstage.report.bench import centring_results
     from flexstage.report.hysteresis import experiment_results
@@ -148,7 +148,7 @@ def study_results(study: "Study") -> dict[str, Any]:
     }
 
 
-def _virtual(found: "Measurement | str | None") -> dict[str, Any]:
+def _virtual(found: "MeasurementComparison | str | None") -> dict[str, Any]:
     from flexstage.report.measurement import measurement_results
 
     if found is None:
@@ -157,18 +157,7 @@ def _virtual(found: "Measurement | str | None") -> dict[str, Any]:
 
 
 def results_json(results: dict[str, Any]) -> bytes:
-    """Write plain data as JSON.
-
-    Parameters
-    ----------
-    results : dict
-        What `study_results` or `analysis_results` gives.
-
-    Returns
-    -------
-    bytes
-        Indented, UTF-8.
-    """
+    """Write plain data, such as `study_results` gives, as indented JSON in UTF-8."""
     text = json.dumps(results, indent=2, ensure_ascii=False, allow_nan=False)
     return f"{text}\n".encode()
 

@@ -18,7 +18,7 @@ from flexstage.plans.results import (
 from flexstage.plans.step_results import FollowedRun
 from flexstage.report.figures.following import draw_drive_fit, draw_following
 from flexstage.report.figures.style import inline_svg
-from flexstage.report.measurement import Measurement, set_beside
+from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.page import figure, page_html
 from flexstage.report.quantities import beside, display, number
@@ -55,7 +55,7 @@ def run_text(result: PlanResult) -> str:
     )
 
 
-def run_measurement_of(result: PlanResult) -> Measurement:
+def run_measurement_of(result: PlanResult) -> MeasurementComparison:
     """Set all figures of a plan beside what was published of the stage."""
     found: list[TestResult] = []
     instruments, sources, notes = {}, {}, {}
@@ -83,7 +83,7 @@ def run_measurement_of(result: PlanResult) -> Measurement:
     published = Characteristics(
         row for row in result.stage.published if (row.quantity, row.axis) not in in_place
     )
-    return set_beside(whole, result.stage, published)
+    return compare_with_references(whole, result.stage, published)
 
 
 def _lead(result: PlanResult) -> str:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def equations_section(study: "Study") -> str:
-    """Return what the lumped model rests on."""
+    """Return what the lumped model rests on; empty where the study has none."""
     if "lumped" not in study.analyses:
         return ""
     order = study.analyses["lumped"].system.order
@@ -32,7 +32,10 @@ def equations_section(study: "Study") -> str:
 
 
 def diagram_section(study: "Study") -> str:
-    """Return the structural diagrams of a stage: of each axis, then of the whole stage."""
+    """Return the structural diagrams of a stage: of each axis, then of the whole stage.
+
+    Empty where the study has no lumped model, or the stage no drive.
+    """
     lumped = study.analyses.get("lumped")
     if lumped is None or not study.stage.drives:
         return ""

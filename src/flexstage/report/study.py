@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
-from flexstage.lumped.stroke import StrokePath
-from flexstage.progress import share
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
-from flexstage.report.models import MODELS, ModelRun, Plane, Wanted, known_model, run_model
+from flexstage.report.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import Analysis
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from flexstage.experiment.campaign.results import Characterisation
     from flexstage.hysteresis.virtual_experiment import AxisExperiment
     from flexstage.report.bench import CentringTrial
-    from flexstage.report.measurement import Measurement
+    from flexstage.report.measurement import MeasurementComparison
 
 #: What a study asks of a model beyond its usual mesh.
-_ASKED: Mapping[str, Wanted] = {"plane": Wanted(accuracy=1e-3, stroke=True)}
+_ASKED: Mapping[str, ModelOptions] = {"plane": ModelOptions(accuracy=1e-3, stroke=True)}
 
 #: Models of which the other choice of plane state is shown as well: it costs little.
 _BOUNDED = ("lumped", "plane")
@@ -64,7 +64,7 @@ class Study:
     """Why that could not be done, by axis."""
     measured: "Characterisation | None" = None
     """What was measured of the stage; its rows stand in the table."""
-    virtual: "Measurement | str | None" = None
+    virtual: "MeasurementComparison | str | None" = None
     """What measuring a virtual stage gave, or why that could not be done."""
     centring: "CentringTrial | str | None" = None
     """An encoder scale that was centred on the virtual table, or why that could not be done."""
@@ -147,7 +147,7 @@ def run_study(
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     for model in models:  # before the first of them has taken its minutes
-        known_model(model, Wanted(plane=plane))
+        known_model(model, ModelOptions(plane=plane))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
@@ -155,12 +155,12 @@ def run_study(
     whole = sum(weights) / (1.0 - _EXPERIMENT if hysteresis or virtual else 1.0)
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
-        with share(done / whole, (done + weight) / whole):
+        with progress.subtask(done / whole, (done + weight) / whole):
             own: Plane = "auto" if model == "solid" else plane
             try:
-                with share(0.0, 0.5 if model in _BOUNDED else 1.0):
+                with progress.subtask(0.0, 0.5 if model in _BOUNDED else 1.0):
                     runs[model] = run_model(
-                        stage, model, replace(_ASKED.get(model, Wanted()), plane=own)
+                        stage, model, replace(_ASKED.get(model, ModelOptions()), plane=own)
                     )
             except (ModelError, StageError) as error:
                 if len(models) == 1:
@@ -174,8 +174,8 @@ def run_study(
                 # plane strain belongs to wide notches; where it was used plane stress is the
                 # other bound
                 other: Plane = "stress" if "strain" in used else "strain"
-                with share(0.5, 1.0):
-                    variant = run_model(stage, model, Wanted(plane=other)).analysis
+                with progress.subtask(0.5, 1.0):
+                    variant = run_model(stage, model, ModelOptions(plane=other)).analysis
                 variants[f"{model}, plane {other}"] = variant
     if not runs:
         raise ModelError("; ".join(f"{model}: {why}" for model, why in left_out.items()))
@@ -195,7 +195,7 @@ def run_study(
     if virtual:
         from flexstage.report.bench import run_centring, run_measurement
 
-        with share(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
+        with progress.subtask(1.0 - _EXPERIMENT, 1.0 - 0.5 * _EXPERIMENT):
             made = replace(
                 made,
                 virtual=run_measurement(stage, seed=seed),
@@ -203,7 +203,7 @@ def run_study(
             )
     if not hysteresis:
         return made
-    with share(1.0 - 0.5 * _EXPERIMENT, 1.0):
+    with progress.subtask(1.0 - 0.5 * _EXPERIMENT, 1.0):
         experiments, reasons = run_experiments(stage, made.main.system)
     return replace(made, experiments=experiments, experiments_left_out=reasons)
 

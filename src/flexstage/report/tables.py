@@ -31,12 +31,12 @@ _PAIRS = (
 
 
 def column_title(column: str) -> str:
-    """Return what a column of a comparison is called."""
+    """Return what a column of a comparison, an origin or a variant, is called."""
     return _TITLES.get(column, column)
 
 
 def percent(value: float | None) -> str:
-    """Write a difference in percent with its sign."""
+    """Write a difference in percent with its sign and one decimal; empty for none."""
     if value is None:
         return ""
     # a difference that rounds to nothing has no sign
@@ -44,7 +44,11 @@ def percent(value: float | None) -> str:
 
 
 def characteristics_table(comparison: Comparison, quantities: Collection[str], caption: str) -> str:
-    """Write some quantities by all origins side by side, the best of ours set off."""
+    """Write some quantities by all origins side by side, the best of ours set off.
+
+    Each value also stands unrounded in ``data-value``; a row that is the same for all axes stands
+    once. Empty where we have no value of any of them.
+    """
     rows = [
         row
         for row in shared_rows(comparison.rows)
@@ -74,7 +78,10 @@ def characteristics_table(comparison: Comparison, quantities: Collection[str], c
 
 
 def differences_table(comparison: Comparison) -> str:
-    """Write by how much each of our models differs from each published origin."""
+    """Write by how much each of our models differs from each published origin.
+
+    Empty where nothing was published.
+    """
     models = comparison.models
     groups = "<th></th><th></th>" + "".join(
         f'<th colspan="{len(models)}">to {column_title(c)}</th>' for c in comparison.published
@@ -100,7 +107,10 @@ def differences_table(comparison: Comparison) -> str:
 
 
 def published_table(comparison: Comparison) -> str:
-    """Write what was published alone, with the differences between its own columns."""
+    """Write what was published alone, with the differences between its own columns.
+
+    Empty where nothing was published.
+    """
     if not comparison.published:
         return ""
     pairs = [p for p in _PAIRS if set(p) <= set(comparison.published)]
@@ -127,7 +137,10 @@ def published_table(comparison: Comparison) -> str:
 
 
 def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> str:
-    """Write the stiffness of every kind of hinge of a stage."""
+    """Write the stiffness of every kind of hinge of a stage, by one method.
+
+    Hinges that are alike in notch and roots share a row.
+    """
     from flexstage.lumped import hinge_springs
 
     numbers = {hinge.name: i for i, hinge in enumerate(stage.hinges, start=1)}
@@ -166,7 +179,10 @@ def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> 
 
 
 def shown_in(row: ComparisonRow) -> Display:
-    """Return the unit that a row is shown in."""
+    """Return the unit that a row is shown in: one in which its values are not tiny.
+
+    The usual one where some are published, as it is the one that they are printed in.
+    """
     if any(column.startswith("published") for column in row.cells):
         return display(row.quantity)
     return display(row.quantity).fitting(max(abs(cell.value) for cell in row.cells.values()))

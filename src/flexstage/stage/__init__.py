@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.stage.checks import Finding, check
+    from flexstage.stage.checks import Issue, check
     from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
     from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
+    from flexstage.stage.hinge_attachment import Root, root_widths
     from flexstage.stage.mass import MassProperties, mass_properties
     from flexstage.stage.model import Axis, Body, ExtraMass, Hinge, Manufacture, Probe, Stage
     from flexstage.stage.outline import Circle, Loop, Point
-    from flexstage.stage.roots import Root, root_widths
 
 __all__ = [
     "Axis",
@@ -19,9 +19,9 @@ __all__ = [
     "Circle",
     "Drive",
     "ExtraMass",
-    "Finding",
     "Force",
     "Hinge",
+    "Issue",
     "Loop",
     "Manufacture",
     "MassProperties",

@@ -7,10 +7,10 @@ from dataclasses import replace
 from flexstage.errors import StageError
 from flexstage.stage.clearance import overlaps, slots_between, slots_within
 from flexstage.stage.drive import Drive, Force
-from flexstage.stage.finding import Finding, millimetres
-from flexstage.stage.freedom import free_motion, reachable_bodies
+from flexstage.stage.hinge_attachment import hinge_root
+from flexstage.stage.issue import Issue, millimetres
+from flexstage.stage.mobility import free_motion, reachable_bodies
 from flexstage.stage.model import Hinge, Stage
-from flexstage.stage.roots import hinge_root
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
 # how far a drive or probe may be off its body [m]
@@ -19,7 +19,7 @@ _ON_BODY = 10e-6
 _INTO_BODY = 50e-6
 
 
-def check(stage: Stage) -> tuple[Finding, ...]:
+def check(stage: Stage) -> tuple[Issue, ...]:
     """Check the geometry and the mechanism of a stage.
 
     Parameters
@@ -29,7 +29,7 @@ def check(stage: Stage) -> tuple[Finding, ...]:
 
     Returns
     -------
-    tuple of Finding
+    tuple of Issue
         Errors first; empty if nothing is wrong.
 
     Notes
@@ -44,47 +44,47 @@ def check(stage: Stage) -> tuple[Finding, ...]:
     >>> plate = Loop(((0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.0, 0.02)))
     >>> stage = Stage(name="plate", thickness=0.01, material=material("Al 7075-T6"),
     ...               bodies=(Body(name="plate", outline=plate),))
-    >>> [finding.code for finding in check(stage)]
+    >>> [issue.code for issue in check(stage)]
     ['no-fixed-body']
     """
-    bodies, findings = body_shapes(stage)
+    bodies, issues = body_shapes(stage)
     sound = {s.name for s in bodies}
     rooted: list[Hinge] = []
     for hinge in stage.hinges:
         found = list(_hinge(stage, hinge, sound))
-        findings += found
+        issues += found
         if sound.issuperset(hinge.bodies) and not any(f.code == "root-off-body" for f in found):
             rooted.append(hinge)
     shapes = [*bodies, *notch_shapes(rooted)]
     overlapping = list(overlaps(shapes))
-    findings += overlapping
+    issues += overlapping
     wire = stage.manufacture.wire_width
     # a notch that is too short, or not where it should be, puts its bodies too close as well
     skip = {frozenset(f.what) for f in overlapping}
     skip |= {
         frozenset(h.bodies) for h in stage.hinges if h not in rooted or h.profile.length < wire
     }
-    findings += slots_between(shapes, wire, skip)
+    issues += slots_between(shapes, wire, skip)
     for shape in bodies:
-        findings += slots_within(shape, wire)
-    findings += _mechanism(stage)
+        issues += slots_within(shape, wire)
+    issues += _mechanism(stage)
     by_name = {s.name: s for s in bodies}
     for drive in stage.drives:
-        findings += _drive(stage, drive, by_name)
-    findings += _probes(stage, sound)
-    findings += _published(stage)
-    return tuple(sorted(findings, key=lambda f: f.severity != "error"))
+        issues += _drive(stage, drive, by_name)
+    issues += _probes(stage, sound)
+    issues += _published(stage)
+    return tuple(sorted(issues, key=lambda f: f.severity != "error"))
 
 
-def _error(code: str, what: tuple[str, ...], message: str) -> Finding:
-    return Finding(severity="error", code=code, what=what, message=message)
+def _error(code: str, what: tuple[str, ...], message: str) -> Issue:
+    return Issue(severity="error", code=code, what=what, message=message)
 
 
-def _warning(code: str, what: tuple[str, ...], message: str) -> Finding:
-    return Finding(severity="warning", code=code, what=what, message=message)
+def _warning(code: str, what: tuple[str, ...], message: str) -> Issue:
+    return Issue(severity="warning", code=code, what=what, message=message)
 
 
-def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
+def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
     profile, limits = hinge.profile, stage.manufacture
     if profile.neck_thickness < limits.minimum_neck * (1.0 - 1e-9):
         yield _error(
@@ -118,8 +118,8 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
     yield from _roots(stage, hinge, sound)
 
 
-def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
-    def faults(trial: Hinge) -> list[Finding]:
+def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
+    def faults(trial: Hinge) -> list[Issue]:
         found = []
         for which in (0, 1):
             body = trial.bodies[which]
@@ -143,7 +143,7 @@ def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Finding]:
         yield from found
 
 
-def _mechanism(stage: Stage) -> Iterator[Finding]:
+def _mechanism(stage: Stage) -> Iterator[Issue]:
     if not any(b.fixed for b in stage.bodies):
         yield _error(
             "no-fixed-body",
@@ -165,7 +165,7 @@ def _mechanism(stage: Stage) -> Iterator[Finding]:
     yield from _freedom(stage)
 
 
-def _freedom(stage: Stage) -> Iterator[Finding]:
+def _freedom(stage: Stage) -> Iterator[Issue]:
     # without a drive the free motions are what the stage is for
     if not stage.drives:
         return
@@ -208,7 +208,7 @@ def _freedom(stage: Stage) -> Iterator[Finding]:
         yield _warning("free-motion", motion.bodies, text)
 
 
-def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Finding]:
+def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Issue]:
     from shapely import Point
 
     name = drive.name
@@ -269,7 +269,7 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Fin
         )
 
 
-def _probes(stage: Stage, sound: set[str]) -> Iterator[Finding]:
+def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
     from shapely import Point
 
     insides = {b.name: ring(b.outline) for b in stage.bodies if b.name in sound}
@@ -311,7 +311,7 @@ def _list(noun: str, names: tuple[str, ...]) -> str:
     return f"{plural} {shown}{more}"
 
 
-def _published(stage: Stage) -> Iterator[Finding]:
+def _published(stage: Stage) -> Iterator[Issue]:
     axes = {axis.name for axis in stage.axes}
     for name in sorted({row.axis for row in stage.published} - axes):
         yield _warning(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.shapes import CHORD, Shape
 
 # Two polygons of arcs are off by CHORD each, so shapes that only touch overlap by at most twice
@@ -18,8 +18,11 @@ _FACING = -0.7
 _ARC_STEPS = 32
 
 
-def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
-    """Find pairs of bodies and notches that fill the same place."""
+def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
+    """Find pairs of bodies and notches that fill the same place.
+
+    The shapes are bodies without their notches, and notches.
+    """
     from shapely import STRtree
 
     # a tree of nothing cannot be asked
@@ -50,7 +53,7 @@ def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
                 "overlap",
                 "move them apart, or give the outer one a hole for the inner one",
             )
-        yield Finding(
+        yield Issue(
             severity="error",
             code=code,
             what=(a.name, b.name),
@@ -61,13 +64,16 @@ def overlaps(shapes: list[Shape]) -> Iterator[Finding]:
 
 def slots_between(
     shapes: list[Shape], wire_width: float, skip: set[frozenset[str]]
-) -> Iterator[Finding]:
+) -> Iterator[Issue]:
     """Find bodies and notches that are nearer to one another than the wire is wide.
 
     Two bodies face each other across the full length of the notch that joins them, so bodies are
     compared without their notches; a notch is compared with everything but its own two bodies, from
     which it grows. What is left out in this way is the opening of the notch itself, and that is as
     wide as the profile says.
+
+    `wire_width` is the width of the narrowest slot that can be cut [m]; `skip` are pairs of names
+    that have been spoken of.
     """
     from shapely import STRtree, box
     from shapely.ops import nearest_points
@@ -86,7 +92,7 @@ def slots_between(
         gap = a.polygon.distance(b.polygon)
         if gap < wire_width - _SLACK:
             p, q = nearest_points(a.polygon, b.polygon)
-            yield Finding(
+            yield Issue(
                 severity="error",
                 code="narrow-slot",
                 what=(a.name, b.name),
@@ -96,7 +102,7 @@ def slots_between(
             )
 
 
-def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
+def slots_within(shape: Shape, wire_width: float) -> Iterator[Issue]:
     """Find slots and holes of one body that the wire does not fit into.
 
     What a disc as wide as the wire cannot reach outside of the body is either the rest of a sharp
@@ -118,7 +124,7 @@ def slots_within(shape: Shape, wire_width: float) -> Iterator[Finding]:
         width = _facing_distance(part, *sides, wire_width)
         if width is not None:
             where = part.representative_point()
-            yield Finding(
+            yield Issue(
                 severity="error",
                 code="narrow-slot",
                 what=(shape.name,),

@@ -48,7 +48,10 @@ class Decoder:
         raise error(f"{self.source}, line {node.line}{where}: {message}")
 
     def decode(self, kind: Any, node: Node, path: str) -> Any:
-        """Read a value of a type."""
+        """Read a value of a type.
+
+        `kind` is the annotation of a field, or a description; `path` of keys is for messages.
+        """
         if (inner := optional_part(kind)) is not None:
             if isinstance(node, Scalar) and node.value is None:
                 return None
@@ -89,7 +92,11 @@ class Decoder:
     def build(
         self, kind: type, node: Mapping, path: str, given: dict[str, Any] | None = None
     ) -> Any:
-        """Read a description from a mapping."""
+        """Read a description from a mapping.
+
+        `kind` is a dataclass, or a family of them of which ``kind`` names one; the fields `given`
+        come from elsewhere.
+        """
         values: dict[str, Any] = dict(given or {})
         allowed: list[str] = []
         if kind in FAMILIES:
@@ -110,7 +117,10 @@ class Decoder:
             self.refuse(node, path, str(error), type(error))
 
     def check_keys(self, node: Mapping, path: str, known: list[str]) -> None:
-        """Refuse keys that mean nothing."""
+        """Refuse keys that mean nothing.
+
+        The nearest known one is named.
+        """
         for key, value in node.items.items():
             if key not in known:
                 near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)

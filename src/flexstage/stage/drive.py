@@ -58,10 +58,11 @@ class Drive:
                 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Screw(Drive):
-    """An adjustment screw."""
+@dataclass(frozen=True, kw_only=True)
+class ScrewProperties:
+    """What an adjustment screw is, wherever it stands."""
 
+    __slots__ = ()
     kind: ClassVar[str] = "screw"
 
     pitch: Length
@@ -74,6 +75,11 @@ class Screw(Drive):
     """Axial stiffness of screw and nut [N/m]; rigid where not given."""
     largest_speed: Annotated[float, DIMENSIONS["speed"]] | None = None
     """Largest speed at which it may be turned, as its advance [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screw(ScrewProperties, Drive):
+    """An adjustment screw."""
 
     def __post_init__(self) -> None:
         self._positive("pitch", "smallest_step", "travel", "stiffness", "largest_speed")
@@ -91,10 +97,11 @@ class Screw(Drive):
         return self.stiffness
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PiezoStack(Drive):
-    """A piezoelectric stack."""
+@dataclass(frozen=True, kw_only=True)
+class StackProperties:
+    """What a piezoelectric stack is, wherever it stands."""
 
+    __slots__ = ()
     kind: ClassVar[str] = "piezo"
 
     free_stroke: Length
@@ -109,6 +116,11 @@ class PiezoStack(Drive):
     """Lowest and highest allowed voltage [V]."""
     largest_slew: Annotated[float, DIMENSIONS["slew rate"]] | None = None
     """Largest rate at which its voltage may change [V/s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PiezoStack(StackProperties, Drive):
+    """A piezoelectric stack."""
 
     def __post_init__(self) -> None:
         self._positive("free_stroke", "stiffness", "blocking_force", "capacitance", "largest_slew")
@@ -126,14 +138,20 @@ class PiezoStack(Drive):
         return self.stiffness
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Force(Drive):
-    """A force that does not depend on displacement, such as a voice coil's."""
+@dataclass(frozen=True, kw_only=True)
+class ForceProperties:
+    """What a source of force is, wherever it stands."""
 
+    __slots__ = ()
     kind: ClassVar[str] = "force"
 
     largest_force: Annotated[float, DIMENSIONS["force"]]
     """Largest force [N]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Force(ForceProperties, Drive):
+    """A force that does not depend on displacement, such as a voice coil's."""
 
     def __post_init__(self) -> None:
         self._positive("largest_force")

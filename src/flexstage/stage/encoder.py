@@ -25,7 +25,10 @@ class Number(str):
 
 
 def encode(kind: Any, value: Any, length_unit: str | None) -> Any:
-    """Return plain data that `Decoder` reads back to the same bits."""
+    """Return plain data that `Decoder` reads back to the same bits.
+
+    Plain data are texts, booleans, `Number`, lists and dicts.
+    """
     if (inner := optional_part(kind)) is not None:
         return None if value is None else encode(inner, value, length_unit)
     origin = typing.get_origin(kind)

@@ -48,7 +48,10 @@ def optional_part(kind: Any) -> Any | None:
 
 
 def is_named(kind: Any) -> bool:
-    """Say whether things of a type are listed by their names."""
+    """Say whether things of a type are listed by their names.
+
+    They are dataclasses with a name, of which a stage has several.
+    """
     return isinstance(kind, type) and is_dataclass(kind) and "name" in field_types(kind)
 
 

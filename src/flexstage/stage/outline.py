@@ -26,18 +26,18 @@ class AreaIntegrals(NamedTuple):
     area: float
     """Integral of 1 [m^2]."""
     x: float
-    """Integrals of x and of y [m^3]."""
+    """Integral of x [m^3]."""
     y: float
-    """Integrals of x and of y [m^3]."""
+    """Integral of y [m^3]."""
     xx: float
-    """Integrals of x^2, y^2 and x y [m^4]."""
+    """Integral of x^2 [m^4]."""
     yy: float
-    """Integrals of x^2, y^2 and x y [m^4]."""
+    """Integral of y^2 [m^4]."""
     xy: float
-    """Integrals of x^2, y^2 and x y [m^4]."""
+    """Integral of x y [m^4]."""
 
     def plus(self, other: "AreaIntegrals", sign: float = 1.0) -> "AreaIntegrals":
-        """Add another area, or take it away."""
+        """Add another area, or with a sign of -1 take it away."""
         return AreaIntegrals(*(a + sign * b for a, b in zip(self, other, strict=True)))
 
 

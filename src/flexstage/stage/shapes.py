@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from flexstage.stage.finding import Finding, millimetres
+from flexstage.stage.contour import half_notch
+from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.model import Body, Hinge, Stage
-from flexstage.stage.notch import half_notch
 from flexstage.stage.outline import Circle, Loop
 
 #: Largest distance of a polygon from the arc that it stands for [m].
@@ -35,26 +35,26 @@ class Shape:
 
 
 def ring(shape: Loop | Circle) -> Any:
-    """Return the polygon of a closed line."""
+    """Return the polygon of a closed line, to `CHORD`."""
     from shapely import Polygon
 
     loop = shape.loop() if isinstance(shape, Circle) else shape
     return Polygon(loop.polyline(CHORD))
 
 
-def body_shapes(stage: Stage) -> tuple[list[Shape], list[Finding]]:
-    """Return the polygons of the bodies that have proper outlines."""
+def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:
+    """Return the polygons of bodies with proper outlines, and what is wrong with the others."""
     shapes: list[Shape] = []
-    findings: list[Finding] = []
+    issues: list[Issue] = []
     for body in stage.bodies:
         faults = list(_outline_faults(body))
-        findings += faults
+        issues += faults
         if not faults:
             polygon = ring(body.outline)
             for hole in (*body.holes, *body.mounting_holes):
                 polygon = polygon.difference(ring(hole))
             shapes.append(Shape(body.name, polygon, (body.name,), False))
-    return shapes, findings
+    return shapes, issues
 
 
 def notch_shapes(hinges: list[Hinge]) -> list[Shape]:
@@ -67,11 +67,11 @@ def notch_shapes(hinges: list[Hinge]) -> list[Shape]:
     return shapes
 
 
-def _outline_faults(body: Body) -> Iterator[Finding]:
+def _outline_faults(body: Body) -> Iterator[Issue]:
     from shapely.validation import explain_validity
 
-    def fault(code: str, text: str) -> Finding:
-        return Finding(severity="error", code=code, what=(body.name,), message=text)
+    def fault(code: str, text: str) -> Issue:
+        return Issue(severity="error", code=code, what=(body.name,), message=text)
 
     outline = ring(body.outline)
     labelled = [("outline", outline)]

@@ -75,7 +75,11 @@ Node = Scalar | Sequence | Mapping
 def read_text(
     path: Path, kind: str = "stage file", error: type[FlexstageError] = StageError
 ) -> str:
-    """Read a small text file."""
+    """Read a small text file.
+
+    `kind` is what it should be, for messages. A file that is no regular one, too large or not UTF-8
+    is refused.
+    """
     try:
         # asked before it is opened: opening a named pipe would wait for ever
         status = path.stat()
@@ -113,7 +117,12 @@ def parse_yaml(
     *,
     finite: bool = True,
 ) -> Node:
-    """Parse the one YAML document of a text."""
+    """Parse the one YAML document of a text.
+
+    `source` is what to call it in messages, `kind` what it should be. Refused are aliases, anchors,
+    tags, repeated keys, a second document, too much of anything, and where `finite` numbers that
+    are not finite.
+    """
     import yaml
 
     if len(text) > MAX_BYTES:

@@ -36,7 +36,11 @@ def _flow(value: Any, depth: int) -> Any:
 
 
 def plain_dumper() -> type:
-    """Make what writes plain data so that `yaml_reader` reads it back."""
+    """Make what writes plain data so that `yaml_reader` reads it back.
+
+    For ``yaml.dump``: no part is named and referred to, and a text that is a number to the reader
+    stands in quotes.
+    """
     import yaml
 
     class Dumper(yaml.SafeDumper):

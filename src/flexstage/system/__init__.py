@@ -6,7 +6,6 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.system.analysis import Analysis, analyse
-    from flexstage.system.axis import AxisAnalysis, analyse_axis
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.mechanical import (
         STANDARD_GRAVITY,
@@ -24,7 +23,9 @@ if TYPE_CHECKING:
     )
     from flexstage.system.state_space import StateSpace, state_space
     from flexstage.system.statics import (
+        AxisAnalysis,
         StaticSolution,
+        analyse_axis,
         drive_stiffness,
         load_readings,
         probe_stiffness,

@@ -6,7 +6,6 @@ from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.system.axis import AxisAnalysis, analyse_axis
 from flexstage.system.characteristics import axis_characteristics
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import Modes, modes
@@ -15,6 +14,7 @@ from flexstage.system.response import (
     default_frequencies_hz,
     frequency_response,
 )
+from flexstage.system.statics import AxisAnalysis, analyse_axis
 
 _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 

@@ -8,11 +8,10 @@ import numpy as np
 from flexstage.characteristic import QUANTITIES, Characteristic
 from flexstage.material import Material
 from flexstage.stage import Stage
-from flexstage.system.axis import AxisAnalysis
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
-from flexstage.system.statics import probe_stiffness, static_loads
+from flexstage.system.statics import AxisAnalysis, probe_stiffness, static_loads
 
 
 def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -> int:
@@ -30,7 +29,10 @@ def axis_mode(system: MechanicalSystem, result: Modes, drive: str, probe: str) -
 def axis_characteristics(
     stage: Stage, system: MechanicalSystem, axis: AxisAnalysis, removed: Modes
 ) -> list[Characteristic]:
-    """Return the characteristics of one axis."""
+    """Return the characteristics of one axis.
+
+    `axis` is at full stroke, `removed` has the modes with the drives removed.
+    """
     ratio = axis.output_displacement / axis.input_displacement
     others = [a for a in system.axes if a.name != axis.axis]
     static = axis.static
@@ -121,6 +123,8 @@ def pulsating_limit(material: Material) -> float | None:
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
     mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
+
+    The peak is in Pa, and None if fatigue limit or yield strength is unknown.
 
     Examples
     --------

@@ -12,7 +12,11 @@ _PIVOT = 1e-13
 
 
 def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array, Array]:
-    """Solve K q = f with some linear combinations of q held at zero."""
+    """Solve K q = f with some linear combinations of q held at zero.
+
+    K is symmetric, f and q have one column for each load, and each column v of `held` gives v^T q =
+    0. Returns q and the forces that hold, one row for each column of `held`.
+    """
     # scaling to a unit diagonal makes metres and radians comparable
     diagonal = np.diag(stiffness)
     if stiffness.size and diagonal.min() <= 0.0:
@@ -43,7 +47,11 @@ _SINGULAR = (
 def generalized_modes(
     stiffness: Array, mass: Array, held: Array, count: int | None = None
 ) -> tuple[Array, Array]:
-    """Solve K phi = omega^2 M phi, lowest first."""
+    """Solve K phi = omega^2 M phi, lowest first.
+
+    K and M are symmetric, and each column v of `held` gives v^T phi = 0. Returns omega [rad/s],
+    shape (k,), and shapes with phi^T M phi = 1, shape (n, k); all modes where `count` is None.
+    """
     basis = null_space(held.T) if held.shape[1] else None
     if basis is not None:
         stiffness, mass = basis.T @ stiffness @ basis, basis.T @ mass @ basis

@@ -15,7 +15,11 @@ from flexstage.system.modes import modes
 def transformed(
     system: MechanicalSystem, basis: Array, coordinates: Sequence[str]
 ) -> MechanicalSystem:
-    """Return a system in other coordinates, q = basis @ r."""
+    """Return a system in other coordinates, q = basis @ r.
+
+    One new coordinate is a column of `basis`, shape (n, r); drives, probes, bodies and stress map
+    stay.
+    """
     if basis.shape != (system.order, len(coordinates)):
         raise ModelError(
             f"the basis must have shape {(system.order, len(coordinates))}, got {basis.shape}"

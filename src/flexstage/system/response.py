@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
+from flexstage.system.statics import imposed_shape
 
 # Above this damping ratio, and below this angle of a mode in one step [rad], the closed form of a
 # step loses digits or does not exist.
@@ -58,7 +58,11 @@ class TimeResponse:
 
 
 def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance."""
+    """Return frequencies that show the lowest modes, denser at each resonance.
+
+    `count` is the number of evenly spread ones (in the logarithm), `modes_shown` that of the modes
+    that are to be seen.
+    """
     shown = result.frequency_hz[:modes_shown]
     shown = shown[shown > 0.0]
     if shown.size == 0:

@@ -8,9 +8,9 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import modes
+from flexstage.system.statics import imposed_shape
 
 if TYPE_CHECKING:
     import control

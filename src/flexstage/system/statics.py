@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
 from flexstage.system.linalg import solve_stiffness
-from flexstage.system.mechanical import DriveCondition, MechanicalSystem
+from flexstage.system.mechanical import AxisPort, DriveCondition, DrivePort, MechanicalSystem
 
 # two drives whose elongations are the same to this part are one
 _DEPENDENT = 1e12
@@ -258,3 +258,76 @@ def _solution(system: MechanicalSystem, q: Array, force: dict[str, float]) -> St
         body_motion={k: (float(v[0]), float(v[1]), float(v[2])) for k, v in motion.items()},
         hinge_stress={} if system.stress is None else system.stress.largest(q),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisAnalysis:
+    """What one drive does to the stage over its stroke, the other drives removed."""
+
+    axis: str
+    """Name of the axis."""
+    drive: str
+    """Its drive."""
+    probe: str
+    """Its probe."""
+    input_displacement: float
+    """Elongation of the drive [m]."""
+    output_displacement: float
+    """Reading of the probe [m]."""
+    input_stiffness: float
+    """Force of the drive over its elongation [N/m]."""
+    static: StaticSolution
+    """The whole state."""
+
+    __repr__ = short_repr
+
+
+def analyse_axis(system: MechanicalSystem, axis: AxisPort) -> AxisAnalysis:
+    """Push one drive over its stroke.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    axis : AxisPort
+        The axis.
+
+    Returns
+    -------
+    AxisAnalysis
+        The state at full stroke; of a pure force, at its largest force.
+
+    Raises
+    ------
+    ModelError
+        The drive has neither a stroke nor a largest force.
+    """
+    port = system.drive(axis.drive)
+    stroke = port.stroke
+    if stroke is None:
+        if port.largest_force is None:
+            raise ModelError(f"drive '{port.name}' has neither a stroke nor a largest force")
+        stroke = port.largest_force / drive_stiffness(system, port.name)
+    static = static_displacements(system, {axis.drive: stroke})
+    return AxisAnalysis(
+        axis=axis.name,
+        drive=axis.drive,
+        probe=axis.probe,
+        input_displacement=stroke,
+        output_displacement=static.readings[axis.probe],
+        input_stiffness=static.drive_force[axis.drive] / stroke,
+        static=static,
+    )
+
+
+def imposed_shape(system: MechanicalSystem, drive: DrivePort) -> Array:
+    """Return the shape at rest for one metre of a rigid drive in place.
+
+    The other rigid drives keep their length. Shape (n,), in the coordinates' units over m.
+    """
+    added, vectors = system.drive_springs("in place")
+    n, m = vectors.shape
+    saddle = np.block([[system.K + added, vectors], [vectors.T, np.zeros((m, m))]])
+    right = np.zeros(n + m)
+    right[n + int(np.argmax([np.array_equal(v, drive.vector) for v in vectors.T]))] = 1.0
+    return np.asarray(np.linalg.solve(saddle, right)[:n], dtype=np.float64)

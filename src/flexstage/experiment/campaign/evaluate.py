@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from flexstage import progress
 from flexstage.errors import FlexstageError, RecordError
 from flexstage.experiment.campaign.holding import evaluate_hold, evaluate_staircase
 from flexstage.experiment.campaign.loading import load_records
@@ -14,7 +15,6 @@ from flexstage.experiment.campaign.response import evaluate_response, evaluate_r
 from flexstage.experiment.campaign.results import Characterisation, TestResult
 from flexstage.experiment.campaign.spheres import evaluate_spheres
 from flexstage.experiment.campaign.workspace import evaluate_workspace
-from flexstage.progress import share, tell
 from flexstage.records import Record
 
 #: What evaluates each kind of test.
@@ -33,6 +33,8 @@ EVALUATIONS: Mapping[str, Callable[[Test, list[Record], Campaign], TestResult]] 
 def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
     """Evaluate all tests of a campaign.
 
+    `load` gives the records of a test.
+
     Examples
     --------
     >>> from flexstage.designs import design
@@ -47,8 +49,8 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
     results = []
     sources: dict[str, str] = {}
     for k, test in enumerate(campaign.tests):
-        with share(k / len(campaign.tests), (k + 1) / len(campaign.tests)):
-            tell(f"test {test.name}"[:17])
+        with progress.subtask(k / len(campaign.tests), (k + 1) / len(campaign.tests)):
+            progress.update(f"test {test.name}"[:17])
             try:
                 records = load(test)
                 results.append(EVALUATIONS[test.kind](test, records, campaign))
@@ -61,24 +63,9 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
 
 
 def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:
-    """Read the files of a campaign, and evaluate its tests.
+    """Read the files of a campaign, named from a folder, and evaluate its tests.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The tests.
-    folder : str or os.PathLike
-        Where its files are named from.
-
-    Returns
-    -------
-    Characterisation
-        What the tests gave.
-
-    Raises
-    ------
-    FlexstageError
-        A file cannot be read, or a test cannot be evaluated; the message names it.
+    What cannot be read or evaluated is named by its test.
     """
     base = Path(folder)
     if not campaign.tests:

@@ -16,23 +16,9 @@ _VERSION = 1
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
-    """Read the description of tests from a file.
+    """Read the description of tests from a YAML file whose first key is ``campaign: 1``.
 
-    Parameters
-    ----------
-    path : str or os.PathLike
-        A YAML file whose first key is ``campaign: 1``.
-
-    Returns
-    -------
-    Campaign
-        The tests; records are still named as in the file.
-
-    Raises
-    ------
-    FlexstageError
-        There is no such file, or it describes no possible tests; the message is one sentence with
-        file, line and key.
+    Records are still named as in the file; a mistake is named by its line.
     """
     file = Path(path)
     source = os.fspath(path)
@@ -76,6 +62,9 @@ def _check_instruments(decoder: Decoder, root: MappingNode) -> None:
 
 
 def campaign_text(campaign: Campaign) -> str:
-    """Write the description of tests as the text of its file."""
+    """Write the description of tests as the text of its file.
+
+    `read_campaign` reads it back; what is as usual is left out.
+    """
     data = {"campaign": Number(_VERSION), **encode(Campaign, campaign, None)}
     return yaml_text(data)

@@ -18,7 +18,11 @@ from flexstage.records.sampling import require_uniform
 
 
 def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a staircase of small steps."""
+    """Evaluate a staircase of small steps.
+
+    The resolution is what the noise lets one tell apart, or the mean step where the steps are the
+    smallest that the drive can make: then they must not drown in the noise.
+    """
     record = only(test, records)
     require_uniform(record)
     command = column(test, record, "command")
@@ -48,7 +52,10 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
 
 
 def evaluate_hold(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a record of an axis that is held."""
+    """Evaluate a record of an axis that is held.
+
+    The figures are noise and drift, with spectrum and Allan deviation.
+    """
     record = only(test, records)
     require_uniform(record)
     along = column(test, record, "along")

@@ -12,7 +12,7 @@ from flexstage.errors import RecordError
 from flexstage.experiment.campaign.plan import Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.require import require_live, require_unclipped
-from flexstage.records.rows import row_range
+from flexstage.records.sampling import row_range
 
 #: Kinds of tests whose rows follow one another by number where the file has no time.
 _POINTS = frozenset(("workspace", "spheres", "positioning"))
@@ -111,7 +111,11 @@ def _unit_of_each(role: str, at: Sequence[str], unit: Sequence[str], test: Test)
 
 
 def column(test: Test, record: Record, role: str) -> Array:
-    """Return the values of the column that has a role, in SI units."""
+    """Return the values of the column that has a role, in SI units.
+
+    `role` is a field of `Columns`. A column that never changes or is cut off is refused, and one
+    whose unit is not said or not one that the role can have.
+    """
     named = getattr(test.columns, role)
     if not isinstance(named, str):
         raise RecordError(
@@ -125,7 +129,10 @@ def column(test: Test, record: Record, role: str) -> Array:
 
 
 def runs_of(test: Test, record: Record, role: str) -> Array:
-    """Return the values of the columns that have a role together, in SI units."""
+    """Return the columns that have a role together, in SI units, shape (n, columns).
+
+    `role` is a field of `Columns` that names several.
+    """
     named = getattr(test.columns, role)
     if not named:
         raise RecordError(

@@ -9,6 +9,7 @@ from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, optional_column
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
+from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
 from flexstage.experiment.motion.linearity import linearity
@@ -39,7 +40,10 @@ _NOTES = {
 
 
 def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate cycles over the stroke."""
+    """Evaluate cycles over the stroke.
+
+    Straightness, coupling and rotations are there where they were read beside ``along``.
+    """
     record = only(test, records)
     motions = {
         name: values
@@ -74,7 +78,11 @@ def motion_figures(
     *,
     timed: bool = True,
 ) -> TestResult:
-    """Return the figures of an axis from its motions over repeated cycles."""
+    """Return the figures of an axis from its motions over repeated cycles.
+
+    The command is in V or m, all motions in m or rad, shape (n,) each; `time` in s, or where not
+    `timed`, so that a drift has no rate, numbers of stations.
+    """
     cycles = motion_cycles(command)
     found = stroke(command, along, time, cycles=cycles, command_unit=command_unit)
     straight = linearity(found.curve)
@@ -133,16 +141,16 @@ def motion_figures(
         curve = fit_motion_curve(along, values, time, cycles=cycles, unit="rad" if turning else "m")
         curves[name] = curve
         if turning:
-            add(_ROTATIONS[name], curve.range(), angle, "angle")
+            add(_ROTATIONS[name], curve_range(curve), angle, "angle")
         elif name == "vertical":
             add(
                 "straightness_out_of_plane",
-                curve.range(line="least_squares"),
+                curve_range(curve, line="least_squares"),
                 side,
                 "transverse range",
             )
         else:
-            add("straightness", curve.range(line="least_squares"), side, "transverse range")
+            add("straightness", curve_range(curve, line="least_squares"), side, "transverse range")
             add("cross_coupling", curve.slope(), side, "coupling")
     return TestResult(
         test=test,

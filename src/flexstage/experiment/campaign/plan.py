@@ -32,17 +32,17 @@ class Columns:
     command: str | None = None
     """What the drive was told."""
     along: str | None = None
-    """Position along the axis, across it in the plane, and out of the plane."""
+    """Position along the axis."""
     across: str | None = None
-    """Position along the axis, across it in the plane, and out of the plane."""
+    """Position across it in the plane."""
     vertical: str | None = None
-    """Position along the axis, across it in the plane, and out of the plane."""
+    """Position out of the plane."""
     roll: str | None = None
-    """Rotations about the axis, about the direction across, and about the normal."""
+    """Rotation about the axis."""
     pitch: str | None = None
-    """Rotations about the axis, about the direction across, and about the normal."""
+    """Rotation about the direction across."""
     yaw: str | None = None
-    """Rotations about the axis, about the direction across, and about the normal."""
+    """Rotation about the normal."""
     input: str | None = None
     """Force, or whatever excites."""
     output: tuple[str, ...] = ()
@@ -50,17 +50,17 @@ class Columns:
     corner: str | None = None
     """Number of the corner, from 0 and anticlockwise."""
     x: str | None = None
-    """Readings at the corners."""
+    """Reading of x at the corners."""
     y: str | None = None
-    """Readings at the corners."""
+    """Reading of y at the corners."""
     spheres: tuple[str, ...] = ()
     """Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``."""
     direction: str | None = None
     """The side that a target was reached from: a word, an arrow, or a number by its sign."""
     upward: tuple[str, ...] = ()
-    """Of a table with a row for each target: readings of each run, from below and from above."""
+    """Of a table with a row for each target: readings of each run from below."""
     downward: tuple[str, ...] = ()
-    """Of a table with a row for each target: readings of each run, from below and from above."""
+    """Of a table with a row for each target: readings of each run from above."""
 
     def named(self) -> dict[str, str]:
         """Return the single columns that are given, by what they are."""
@@ -69,7 +69,7 @@ class Columns:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class FileReading:
     """How the files of a test are read; what they say themselves need not be repeated."""
 
     sample_rate: Annotated[float, DIMENSIONS["frequency"]] | None = None
@@ -81,9 +81,9 @@ class Reading:
     dataset: str | None = None
     """Dataset of the files."""
     delimiter: str | None = None
-    """Of text files."""
+    """What parts the columns of text files."""
     decimal: str | None = None
-    """Of text files."""
+    """Decimal mark of text files."""
     rows: str | None = None
     """Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted."""
     skip_lines: int = 0
@@ -91,7 +91,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instrument:
+class SensorSpecification:
     """A sensor by name, with what is known of its errors."""
 
     name: str
@@ -103,9 +103,9 @@ class Instrument:
     alignment: Annotated[float, DIMENSIONS["angle"]] = 0.0
     """Standard uncertainty of the angle between its direction and that of the axis [rad]."""
     abbe_offset: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Distance of its line from the point that counts, and standard uncertainty of it [m]."""
+    """Distance of its line from the point that counts [m]."""
     abbe_uncertainty: Annotated[float, DIMENSIONS["length"]] = 0.0
-    """Distance of its line from the point that counts, and standard uncertainty of it [m]."""
+    """Standard uncertainty of that distance [m]."""
     temperature_uncertainty: float = 0.0
     """Standard uncertainty of the temperature over a test [K]."""
     expansion: Annotated[float, DIMENSIONS["expansion"]] = 0.0
@@ -134,14 +134,7 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Test:
-    """One test: its records, and what is in them.
-
-    Raises
-    ------
-    ModelError
-        The kind, the excitation or the cycle is not known, there is no record, or a number is
-        impossible.
-    """
+    """One test: its records, and what is in them."""
 
     __test__ = False  # a name that the collector of tests would take for its own
 
@@ -157,14 +150,14 @@ class Test:
     """What is in which column."""
     units: Columns = field(default_factory=Columns)
     """Units of columns that do not say theirs."""
-    reading: Reading = field(default_factory=Reading)
+    reading: FileReading = field(default_factory=FileReading)
     """How the files are read."""
     along: str | None = None
-    """Names of the instruments that read position, the directions across it, and rotations."""
+    """Name of the instrument that reads position."""
     transverse: str | None = None
-    """Names of the instruments that read position, the directions across it, and rotations."""
+    """Name of the instrument that reads the directions across it."""
     angle: str | None = None
-    """Names of the instruments that read position, the directions across it, and rotations."""
+    """Name of the instrument that reads rotations."""
     excitation: str = "auto"
     """Of a response: hammer, random, periodic, step, sweep, or auto."""
     modes: float | None = None
@@ -243,19 +236,13 @@ class Test:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """Everything that was measured of a stage.
-
-    Raises
-    ------
-    ModelError
-        The origin is not known, two things share a name, or a test names an unknown instrument.
-    """
+    """Everything that was measured of a stage."""
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
     origin: str = "measured"
     """``measured``, or ``virtual`` where the records are simulated."""
-    instruments: tuple[Instrument, ...] = ()
+    instruments: tuple[SensorSpecification, ...] = ()
     """The sensors."""
     tests: tuple[Test, ...]
     """The tests."""
@@ -281,16 +268,5 @@ class Campaign:
                     )
 
     def setup(self, name: str | None) -> SensorSetup | None:
-        """Return what is known of an instrument.
-
-        Parameters
-        ----------
-        name : str or None
-            Its name.
-
-        Returns
-        -------
-        SensorSetup or None
-            What is known; None where no instrument is named.
-        """
+        """Return what is known of an instrument; None where none is named."""
         return next((i.setup for i in self.instruments if i.name == name), None)

@@ -13,8 +13,8 @@ from flexstage.experiment.campaign.motion import only
 from flexstage.experiment.campaign.plan import Campaign, Test
 from flexstage.experiment.campaign.results import Figure, TestResult
 from flexstage.experiment.motion.approaches import Approaches, Visits, visits
-from flexstage.experiment.motion.dwells import staircase_dwells
 from flexstage.experiment.motion.positioning import Positioning, positioning
+from flexstage.experiment.motion.staircase_levels import staircase_dwells
 from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
 from flexstage.records import Record
 
@@ -50,7 +50,12 @@ class _Reached:
 
 
 def evaluate_positioning(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate targets that were gone to from both sides, in the manner of ISO 230-2."""
+    """Evaluate targets that were gone to from both sides, in the manner of ISO 230-2.
+
+    The columns are ``command``, the targets in metres, and ``along``: a row for each approach in
+    the order of time, or rests of several samples; ``direction`` says the side of each. Or they are
+    ``command``, ``upward`` and ``downward``: a row for each target.
+    """
     record = only(test, records)
     command = column(test, record, "command")
     unit = record.channel(test.columns.command or 0).unit

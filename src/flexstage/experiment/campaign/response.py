@@ -16,7 +16,11 @@ from flexstage.records import Record
 
 
 def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a driven response, or one that has been estimated already."""
+    """Evaluate a driven response, or one that has been estimated already.
+
+    Records over time are averaged together; one over frequency is an estimated response. The
+    figures are those of the mode by which the axis moves.
+    """
     notes: tuple[str, ...] = ()
     added = 0.0
     if records[0].over == "frequency":
@@ -51,7 +55,10 @@ def evaluate_response(test: Test, records: list[Record], campaign: Campaign) -> 
 
 
 def evaluate_ring_down(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate a free decay."""
+    """Evaluate a free decay.
+
+    The figures are those of the strongest mode.
+    """
     if len(records) != 1 or not test.columns.output:
         raise RecordError(
             f"test '{test.name}' of kind ring-down needs one record and the columns of 'output'"

@@ -91,25 +91,7 @@ class Characterisation:
         )
 
     def figure(self, quantity: str, axis: str) -> Figure:
-        """Return one figure.
-
-        Parameters
-        ----------
-        quantity : str
-            The quantity.
-        axis : str
-            The axis.
-
-        Returns
-        -------
-        Figure
-            The figure.
-
-        Raises
-        ------
-        ModelError
-            No test gave it.
-        """
+        """Return one figure."""
         for figure in self.figures:
             if (figure.quantity, figure.axis) == (quantity, axis):
                 return figure

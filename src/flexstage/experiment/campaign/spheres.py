@@ -19,7 +19,8 @@ def evaluate_spheres(test: Test, records: list[Record], campaign: Campaign) -> T
     """Evaluate spheres probed at stations over repeated cycles.
 
     The motion is that of the point at the origin of the machine's coordinates, which is the point
-    of interest; axis ``x`` runs along the machine's X, and ``y`` along its Y.
+    of interest; axis ``x`` runs along the machine's X, and ``y`` along its Y. The record has a row
+    for each station; the figures are those of `evaluate_motion`, without drift.
     """
     record = only(test, records)
     if test.axis not in _DIRECTIONS:

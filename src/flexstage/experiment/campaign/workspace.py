@@ -16,7 +16,11 @@ from flexstage.records import Record
 
 
 def evaluate_workspace(test: Test, records: list[Record], campaign: Campaign) -> TestResult:
-    """Evaluate corners that were gone to again and again."""
+    """Evaluate corners that were gone to again and again.
+
+    The record has a row for each visit: the number of the corner, ``x`` and ``y``; each corner at
+    least twice.
+    """
     record = only(test, records)
     corner = column(test, record, "corner")
     points = np.stack((column(test, record, "x"), column(test, record, "y")), axis=1)

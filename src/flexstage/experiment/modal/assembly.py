@@ -10,10 +10,10 @@ from flexstage.estimate import Component, Estimate
 from flexstage.experiment.modal.basis import ModalBasis
 from flexstage.experiment.modal.covariance import Worth, assess, meat
 from flexstage.experiment.modal.listing import listed, not_listed
+from flexstage.experiment.modal.mode_selection import significances, threshold
 from flexstage.experiment.modal.prepare import Prepared
 from flexstage.experiment.modal.result import FittedResponse, ModalFit, Mode
 from flexstage.experiment.modal.shapes import shape_from_residues
-from flexstage.experiment.modal.significance import significances, threshold
 from flexstage.experiment.modal.stabilisation import Stabilisation
 
 # share of a response that a fit may leave before it is said
@@ -31,7 +31,11 @@ def assembled(
     wanted: int | Sequence[float] | None,
     hints: Sequence[str] = (),
 ) -> ModalFit:
-    """Make the result of a fit."""
+    """Make the result of a fit.
+
+    `added_damping_rate` [1/s] is taken off. Where no modes are `wanted`, by number or near
+    frequencies [Hz], poles that are no modes of the stage are left out of the list.
+    """
     blocks = [part.block for part in parts]
     worth = assess(basis, theta, blocks)
     strength = significances(basis, theta, blocks) if basis.count else np.zeros(0)

@@ -17,8 +17,9 @@ class ModalBasis:
         H = g(s) [sum (a_r + b_r s) / (s^2 + 2 zeta_r w_r s + w_r^2) + u + l / s^2],
 
     g(s) = exp(-s tau) / (1 + s T): a pair of conjugate poles, with its residue in a and b; u and l
-    stand for modes above and below the band (Ewins, 2000, Modal Testing, 2nd ed.).
-    The parameters are w_1, zeta_1, ..., then tau and T where they are in it.
+    stand for modes above and below the band (Ewins, 2000, Modal Testing, 2nd ed.). The parameters
+    are w_1, zeta_1, ..., then tau and T where they are in it. Everywhere theta has shape (size,),
+    and s shape (k,).
     """
 
     count: int
@@ -50,7 +51,7 @@ class ModalBasis:
         return 1 if self.real_modes else 2
 
     def transfer(self, theta: Array, s: Complex) -> Complex:
-        """Return what delay and lag make of a response."""
+        """Return the factor g that delay and lag make of a response, shape (k,)."""
         g = np.ones(s.size, dtype=np.complex128)
         if self.delay:
             g = np.exp(-s * theta[2 * self.count])
@@ -59,7 +60,7 @@ class ModalBasis:
         return g
 
     def functions(self, theta: Array, s: Complex) -> Complex:
-        """Return the functions at some frequencies."""
+        """Return the functions at some frequencies, shape (k, linear)."""
         g = self.transfer(theta, s)
         columns = []
         for w, zeta in theta[: 2 * self.count].reshape(-1, 2):
@@ -70,7 +71,10 @@ class ModalBasis:
         return np.stack(columns, axis=1)
 
     def derivatives(self, theta: Array, s: Complex, functions: Complex, factors: Array) -> Complex:
-        """Return how responses change with the parameters, their linear factors held."""
+        """Return how responses change with the parameters, their linear factors held.
+
+        With factors of shape (linear, m), the derivatives have shape (size, k, m).
+        """
         out = np.empty((self.size, s.size, factors.shape[1]), dtype=np.complex128)
         for r, (w, zeta) in enumerate(theta[: 2 * self.count].reshape(-1, 2)):
             own = slice(self.per_mode * r, self.per_mode * (r + 1))
@@ -86,7 +90,7 @@ class ModalBasis:
         return out
 
     def start(self, poles: Complex) -> Array:
-        """Return parameters to start from."""
+        """Return parameters to start from poles [rad/s], delay and lag 0."""
         theta = np.zeros(self.size)
         size = np.abs(poles)
         theta[: 2 * self.count : 2] = size / self.reference
@@ -96,14 +100,18 @@ class ModalBasis:
     def residue_weights(self, theta: Array, mode: int) -> Complex:
         """Return the residue of a mode's pole for each of its linear factors.
 
-        A_r = (a + b lambda) / (lambda - lambda*), in the numbers of the reference.
+        A_r = (a + b lambda) / (lambda - lambda*), in the numbers of the reference; in rad/s, shape
+        (per_mode,).
         """
         pole, other = self.poles(theta)[mode] / self.reference
         weights = np.array([1.0, pole]) * self.reference / (pole - other)
         return weights[: self.per_mode]
 
     def poles(self, theta: Array) -> Complex:
-        """Return the pairs of poles: conjugates, or both real where damping is above critical."""
+        """Return the pairs of poles: conjugates, or both real where damping is above critical.
+
+        In rad/s, shape (count, 2).
+        """
         w, zeta = theta[: 2 * self.count].reshape(-1, 2).T
         root: Complex = np.sqrt((zeta * zeta - 1.0).astype(np.complex128))
         root = np.where(root.imag < 0.0, -root, root)
@@ -112,5 +120,5 @@ class ModalBasis:
 
 
 def reference_frequency(band: tuple[float, float]) -> float:
-    """Return the reference frequency of a band."""
+    """Return the geometric mean of the ends of a band [Hz], in rad/s."""
     return 2.0 * math.pi * math.sqrt(band[0] * band[1])

@@ -8,7 +8,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.experiment.modal.basis import ModalBasis
-from flexstage.experiment.modal.projection import Block, Projected, project
+from flexstage.experiment.modal.variable_projection import Projected, ResponseBlock, project
 
 _LAGS = 8
 # a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times
@@ -39,7 +39,11 @@ class Worth:
     """
 
     def factors(self, number: int) -> tuple[Array, Array]:
-        """Return how the factors of a response and the parameters vary together."""
+        """Return how the factors of a response and the parameters vary together.
+
+        The covariance of parameters and factors, shape (p + q, p + q), and the derivative of the
+        factors by the parameters, shape (q, p).
+        """
         column = self.columns[number]
         follow = -column.inverse.T @ column.jacobian
         own = self.scale * meat(_complex(column.inverse), _complex(column.inverse), self.lags)
@@ -59,7 +63,11 @@ def _complex(stacked: Array) -> Complex:
 
 
 def meat(left: Complex, right: Complex, lags: Complex) -> Array:
-    """Return Re(left^H R right), where R holds the correlations of lines."""
+    """Return Re(left^H R right), where R holds the correlations of lines.
+
+    `left` and `right` are influences of each line, shapes (k, a) and (k, b); `lags` its correlation
+    with the next lines.
+    """
     total = left.conj().T @ right
     for lag, rho in enumerate(lags, start=1):
         total = total + rho * (left[:-lag].conj().T @ right[lag:])
@@ -67,7 +75,7 @@ def meat(left: Complex, right: Complex, lags: Complex) -> Array:
     return total.real
 
 
-def assess(basis: ModalBasis, theta: Array, blocks: Sequence[Block]) -> Worth:
+def assess(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Worth:
     """Find the covariance of a fit from its Jacobian and its residual.
 
     Were the errors of all lines and responses independent, it would be s^2 (J^T J)^-1. Where the

@@ -2,25 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-
-from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.experiment.modal.assembly import assembled
 from flexstage.experiment.modal.basis import ModalBasis, reference_frequency
-from flexstage.experiment.modal.prepare import Prepared, prepared
-from flexstage.experiment.modal.pruning import cleaned
+from flexstage.experiment.modal.mode_search import search, search_with_sensor, settled, steady_phase
+from flexstage.experiment.modal.prepare import prepared
 from flexstage.experiment.modal.result import ModalFit
-from flexstage.experiment.modal.search import Found, search, settled, started
-from flexstage.experiment.modal.sensor import joined, likely_delays, steady_phase, without_sensor
-from flexstage.experiment.modal.significance import threshold
 from flexstage.experiment.spectra.response import MeasuredResponse
-
-# how often modes are looked for again, with delay and lag taken off
-_AGAIN = 4
 
 
 def fit_modes(
@@ -109,6 +99,7 @@ def fit_modes(
 
     Examples
     --------
+    >>> import numpy as np
     >>> f = np.arange(2.0, 400.0, 0.5)
     >>> s, poles = 2j * np.pi * f, (-4.7 + 541.0j, -21.0 + 1330.0j)
     >>> clean = sum(1 / ((s - p) * (s - p.conjugate())) for p in poles)
@@ -154,7 +145,7 @@ def fit_modes(
         "guess": frequency_guess,
     }
     if delay or lag:
-        found = _with_sensor(parts, template, (real_modes, delay, lag), options)
+        found = search_with_sensor(parts, template, (real_modes, delay, lag), options)
     else:
         found = search(parts, template, **options)
     hints = [] if delay else steady_phase(found.shown, template, parts)
@@ -196,78 +187,3 @@ def _edges(
     if not 0.0 <= band[0] < band[1]:
         raise ModelError(f"a band must rise from 0 Hz or more, got {band[0]!r} to {band[1]!r} Hz")
     return max(low, float(band[0])), min(high, float(band[1]))
-
-
-def _with_sensor(
-    parts: tuple[Prepared, ...],
-    template: ModalBasis,
-    sensor: tuple[bool, bool, bool],
-    options: dict[str, Any],
-) -> Found:
-    """Fit delay and lag, and look for the modes once more in the responses without them."""
-    real_modes, delay, lag = sensor
-
-    def whole(basis: ModalBasis) -> ModalBasis:
-        return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
-
-    # poles that stretches of a response show are there whatever turns its phase
-    _, poles = started(parts, options["orders"], options["band"])
-    first = whole(replace(template, count=poles.size))
-    begins = [first.start(poles)]
-    if delay:
-        begins = likely_delays(first, begins[0], parts)
-    tried = [_searched(first, begin, parts, template, options) for begin in begins]
-    best = min(tried, key=lambda one: one.cost)
-    weighed = tuple(map(_weighed_as, parts, best.found.parts))
-    best = replace(best, cost=math.inf)
-    # as long as the delay was not known, modes needed a phase of their own
-    inner = replace(template, real_modes=real_modes)
-    for _ in range(_AGAIN):
-        trial = _searched(best.basis, best.theta, weighed, inner, options)
-        if trial.cost >= best.cost - 1e-6 * abs(best.cost):
-            break
-        best = trial
-    basis, theta = best.basis, best.theta
-    if options["count"] is None and options["guess"] is None:
-        basis, theta = cleaned(basis, theta, [part.block for part in weighed])
-    return replace(best.found, parts=weighed, basis=basis, theta=theta)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Late:
-    """A fit with delay or lag on the way, and what it costs."""
-
-    found: Found
-    basis: ModalBasis
-    theta: Array
-    cost: float
-
-
-def _searched(
-    basis: ModalBasis,
-    theta: Array,
-    parts: tuple[Prepared, ...],
-    template: ModalBasis,
-    options: dict[str, Any],
-) -> _Late:
-    """Look for modes in responses without the delay and lag that are known; fit all together."""
-    undone = tuple(without_sensor(basis, theta, part) for part in parts)
-    found = search(undone, template, **options)
-    more = replace(basis, count=found.basis.count)
-    start = np.concatenate([found.theta, theta[2 * basis.count :]])
-    trial, total = joined(more, start, parts)
-    return _Late(found=found, basis=more, theta=trial, cost=_cost(more, total, parts))
-
-
-def _cost(basis: ModalBasis, total: float, parts: Sequence[Prepared]) -> float:
-    """Return by how much a model is worse than another, with what its modes must be worth."""
-    blocks = [part.block for part in parts]
-    values = sum(2 * block.values.size for block in blocks)
-    return values * math.log(max(total, 1e-300)) + threshold(basis, blocks) * basis.count
-
-
-def _weighed_as(part: Prepared, other: Prepared) -> Prepared:
-    """Return a response with the weights that one without its delay was given."""
-    return replace(
-        part, deviation=other.deviation, block=replace(part.block, weights=other.block.weights)
-    )

@@ -28,7 +28,9 @@ def listed(
 
     A mode is inside the band, has a peak, and is known within the width of that peak or the
     distance of lines. Others stand for modes beyond the band, a drift, an amplifier or a
-    nonlinearity.
+    nonlinearity. All are modes where a number was `wanted`; else those near the frequencies [Hz].
+    `scale` is the mean square of noise over that of the weights. Returned are numbers of the modes,
+    and the others by the reason against them.
     """
     if isinstance(wanted, int):
         return list(range(len(poles))), {}

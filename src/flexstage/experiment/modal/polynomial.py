@@ -16,7 +16,7 @@ _SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lines:
+class WeightedLines:
     """Responses at some frequencies, and how much each counts."""
 
     frequency_hz: Array
@@ -28,7 +28,7 @@ class Lines:
 
 
 def poles_by_order(
-    parts: Sequence[Lines],
+    parts: Sequence[WeightedLines],
     orders: Sequence[int],
     band: tuple[float, float],
     coefficients: Literal["complex", "real"] = "complex",
@@ -37,11 +37,14 @@ def poles_by_order(
 
     Each row of the response matrix is modelled as H_o(z) = B_o(z) A(z)^-1 with a denominator A of
     all outputs; sum |B_o - H_o A|^2 is made least with the coefficient of the highest power of A
-    equal to the unit matrix (Guillaume, Verboven, Vanlanduit, Van der Auweraer and Peeters, 2003,
-    A poly-reference implementation of the least-squares complex frequency-domain estimator, IMAC
+    equal to the unit matrix (Guillaume, Verboven, Vanlanduit, Van der Auweraer and Peeters, 2003, A
+    poly-reference implementation of the least-squares complex frequency-domain estimator, IMAC
     XXI). With one input it is the common-denominator estimator. z = exp(-i omega T), in which that
-    choice makes poles of the noise unstable (Cauberghe, Guillaume, Verboven, Vanlanduit and
-    Parloo, 2005, Mechanical Systems and Signal Processing 19).
+    choice makes poles of the noise unstable (Cauberghe, Guillaume, Verboven, Vanlanduit and Parloo,
+    2005, Mechanical Systems and Signal Processing 19). The poles are in rad/s. Complex coefficients
+    see the band [Hz] alone, laid round the unit circle; real ones see all frequencies from 0 to its
+    end, laid along half of it with the negative ones beside them, and their poles are those above
+    the frequency 0.
     """
     inputs = parts[0].response.shape[2]
     top = int(orders[-1])
@@ -77,7 +80,9 @@ def poles_by_order(
     return tuple(found)
 
 
-def _moments(part: Lines, origin: float, step: float, top: int, real: bool) -> tuple[Any, Any]:
+def _moments(
+    part: WeightedLines, origin: float, step: float, top: int, real: bool
+) -> tuple[Any, Any]:
     """Return sum Y^H W Y over outputs, and L^-1 X^H W Y of each, where L L^H = X^H W X.
 
     With negative frequencies beside the positive ones, all sums are real.

@@ -9,9 +9,9 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.polynomial import Lines
-from flexstage.experiment.modal.projection import Block
+from flexstage.experiment.modal.polynomial import WeightedLines
 from flexstage.experiment.modal.scatter import line_scatter
+from flexstage.experiment.modal.variable_projection import ResponseBlock
 from flexstage.experiment.spectra.response import MeasuredResponse
 
 _POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
@@ -48,13 +48,13 @@ class Prepared:
     """Whether the weights stay what they are, given or chosen, whatever the fit leaves."""
     scatter: Array
     """How neighbouring lines scatter, shape (k, outputs, inputs)."""
-    block: Block
+    block: ResponseBlock
     """Responses to displacement, one column for each output and input."""
 
-    def lines(self) -> Lines:
+    def lines(self) -> WeightedLines:
         """Return the response as the polynomials take it."""
         weight = 1.0 / np.mean(self.deviation**2, axis=2)
-        return Lines(
+        return WeightedLines(
             frequency_hz=self.measured.frequency_hz, response=self.measured.response, weight=weight
         )
 
@@ -66,7 +66,11 @@ def prepared(
     motion: Literal["displacement", "velocity", "acceleration"] | None,
     reference: float,
 ) -> tuple[Prepared, ...]:
-    """Make responses ready for a fit."""
+    """Make responses ready for a fit.
+
+    Lines count by their variance, all alike, or by the inverse of their magnitude. `motion` is what
+    outputs without a unit of motion measure; `reference` makes numbers of size 1 [rad/s].
+    """
     if weighting not in ("variance", "uniform", "relative"):
         raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
     if motion is not None and motion not in _MOTIONS:
@@ -128,7 +132,8 @@ def reweighted(part: Prepared, fitted: Complex, left: Array, reference: float) -
 
     The mean square of the residual is modelled as a + b |H|^2, neither below 0, by likelihood of
     the exponential distribution that squares of complex noise have; where the noise of the output
-    is of some frequencies, a follows the scatter of the lines.
+    is of some frequencies, a follows the scatter of the lines. `left` is the share of the noise of
+    each line that the fit leaves, shape (k, outputs, inputs).
     """
     deviation = np.empty_like(part.deviation)
     for o, i in np.ndindex(*part.measured.response.shape[1:]):
@@ -181,7 +186,10 @@ def _two_noises(square: Array, signal: Array, shape: Array, left: Array) -> Arra
 
 
 def deviations(part: MeasuredResponse) -> Array | None:
-    """Return the expected rms of the error of each value, from the variance of a response."""
+    """Return the expected rms of the error of each value, from the variance of a response.
+
+    Shape (k, outputs, inputs); None where no variance is known, or it is 0 at most lines.
+    """
     if part.variance is None:
         return None
     variance = part.variance
@@ -268,13 +276,13 @@ def _moving_mean(values: Array, width: int) -> Array:
 
 def _block(
     part: MeasuredResponse, powers: tuple[int, ...], deviation: Array, reference: float
-) -> Block:
+) -> ResponseBlock:
     omega = 2.0 * math.pi * part.frequency_hz
     motion = (1j * omega)[:, None] ** np.array(powers)[None, :]
     values = part.response / motion[:, :, None]
     # the error of a real or imaginary part has half the variance of both
     weights = math.sqrt(2.0) * np.abs(motion)[:, :, None] / deviation
-    return Block(
+    return ResponseBlock(
         s=np.asarray(1j * omega / reference, dtype=np.complex128),
         values=values.reshape(omega.size, -1),
         weights=weights.reshape(omega.size, -1),

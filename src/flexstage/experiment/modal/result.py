@@ -81,19 +81,17 @@ class ModalFit:
     background: tuple[Mode, ...]
     """Poles of an automatic fit that are no modes of the stage in the band: the fit needs them."""
     outputs: tuple[str, ...]
-    """What shapes and residues go over."""
+    """Outputs that shapes and residues go over."""
     inputs: tuple[str, ...]
-    """What shapes and residues go over."""
+    """Inputs that residues go over."""
     band: tuple[float, float]
     """Ends of the band [Hz]."""
     fitted: tuple[FittedResponse, ...]
     """The responses that were given."""
     delay: Estimate | None
-    """Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
-    """
+    """Delay of the outputs [s]; None where not asked."""
     lag: Estimate | None
-    """Delay of the outputs, and time constant of their first-order lag [s]; None where not asked.
-    """
+    """Time constant of the first-order lag of the outputs [s]; None where not asked."""
     correlation: Array
     """Correlation of the uncertainties of frequency and damping of all modes, in turn, shape (2
     modes, 2 modes).

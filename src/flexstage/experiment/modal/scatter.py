@@ -24,7 +24,8 @@ def line_scatter(frequency_hz: Array, response: Complex) -> Array:
 
     Through each line and four on either side goes a parabola over a straight line, which follows a
     resonance that is as sharp as two lines (local rational method: McKelvey and Guerin, 2012, IFAC
-    Proceedings 45); what it leaves is noise.
+    Proceedings 45); what it leaves is noise. The rms is that of the complex error; frequencies [Hz]
+    rise, not necessarily evenly.
     """
     lines = frequency_hz.size
     columns = response.reshape(lines, -1)
@@ -44,7 +45,8 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
     """Return poles that windows of some lines show, whatever the response is elsewhere.
 
     In each window a pole with a parabola is compared with a cubic, which has as many coefficients;
-    it counts where it is likelier by far, decays, and lies in the middle of the window.
+    it counts where it is likelier by far, decays, and lies in the middle of the window. Poles are
+    in rad/s; with each comes twice the logarithm by which it is likelier.
     """
     lines = frequency_hz.size
     columns = response.reshape(lines, -1)

@@ -50,7 +50,9 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
 
     Residues of one mode are psi_o l_i. Their mean over the inputs, weighted so that each adds in
     phase, over that of the output that moves most is psi; where that product holds, it does not
-    depend on the weights.
+    depend on the weights. Residues have shape (outputs, inputs), not a number where there is none;
+    the covariance is of real and imaginary parts in turn. The uncertainty is that of real and
+    imaginary part, shape (outputs, 2).
     """
     outputs, inputs = residues.shape
     known = np.isfinite(residues)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError, RecordError
-from flexstage.experiment.modal.polynomial import Lines, poles_by_order
+from flexstage.experiment.modal.polynomial import WeightedLines, poles_by_order
 from flexstage.experiment.modal.prepare import deviations
 from flexstage.experiment.spectra.response import MeasuredResponse
 
@@ -29,13 +29,9 @@ class OrderPoles:
     poles: Complex
     """Poles, rising in frequency [rad/s], shape (p,)."""
     stable_frequency: NDArray[np.bool_]
-    """Whether the order before has a pole within the criterion of frequency, and whether that pole
-    agrees in damping as well, shape (p,).
-    """
+    """Whether the order before has a pole within the criterion of frequency, shape (p,)."""
     stable_damping: NDArray[np.bool_]
-    """Whether the order before has a pole within the criterion of frequency, and whether that pole
-    agrees in damping as well, shape (p,).
-    """
+    """Whether a pole within the criterion of frequency agrees in damping as well, shape (p,)."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -61,9 +57,9 @@ class Stabilisation:
     persistence: Array
     """The share of the orders, from where a cluster begins, that it is found in [1], shape (p,)."""
     frequency_tolerance: float
-    """The relative criteria [1]."""
+    """Relative criterion of frequency [1]."""
     damping_tolerance: float
-    """The relative criteria [1]."""
+    """Relative criterion of damping [1]."""
 
     @property
     def frequency_hz(self) -> Array:
@@ -154,7 +150,7 @@ def stable_poles(
     if deviation is not None:
         weight = 1.0 / np.mean(deviation**2, axis=2)
         weight /= weight.mean()
-    lines = [Lines(frequency_hz=f, response=part.response, weight=weight)]
+    lines = [WeightedLines(frequency_hz=f, response=part.response, weight=weight)]
     return stabilised(
         lines,
         orders=orders,
@@ -165,14 +161,17 @@ def stable_poles(
 
 
 def stabilised(
-    lines: Sequence[Lines],
+    lines: Sequence[WeightedLines],
     *,
     orders: Sequence[int] | None,
     band: tuple[float, float],
     tolerances: tuple[float, float] = (0.01, 0.05),
     coefficients: Literal["complex", "real"] = "complex",
 ) -> Stabilisation:
-    """Find stable poles of several sets of lines together."""
+    """Find stable poles of several sets of lines together.
+
+    All have the same number of inputs; the tolerances are those of frequency and damping [1].
+    """
     if orders is None:
         fewest = min(part.frequency_hz.size for part in lines)
         orders = range(2, max(4, min(_HIGHEST_ORDER, fewest // 3)) + 1)

@@ -27,13 +27,11 @@ class Approaches:
     """Readings of the targets that were reached from both sides, as often as is usual."""
 
     upward: Array
-    """Readings after an approach from below and from above, shape (m, n): one column for each run,
-    as many as every such target has.
+    """Readings after an approach from below, shape (m, n): one column for each run, as many as
+    every such target has.
     """
     downward: Array
-    """Readings after an approach from below and from above, shape (m, n): one column for each run,
-    as many as every such target has.
-    """
+    """Readings after an approach from above, shape (m, n)."""
     targets: Integers
     """Numbers of these targets among the levels, shape (m,)."""
     counts: Integers
@@ -84,7 +82,8 @@ def visits(
     stage turned round beyond it in between, and comes from the other side: in a standard cycle
     where a series ends and the next one begins, in a step cycle everywhere. The first row of a
     table with such repetitions belongs to the series that it begins; without them it is a start,
-    reached from an unknown side.
+    reached from an unknown side. `cycle` is one of `CYCLES`. With `side`, positive where a row was
+    reached from below and negative from above, neither the form nor the order of the rows matters.
 
     Validity
     --------
@@ -114,7 +113,10 @@ def visits(
 
 
 def group_levels(values: Array, tolerance: float) -> tuple[Array, Integers]:
-    """Return the levels that values are at, rising, and the number of the level of each."""
+    """Return the levels that values are at, rising, and the number of the level of each.
+
+    Values closer to their neighbour than the tolerance belong to one level.
+    """
     order = np.argsort(values, kind="stable")
     group = np.concatenate(([0], np.cumsum(np.diff(values[order]) > tolerance)))
     number = np.empty(values.size, dtype=np.intp)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
+from flexstage.experiment.motion.curve_extremes import curve_range
 from flexstage.experiment.motion.motion_curve import MotionCurve
 
 
@@ -75,7 +76,7 @@ def cross_coupling(
     if alignment is not None:
         found = _joined(found, alignment)
     extent = curve.basis.high - curve.basis.low
-    largest = curve.range(seed=seed)
+    largest = curve_range(curve, seed=seed)
     return Coupling(
         slope=found,
         angle=_angle(found),

@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.curve_basis import CurveBasis, position_weights
 from flexstage.experiment.motion.cycles import MotionCycles, motion_cycles
-from flexstage.experiment.motion.dwells import staircase_dwells
-from flexstage.experiment.motion.motion_curve import MotionCurve
+from flexstage.experiment.motion.motion_curve import CurveBasis, MotionCurve, position_weights
+from flexstage.experiment.motion.staircase_levels import staircase_dwells
 
 #: A pair of terms (forward, backward) counts where noise gives as much with this probability.
 _TERM_CHANCE = 0.0025
@@ -120,8 +119,9 @@ def fit_motion_curve(
     >>> x = 50e-6 - 50e-6 * np.cos(2.0 * np.pi * t)
     >>> noise = 2e-9 * np.random.default_rng(4).standard_normal(t.size)
     >>> y = 3.0 * x * (1e-4 - x) + 4e-9 * t + noise
+    >>> from flexstage.experiment import curve_range
     >>> curve = fit_motion_curve(x, y, t)
-    >>> bow = curve.range(line="least_squares")
+    >>> bow = curve_range(curve, line="least_squares")
     >>> print(f"{1e9 * bow.value:.1f} nm of 7.5 nm; drift {1e9 * curve.drift_rate.value:.1f} nm/s")
     7.5 nm of 7.5 nm; drift 4.0 nm/s
     """

@@ -31,9 +31,9 @@ class MotionCycles:
     size: int
     """Number of samples of the record, n."""
     low: float
-    """Ends of the stroke that all runs reach, in the unit of the command."""
+    """Lower end of the stroke that all runs reach, in the unit of the command."""
     high: float
-    """Ends of the stroke that all runs reach, in the unit of the command."""
+    """Upper end of the stroke that all runs reach, in the unit of the command."""
     left_out: int = 0
     """Samples that belong to no whole cycle."""
     notes: tuple[str, ...] = ()
@@ -45,12 +45,12 @@ class MotionCycles:
         return self.runs.shape[0]
 
     def samples(self, cycle: int, direction: int) -> slice:
-        """Return where a run is in the record."""
+        """Return where a run is in the record: direction 0 forward, 1 backward."""
         first, stop = self.runs[cycle, direction]
         return slice(int(first), int(stop))
 
     def directions(self) -> NDArray[np.intp]:
-        """Say of each sample what it belongs to."""
+        """Return 1 for samples on forward runs, -1 on backward runs, 0 in no cycle."""
         found = np.zeros(self.size, dtype=np.intp)
         for forward, backward in self.runs:
             found[forward[0] : forward[1]] = 1
@@ -61,10 +61,12 @@ class MotionCycles:
 def motion_cycles(command: ArrayLike, *, least: int = 2, skip: int = 0) -> MotionCycles:
     """Find the whole cycles of a triangle, a sine or a staircase.
 
-    A turning point is the highest (lowest) place between two visits of the other end of the
-    range, and where the motion rests there, the middle of the rest: noise makes no turning points.
-    A run is whole when it begins and ends within 5 % of the ends of the range and does not turn
-    back by more than 10 % of it on the way.
+    A turning point is the highest (lowest) place between two visits of the other end of the range,
+    and where the motion rests there, the middle of the rest: noise makes no turning points. A run
+    is whole when it begins and ends within 5 % of the ends of the range and does not turn back by
+    more than 10 % of it on the way. A cycle is a forward and a backward run next to each other; it
+    begins with the forward run unless one more cycle can be had the other way round. `least` whole
+    cycles are needed; `skip` are left out at the beginning, as long as the stage still settles in.
 
     Validity
     --------

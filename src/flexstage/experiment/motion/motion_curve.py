@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,14 +10,9 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.curve_basis import CurveBasis, position_weights
-
-if TYPE_CHECKING:
-    from flexstage.experiment.motion.curve_extremes import Line
 
 #: Which run a value is of: forward, backward, or the mean of both.
 Direction = Literal["forward", "backward", "mean"]
-
 _WEIGHTS: dict[str, tuple[float, float]] = {
     "forward": (1.0, 0.0),
     "backward": (0.0, 1.0),
@@ -25,6 +20,75 @@ _WEIGHTS: dict[str, tuple[float, float]] = {
 }
 # a functional whose weights cancel to this share of their size does not see offsets
 _NO_LEVEL = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveBasis:
+    """Legendre polynomials over a range, or straight pieces between given positions."""
+
+    low: float
+    """Lower end of the range."""
+    high: float
+    """Upper end of the range."""
+    order: int
+    """Greatest order of the polynomials; with knots, one less than their number."""
+    knots: Array | None = None
+    """Positions between which the curve is straight, rising, shape (order + 1,)."""
+
+    def __post_init__(self) -> None:
+        if not self.high > self.low:
+            raise ModelError(
+                f"a curve needs a range of positions, got from {self.low:g} to {self.high:g}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of functions, k."""
+        return self.order + 1
+
+    @property
+    def constant(self) -> Array:
+        """Coefficients of the function that is 1 everywhere, shape (k,)."""
+        if self.knots is not None:
+            return np.ones(self.size)
+        found = np.zeros(self.size)
+        found[0] = 1.0
+        return found
+
+    def columns(self, position: ArrayLike) -> Array:
+        """Return the functions at positions.
+
+        Examples
+        --------
+        >>> CurveBasis(low=-2.0, high=2.0, order=2).columns([1.0]).tolist()
+        [[1.0, 0.5, -0.125]]
+        """
+        x = np.asarray(position, dtype=np.float64)
+        if self.knots is None:
+            s = (2.0 * x - self.low - self.high) / (self.high - self.low)
+            return np.asarray(np.polynomial.legendre.legvander(s, self.order), dtype=np.float64)
+        found = np.zeros((x.size, self.size))
+        i = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, self.order - 1)
+        share = np.clip((x - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0, 1.0)
+        rows = np.arange(x.size)
+        found[rows, i] = 1.0 - share
+        found[rows, i + 1] = share
+        return found
+
+
+def position_weights(position: Array) -> Array:
+    """Return what positions count by in a mean over the stroke, by the trapezoidal rule.
+
+    Examples
+    --------
+    >>> position_weights(np.array([0.0, 1.0, 4.0]))
+    array([0.125, 0.5  , 0.375])
+    """
+    steps = np.diff(position)
+    found = np.zeros(position.size)
+    found[:-1] += 0.5 * steps
+    found[1:] += 0.5 * steps
+    return found / steps.sum()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -278,50 +342,6 @@ class MotionCurve:
         found = self.functional(w * centred / (w @ centred**2), x, direction)
         unit = f"{self.unit}/{self.position_unit}"
         return found.times(1.0, "1" if self.unit == self.position_unit else unit)
-
-    def range(
-        self,
-        direction: Direction | Literal["both"] = "mean",
-        *,
-        line: "Line" = "none",
-        seed: int = 0,
-    ) -> Estimate:
-        """Return the largest less the smallest value over the stroke.
-
-        Parameters
-        ----------
-        direction : {"forward", "backward", "mean", "both"}
-            Which run; of both, the two curves about the same line.
-        line : {"none", "least_squares", "terminal", "zero", "minimum_zone"}
-            Straight line that is taken off before.
-        seed : int
-            Seed of the simulation that finds what noise adds to a range.
-
-        Returns
-        -------
-        Estimate
-            The range, less what noise adds to it.
-        """
-        from flexstage.experiment.motion.curve_extremes import curve_range
-
-        return curve_range(self, direction, line=line, seed=seed)
-
-    def loop_width(self, *, seed: int = 0) -> Estimate:
-        """Return the largest distance of the backward from the forward curve at equal position.
-
-        Parameters
-        ----------
-        seed : int
-            Seed of the simulation that finds what noise adds to it.
-
-        Returns
-        -------
-        Estimate
-            The width, less what noise adds to it.
-        """
-        from flexstage.experiment.motion.curve_extremes import curve_loop_width
-
-        return curve_loop_width(self, seed=seed)
 
     def reversal(self) -> Estimate:
         """Return the forward less the backward curve, averaged over the stroke.

@@ -12,6 +12,10 @@ _PARTS = 256
 def narrowest_strip(x: Array, y: Array, *, orthogonal: bool) -> tuple[int, int, int]:
     """Return the three points that the narrowest strip rests on.
 
+    Two are on one line, from left to right, and the third is on the other. The two differ in x, so
+    a strip along y is not considered. The width is measured square to the strip where `orthogonal`,
+    else along y.
+
     Examples
     --------
     >>> narrowest_strip(np.array([0.0, 1.0, 3.0]), np.array([0.0, 0.7, 0.1]), orthogonal=False)

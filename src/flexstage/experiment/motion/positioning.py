@@ -1,5 +1,6 @@
 """Accuracy and repeatability of positioning at targets, in the manner of ISO 230-2."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,14 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.estimate import Component, Estimate
+
+#: Figures that are spreads: their errors are in proportion to them.
+_SPREADS = ("repeatability_upward", "repeatability_downward")
+#: Means within so many times their noise of the extreme one may be as extreme.
+_NEAR = 2.0
+#: Figures that may have either sign.
+_SIGNED = ("mean_reversal",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,13 +30,15 @@ class Positioning:
     target: Array
     """Target positions, rising [m], shape (m,)."""
     mean_upward: Array
-    """Mean unidirectional positional deviations [m], shape (m,)."""
+    """Mean unidirectional positional deviations from below [m], shape (m,)."""
     mean_downward: Array
-    """Mean unidirectional positional deviations [m], shape (m,)."""
+    """Mean unidirectional positional deviations from above [m], shape (m,)."""
     spread_upward: Array
-    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
+    """Estimators s of the unidirectional repeatability at each target from below [m], shape (m,).
+    """
     spread_downward: Array
-    """Estimators s of the unidirectional repeatability at each target [m], shape (m,)."""
+    """Estimators s of the unidirectional repeatability at each target from above [m], shape (m,).
+    """
     runs: int
     """Number n of runs upward and downward."""
     reversal: Estimate
@@ -38,25 +48,29 @@ class Positioning:
     mean_reversal: Estimate
     """Mean over the targets of upward less downward [m]."""
     repeatability_upward: Estimate
-    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
+    """Unidirectional repeatability from below: the largest of R_i = 4 s_i [m]."""
     repeatability_downward: Estimate
-    """Unidirectional repeatability: the largest of R_i = 4 s_i [m]."""
+    """Unidirectional repeatability from above: the largest of R_i = 4 s_i [m]."""
     repeatability: Estimate
     """Bidirectional repeatability R: the largest of ``max(2 s_i up + 2 s_i down + |B_i|, R_i up,
     R_i down)`` [m].
     """
     systematic_upward: Estimate
-    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
+    """Unidirectional systematic positional deviation E from below: largest less smallest mean [m].
+    """
     systematic_downward: Estimate
-    """Unidirectional systematic positional deviation E: largest less smallest mean [m]."""
+    """Unidirectional systematic positional deviation E from above: largest less smallest mean [m].
+    """
     systematic: Estimate
     """Bidirectional systematic positional deviation E: the same over both directions [m]."""
     mean_deviation: Estimate
     """Mean bidirectional positional deviation M: largest less smallest of the means of both [m]."""
     accuracy_upward: Estimate
-    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
+    """Unidirectional accuracy A from below: largest of mean + 2 s less smallest of mean - 2 s [m].
+    """
     accuracy_downward: Estimate
-    """Unidirectional accuracy A: largest of mean + 2 s less smallest of mean - 2 s [m]."""
+    """Unidirectional accuracy A from above: largest of mean + 2 s less smallest of mean - 2 s [m].
+    """
     accuracy: Estimate
     """Bidirectional accuracy A: the same over both directions [m]."""
 
@@ -90,8 +104,8 @@ def positioning(
 
     The values are those of the standard, from the data as they are. Their intervals are found by
     simulating the whole measurement, means, spreads and the run-to-run part that all targets share,
-    from the values less the share of noise in them (`positioning_simulation`): a
-    largest value of noisy means lies too far out, and the interval about it is not symmetric.
+    from the values less the share of noise in them: a largest value of noisy means lies too far
+    out, and the interval about it is not symmetric.
 
     Parameters
     ----------
@@ -132,13 +146,11 @@ def positioning(
     B 8.0 nm, A 23.0 nm
     """
     x, deviation = _deviations(target, upward, downward)
-    from flexstage.experiment.motion import positioning_simulation
-
     mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
     return Positioning(
         target=x, mean_upward=mean[0], mean_downward=mean[1], spread_upward=spread[0],
         spread_downward=spread[1], runs=deviation.shape[-1],
-        **positioning_simulation.estimates(deviation, trials=trials, seed=seed),
+        **estimates(deviation, trials=trials, seed=seed),
     )  # fmt: skip
 
 
@@ -168,3 +180,171 @@ def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tu
     if np.any(np.diff(x[order]) == 0.0):
         raise RecordError("two targets are the same: put their runs side by side as one")
     return x[order], np.array([v[order] - x[order, None] for v in both])
+
+
+def figures(mean: Array, spread: Array) -> dict[str, Array]:
+    """Return the figures of ISO 230-2:2014 from means and spreads at targets.
+
+    Both have shape (..., 2, m), upward and downward [m]; the figures have the names of
+    `Positioning`.
+    """
+    reversal = mean[..., 0, :] - mean[..., 1, :]
+    sides = 4.0 * spread
+    both = 2.0 * (spread[..., 0, :] + spread[..., 1, :]) + np.abs(reversal)
+    outer, inner = mean + 2.0 * spread, mean - 2.0 * spread
+    one_way = {
+        "repeatability": sides.max(axis=-1),
+        "systematic": np.ptp(mean, axis=-1),
+        "accuracy": outer.max(axis=-1) - inner.min(axis=-1),
+    }
+    found = {
+        f"{name}_{side}": values[..., i]
+        for name, values in one_way.items()
+        for i, side in enumerate(("upward", "downward"))
+    }
+    return found | {
+        "reversal": np.abs(reversal).max(axis=-1),
+        "mean_reversal": reversal.mean(axis=-1),
+        "repeatability": np.maximum(both, sides.max(axis=-2)).max(axis=-1),
+        "systematic": np.ptp(mean, axis=(-2, -1)),
+        "mean_deviation": np.ptp(mean.mean(axis=-2), axis=-1),
+        "accuracy": outer.max(axis=(-2, -1)) - inner.min(axis=(-2, -1)),
+    }
+
+
+def estimates(deviation: Array, *, trials: int, seed: int) -> dict[str, Estimate]:
+    """Return the figures with intervals.
+
+    The deviations are those upward and downward [m], shape (2, m, n).
+    """
+    runs = deviation.shape[-1]
+    mean, spread = deviation.mean(axis=-1), deviation.std(axis=-1, ddof=1)
+    observed = figures(mean, spread)
+    # with less scatter behind the data noise adds more to an extreme: that gives the lower end, and
+    # the data as they are the upper one
+    share = _run_share(deviation)
+    drawn, pooled = _without_noise(deviation)
+    low = _simulated(drawn, pooled, share, runs, trials, seed)
+    of_means = _simulated(mean, pooled, share, runs, trials, seed)
+    # what all targets of a run have in common is in spreads, and known from few runs only
+    of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), runs, trials, seed)
+    return {
+        name: _estimate(
+            name,
+            float(observed[name]),
+            low[name],
+            (of_spreads if name.startswith(("repeat", "accuracy")) else of_means)[name],
+            runs,
+        )
+        for name in observed
+    }
+
+
+def _simulated(
+    mean: Array, spread: Array, share: float, runs: int, trials: int, seed: int
+) -> dict[str, tuple[Array, Array]]:
+    """Return the figures that simulated measurements show, and those behind them."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    # how large the noise is, is itself known from few runs only
+    parts = (share / (runs - 1), (1.0 - share) / (spread.size * (runs - 1)))
+    freedom = 1.0 / (share * parts[0] + (1.0 - share) * parts[1])
+    sizes = np.sqrt(freedom / rng.chisquare(freedom, trials))[:, None, None]
+    noise = math.sqrt(1.0 - share) * rng.standard_normal((trials, *spread.shape, runs))
+    noise += math.sqrt(share) * rng.standard_normal((trials, 1, 1, runs))
+    noise *= (sizes * spread)[..., None]
+    seen = figures(mean + noise.mean(axis=-1), noise.std(axis=-1, ddof=1))
+    behind = figures(np.broadcast_to(mean, (trials, *mean.shape)), sizes * spread)
+    return {name: (seen[name], behind[name]) for name in seen}
+
+
+def _estimate(
+    name: str, value: float, low: tuple[Array, Array], high: tuple[Array, Array], runs: int
+) -> Estimate:
+    """Turn what simulated measurements show, beside what is behind them, into an interval."""
+    ends = []
+    for (seen, behind), p in ((low, 0.975), (high, 0.025)):
+        if name in _SPREADS and np.all(behind > 0.0):
+            ends.append(value / float(np.quantile(seen / behind, p)))
+        else:
+            error = seen - behind
+            # an extreme lies too far out, if at all: the upper end needs none of that taken off
+            kept = float(error.mean()) if p < 0.5 and name not in _SIGNED else 0.0
+            ends.append(value - float(np.quantile(error, p)) + kept)
+    if name not in _SIGNED:
+        ends = [max(end, 0.0) for end in ends]
+    part = Component(
+        name="repeatability",
+        uncertainty=float(np.std(high[0] - high[1])),
+        degrees_of_freedom=runs - 1,
+    )
+    return Estimate(
+        value=value, unit="m", components=(part,), bounds=(min(*ends, value), max(*ends, value)),
+        note=f"{runs} runs upward and downward",
+    )  # fmt: skip
+
+
+def _run_share(deviation: Array, chance: float | None = None) -> float:
+    """Return the share of variance that all targets of a run have in common.
+
+    With a chance, the share that is exceeded with about that chance.
+    """
+    _, targets, runs = deviation.shape
+    left = deviation - deviation.mean(axis=-1, keepdims=True)
+    pooled = float(left.var(axis=-1, ddof=1).mean())
+    if pooled <= 0.0:
+        return 0.0
+    of_runs = left.mean(axis=(0, 1))
+    power = float(of_runs @ of_runs)
+    if chance is None:
+        common = power / (runs - 1)
+    else:
+        from scipy.special import chdtri
+
+        common = power / float(chdtri(runs - 1, 1.0 - chance))
+    rest = 1.0 / (2 * targets)
+    return min(max((common / pooled - rest) / (1.0 - rest), 0.0), 1.0)
+
+
+def _without_noise(deviation: Array) -> tuple[Array, Array]:
+    """Return means and spreads from which the scatter that noise explains is taken.
+
+    Means of few runs scatter by noise about what is behind them, and so do standard deviations:
+    both are drawn together by as much, after James and Stein (1961), the spreads by their
+    logarithms, and wholly where an F test at 5 % finds noise alone.
+    """
+    runs = deviation.shape[-1]
+    mean, variance = deviation.mean(axis=-1), deviation.var(axis=-1, ddof=1)
+    freedom = (runs - 1) * variance.size
+    noise = float(variance.mean()) * (1.0 - _run_share(deviation)) / runs
+    reversal, middle = mean[0] - mean[1], mean.mean(axis=0)
+    middle = _drawn(middle, 0.5 * noise, freedom)
+    reversal = _drawn(reversal, 2.0 * noise, freedom)
+    drawn = np.stack((middle + 0.5 * reversal, middle - 0.5 * reversal))
+    # several means that noise does not tell from the extreme one may all be at the extreme
+    near = _NEAR * math.sqrt(noise)
+    top, bottom = drawn.max(axis=1, keepdims=True), drawn.min(axis=1, keepdims=True)
+    drawn = np.where(drawn > top - near, top, np.where(drawn < bottom + near, bottom, drawn))
+    return drawn, _spreads(variance, runs - 1)
+
+
+def _drawn(values: Array, noise: float, freedom: float) -> Array:
+    """Return values drawn towards their mean by the share of their scatter that is noise."""
+    from scipy.stats import f
+
+    scatter = float(values.var(ddof=1))
+    if scatter <= noise * f.ppf(0.95, values.size - 1, freedom):
+        return np.full_like(values, values.mean())
+    return values.mean() + math.sqrt(1.0 - noise / scatter) * (values - values.mean())
+
+
+def _spreads(variance: Array, freedom: int) -> Array:
+    from scipy.special import polygamma
+
+    if not np.any(variance > 0.0):
+        return np.zeros_like(variance)
+    logs = np.log(np.maximum(variance, 1e-12 * variance.mean()))
+    # the variance of the logarithm of a chi-squared variate over its degrees of freedom
+    logs = _drawn(logs.ravel(), float(polygamma(1, 0.5 * freedom)), 1e6).reshape(variance.shape)
+    drawn = np.exp(logs)
+    # the mean of logarithms lies low: let the sum of variances be that of the data
+    return np.sqrt(drawn * variance.mean() / drawn.mean())

@@ -75,7 +75,11 @@ class RigidMotion:
         )
 
     def point(self, position: ArrayLike) -> tuple[Array, Array]:
-        """Return the displacement of any point of the body, and its covariance."""
+        """Return the displacement of any point of the body, and its covariance.
+
+        The point is given in the reference [m], as the point of interest, off the measured ones by
+        the Abbe offset. Displacement [m] and covariance [m^2], shapes (..., 3) and (..., 3, 3).
+        """
         arm = np.asarray(position, dtype=np.float64) - self.about
         turned = self.rotation @ arm
         moved = self.translation + turned - arm
@@ -85,7 +89,11 @@ class RigidMotion:
         return moved, by @ self.covariance @ np.swapaxes(by, -1, -2)
 
     def rigidity(self) -> Array:
-        """Return the probability of residuals this large or larger if the body is rigid."""
+        """Return the probability of residuals this large or larger if the body is rigid.
+
+        Upper tail of chi-squared for each pose [1]; there is none where the points came without
+        covariance.
+        """
         from scipy.special import chdtrc
 
         if np.isfinite(self.degrees_of_freedom):
@@ -97,6 +105,9 @@ class RigidMotion:
 
 def travel_frame(travel: ArrayLike, vertical: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Return the right-handed frame of a motion, whose axes give pitch, roll and yaw their meaning.
+
+    Its rows are along (the axis of roll), across (of pitch) and vertical (of yaw, made square to
+    travel); ``points @ frame.T`` are points in it.
 
     Examples
     --------

@@ -57,8 +57,13 @@ def from_sensors(
 ) -> SensorMotion:
     """Return the small motion of a body from the readings of sensors at known places.
 
-    A sensor at p that looks along d sees ``d . (t + theta x (p - about))``, with t the
-    displacement of the point `about` and theta the turns about the three axes (roll, pitch, yaw).
+    A sensor at p that looks along d sees ``d . (t + theta x (p - about))``, with t the displacement
+    of the point `about` and theta the turns about the three axes (roll, pitch, yaw). Positions [m]
+    and directions, shape (s, 3), are of the line that each sensor looks along, in a frame whose
+    first axis is along travel and whose third is vertical; a reading grows with motion along its
+    direction. Readings [m], shape (..., s), are less what was read in the reference pose; their
+    variance [m^2], shape () or (s,), is found from the residuals of all poses together where not
+    given. Motions that are no `parameters` count as 0.
 
     Validity
     --------

@@ -6,10 +6,11 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.estimate import Estimate
+from flexstage.experiment.motion.curve_extremes import curve_loop_width
 from flexstage.experiment.motion.curve_fit import fit_motion_curve
 from flexstage.experiment.motion.cycles import MotionCycles
 from flexstage.experiment.motion.motion_curve import MotionCurve
-from flexstage.experiment.motion.spread import spread_estimate
+from flexstage.experiment.motion.sample_deviation import spread_estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,6 +101,7 @@ def stroke(
 
     Examples
     --------
+    >>> import numpy as np
     >>> t = np.arange(2000) / 400.0
     >>> c, s = np.cos(2.0 * np.pi * t), np.sin(2.0 * np.pi * t)
     >>> noise = 3e-9 * np.random.default_rng(2).standard_normal(t.size)
@@ -131,7 +133,7 @@ def stroke(
         repeatability=spread_estimate(of_cycles, unit=unit, note="from cycle to cycle, with noise"),
         end_repeatability=(at_ends[0], at_ends[1]),
         gain=curve.slope(),
-        loop_width=curve.loop_width(seed=seed),
+        loop_width=curve_loop_width(curve, seed=seed),
         drift_rate=curve.drift_rate,
         curve=curve,
     )

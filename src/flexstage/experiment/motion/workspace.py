@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.motion.spread import spread_estimate
+from flexstage.experiment.motion.sample_deviation import spread_estimate
 
 #: A command within this share of its range from an end is at that end.
 _AT_END = 1e-3
@@ -128,6 +128,9 @@ def workspace(outline: ArrayLike, *, corners: tuple[int, int, int, int] | None =
 def workspace_from_grid(points: ArrayLike) -> Workspace:
     """Find the figures of a workspace from a grid of positions, reached several times.
 
+    Positions [m] for each round, command of y (row) and command of x (column), both rising, shape
+    (r, n_y, n_x, 2). The outline is that of the outer points.
+
     Examples
     --------
     >>> y, x = np.meshgrid([0.0, 30e-6, 61e-6], [0.0, 63e-6], indexing="ij")
@@ -160,7 +163,8 @@ def workspace_from_path(
 
     The commands tell where the stage is: on a side where one of them is at an end of its range, in
     a corner where both are. Each side is averaged in pieces of equal command, each corner over the
-    samples that rest in it, so noise neither widens the area nor shifts a corner.
+    samples that rest in it, so noise neither widens the area nor shifts a corner. Positions [m] and
+    commands have shape (n,); the path goes around in either sense, one axis moving at a time.
 
     Validity
     --------

@@ -30,9 +30,9 @@ class AllanDeviation:
     reading, shape (k,).
     """
     low: Array
-    """Ends of its 95 % interval, shape (k,)."""
+    """Lower end of its 95 % interval, shape (k,)."""
     high: Array
-    """Ends of its 95 % interval, shape (k,)."""
+    """Upper end of its 95 % interval, shape (k,)."""
     degrees_of_freedom: Array
     """Equivalent degrees of freedom of the variance, shape (k,)."""
     noise: tuple[str, ...]
@@ -47,13 +47,19 @@ class AllanDeviation:
     """Unit of the reading."""
 
     def at(self, tau: float) -> Estimate:
-        """Return the deviation at the averaging time next to one, with its uncertainty."""
+        """Return the deviation at the averaging time next to one, with its uncertainty.
+
+        Its bounds are by chi-squared.
+        """
         i = int(np.argmin(np.abs(np.log(self.tau / tau))))
         value, freedom = float(self.deviation[i]), float(self.degrees_of_freedom[i])
         return deviation_estimate(value, freedom, self.unit, f"averaged over {self.tau[i]:.4g} s")
 
     def floor(self) -> Estimate:
-        """Return the least deviation: what averaging longer does not better."""
+        """Return the least deviation: what averaging longer does not better.
+
+        Its bounds are by chi-squared; the note tells the averaging time.
+        """
         return self.at(float(self.tau[np.argmin(self.deviation)]))
 
 

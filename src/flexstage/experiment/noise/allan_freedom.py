@@ -18,7 +18,9 @@ def allan_freedom(n: int, m: int, power: int, kind: str) -> float:
 
     They are 2 E^2 / Var of the mean square of Gaussian differences whose covariance follows from
     the power law (Greenhall and Riley, 2003, Uncertainty of stability variances based on finite
-    differences, 35th PTTI meeting).
+    differences, 35th PTTI meeting). Of n readings m are averaged; `power` is that of frequency
+    which the spectral density goes with: 0 white, -1 flicker, -2 random walk. The kind is
+    overlapping, modified or hadamard.
 
     Examples
     --------
@@ -82,7 +84,8 @@ def power_of_noise(values: Array, samples: NDArray[np.int64]) -> list[int]:
     """Return the power of frequency that noise goes with at each averaging time.
 
     With r the autocorrelation of neighbouring averages and d = r / (1 + r) the power is -2 d, or
-    that of the differences less 2 where d exceeds 1/4 (Riley and Greenhall, 2004).
+    that of the differences less 2 where d exceeds 1/4 (Riley and Greenhall, 2004). Where there are
+    fewer than 30 averages it is that of the last with more.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.noise.allan import deviation_bounds, deviation_estimate
-from flexstage.experiment.noise.long_run import blocks_line, variance_freedom
+from flexstage.experiment.noise.correlated_noise import blocks_line, variance_freedom
 from flexstage.experiment.noise.mains import MainsLine, mains_lines
 from flexstage.experiment.spectra.density import SpectralDensity, spectral_density
 

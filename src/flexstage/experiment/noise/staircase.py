@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Integers
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiment.noise.level_fit import PARTS, LevelFit, fit_levels, settled
+from flexstage.experiment.noise.levels import PARTS, LevelFit, fit_levels, settled
 from flexstage.experiment.noise.resolution import resolution
 
 #: How often a settling that is left exceeds its standard error before it is spoken of.
@@ -17,7 +17,7 @@ _SETTLING = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class StaircaseStep:
     """One step of a staircase."""
 
     size: Estimate
@@ -34,7 +34,7 @@ class Step:
 class Staircase:
     """What a staircase test shows."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[StaircaseStep, ...]
     """The steps in order."""
     sizes: tuple[Estimate, ...]
     """Mean magnitude of the steps of each size that was asked for, the largest first; the note
@@ -142,7 +142,7 @@ def staircase(
     asked = _asked(command, spans, y.size)
     halves = ndtri(probability) / told.value
     steps = tuple(
-        Step(
+        StaircaseStep(
             size=fit.combination(_unit(i, made.size), unit),
             commanded=float(asked[i]),
             told=_verdict(abs(made[i]), told),
@@ -186,7 +186,7 @@ def _verdict(size: float, told: Estimate) -> str:
 
 
 def _sizes(
-    fit: LevelFit, made: Array, asked: Array, steps: tuple[Step, ...], unit: str
+    fit: LevelFit, made: Array, asked: Array, steps: tuple[StaircaseStep, ...], unit: str
 ) -> tuple[tuple[Estimate, ...], list[bool]]:
     """Mean magnitude of the steps that were asked to be the same, and whether all are told."""
     from dataclasses import replace

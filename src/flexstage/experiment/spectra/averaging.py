@@ -36,7 +36,11 @@ class CutSpectra:
 def segment_length(
     sizes: tuple[int, ...], sample_rate_hz: float, segment: int | None, resolution_hz: float | None
 ) -> int:
-    """Return the samples of a segment."""
+    """Return the samples of a segment.
+
+    A power of two, up to 32768, that leaves some 31 half overlapping segments, where neither it nor
+    the distance of lines [Hz] is asked.
+    """
     if segment is not None and resolution_hz is not None:
         raise ModelError("ask for the samples of a segment or for the resolution, not for both")
     if resolution_hz is not None:
@@ -67,7 +71,10 @@ def segment_length(
 
 
 def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
-    """Return the samples from one segment to the next."""
+    """Return the samples from one segment to the next; half one where no overlap is asked.
+
+    Without a window segments do not overlap unless asked.
+    """
     if overlap is None:
         overlap = 0.0 if isinstance(window, str) and window == "boxcar" else 0.5
     if not 0.0 <= overlap < 1.0:
@@ -78,7 +85,10 @@ def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
 def finished(
     sums: SumOfSpectra, frequency_hz: Array, scale: float, averages: float, signals: Signals
 ) -> Spectra:
-    """Return single-sided densities from sums."""
+    """Return single-sided densities from sums.
+
+    `scale` is the factor from a mean square to a density [s].
+    """
     if not np.isfinite(sums.power).all():
         for row in signals.channels:
             for values, name in zip(row, signals.names, strict=True):
@@ -101,7 +111,8 @@ def welch_spectra(
 ) -> Spectra:
     """Return averages over overlapping windowed segments, less their means.
 
-    Welch, 1967, IEEE Transactions on Audio and Electroacoustics 15.
+    Welch, 1967, IEEE Transactions on Audio and Electroacoustics 15. The hop is in samples;
+    `allow_clipped` lets a channel rest at its ends.
     """
     w = window_values(window, length)
     fs = signals.sample_rate_hz

@@ -26,13 +26,13 @@ class Extremes:
     """The least and the greatest sample of a channel, and where they were met."""
 
     low: float = np.inf
-    """Their values, in the unit of the channel."""
+    """The least, in the unit of the channel."""
     high: float = -np.inf
-    """Their values, in the unit of the channel."""
+    """The greatest, in the unit of the channel."""
     at_low: list[tuple[int, int]] = field(default_factory=list)
-    """First and last sample of each piece that holds one of them."""
+    """First sample of each piece that holds the least, and the one behind its last."""
     at_high: list[tuple[int, int]] = field(default_factory=list)
-    """First and last sample of each piece that holds one of them."""
+    """First sample of each piece that holds the greatest, and the one behind its last."""
 
     def see(self, values: Array, start: int, stop: int) -> None:
         """Look at a piece of the channel."""
@@ -51,7 +51,10 @@ class Extremes:
             self.high = high
 
     def rests(self, values: Array) -> bool:
-        """Say whether the channel stays at an end for some samples in a row."""
+        """Say whether the channel stays at an end for some samples in a row.
+
+        Only then a closer look is worth its time.
+        """
         for level, places in ((self.low, self.at_low), (self.high, self.at_high)):
             for start, stop in places:
                 same = values[max(start - _RUN, 0) : stop + _RUN] == level
@@ -69,9 +72,9 @@ class Signals:
     start: tuple[float, ...]
     """Time of the first sample of each record [s]."""
     names: tuple[str, ...]
-    """Names and units of the channels."""
+    """Names of the channels."""
     units: tuple[str, ...]
-    """Names and units of the channels."""
+    """Units of the channels."""
     inputs: int
     """How many of them are inputs."""
     sample_rate_hz: float
@@ -160,7 +163,10 @@ def _require_even(record: Record, source: str) -> None:
 def require_sound(
     signals: Signals, extremes: Sequence[Sequence[Extremes]], *, allow_clipped: bool = False
 ) -> None:
-    """Refuse channels that are dead, cut off, or hold what is no number."""
+    """Refuse channels that are dead, cut off, or hold what is no number.
+
+    The extremes go by record and channel.
+    """
     for row, ends, source in zip(signals.channels, extremes, signals.sources, strict=True):
         for values, end, name in zip(row, ends, signals.names, strict=True):
             if not (np.isfinite(end.low) and np.isfinite(end.high)):
@@ -183,7 +189,7 @@ def require_sound(
 
 
 def all_extremes(signals: Signals) -> list[list[Extremes]]:
-    """Return the least and greatest samples of all channels."""
+    """Return the least and greatest samples of all channels, by record and channel."""
     found = []
     for row in signals.channels:
         ends = [Extremes() for _ in row]

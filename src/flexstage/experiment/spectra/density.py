@@ -44,7 +44,8 @@ class SpectralDensity:
         """Return the interval that holds the true density at each frequency.
 
         2 n G' / G is distributed as chi-squared of 2 n degrees of freedom (Bendat and Piersol,
-        Random Data, 4th edition, chapter 8), of half as many at 0 and half the sample rate.
+        Random Data, 4th edition, chapter 8), of half as many at 0 and half the sample rate. In
+        unit^2/Hz, shape (k,) each.
         """
         if not 0.0 < confidence < 1.0:
             raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
@@ -57,7 +58,7 @@ class SpectralDensity:
         """Return the rms of what lies between two frequencies.
 
         The root of the sum of G df over the lines between them; each line stands for half the
-        distance to its neighbours.
+        distance to its neighbours. The interval is by chi-squared.
 
         Validity
         --------

@@ -38,12 +38,16 @@ def transfer(
     and Vold, 1985, 3rd International Modal Analysis Conference). With one input and unit power it
     is sqrt(H1 H2) with the phase of H1.
 
-    With n independent averages and q inputs, what the inputs leave of an output has the density
-    (1 - coherence) G_yy n / (n - q), and the variance of H1 is that times (G_xx^-1)_ii / n, as of
-    any least-squares estimate; at one input (1 - coherence) abs(H)^2 / (coherence (n - 1)), twice
-    the square of the random error of the magnitude (Bendat and Piersol, Random Data, 4th edition,
+    With n independent averages and q inputs, what the inputs leave of an output has the density (1
+    - coherence) G_yy n / (n - q), and the variance of H1 is that times (G_xx^-1)_ii / n, as of any
+    least-squares estimate; at one input (1 - coherence) abs(H)^2 / (coherence (n - 1)), twice the
+    square of the random error of the magnitude (Bendat and Piersol, Random Data, 4th edition,
     chapter 9) but for the degree of freedom. That of H2 is the same share of abs(H)^2, that of the
-    geometric mean Hv is (1 + coherence) / 2 times it.
+    geometric mean Hv is (1 + coherence) / 2 times it. `noise_ratio` is for Hv: noise power of an
+    output over that of an input [(output unit/input unit)^2]; where not given, noise takes the same
+    share of the power of each. Response and variance, the expected square of the error of each
+    complex value, have shape (k, outputs, inputs); the coherence, with several inputs the multiple
+    one, has shape (k, outputs). There is no variance where there are no more averages than inputs.
 
     Validity
     --------

@@ -14,7 +14,11 @@ from flexstage.hysteresis.compiled import compiled
 def windowed(
     values: Any, start: int, hop: int, window: Any, out: Any, means: Any, ends: Any
 ) -> None:
-    """Multiply segments by a window, and note their means and extremes."""
+    """Multiply segments by a window, and note their means and extremes.
+
+    Into `out`, shape (segments, length), `means` and `ends`, the least and greatest sample of all;
+    NaN counts as neither.
+    """
     n = window.size
     whole = n - n % 4
     low0 = low1 = low2 = low3 = np.inf
@@ -80,7 +84,11 @@ def extreme_steps(time: Any) -> tuple[float, float]:
 
 @compiled
 def add_products(transforms: Any, pairs: Any, power: Any, real: Any, imaginary: Any) -> None:
-    """Add squares and products of the transforms of some segments to running sums."""
+    """Add squares and products of the transforms of some segments to running sums.
+
+    Transforms of c channels and s segments have real and imaginary parts by turns, shape (c, s, 2
+    k); pairs (y, x) name the products Y conj(X), shape (p, 2).
+    """
     channels, segments, lines = transforms.shape[0], transforms.shape[1], power.shape[1]
     for s in range(segments):
         for c in range(channels):

@@ -24,15 +24,13 @@ class MeasuredResponse:
     response: Complex
     """Output over input, in their units, shape (k, outputs, inputs)."""
     inputs: tuple[str, ...]
-    """What they are called."""
+    """What the inputs are called."""
     outputs: tuple[str, ...]
-    """What they are called."""
+    """What the outputs are called."""
     input_units: tuple[str, ...] = ()
-    """Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
-    displacement from velocity and acceleration.
-    """
+    """SI units of the inputs, empty where nobody has said."""
     output_units: tuple[str, ...] = ()
-    """Their SI units, empty where nobody has said; of an output, ``m``, ``m/s`` or ``m/s^2`` tells
+    """SI units of the outputs, empty where nobody has said; ``m``, ``m/s`` or ``m/s^2`` tells
     displacement from velocity and acceleration.
     """
     variance: Array | None = None

@@ -34,14 +34,21 @@ class Spectra:
 
 
 def channel_pairs(inputs: int, outputs: int) -> NDArray[np.int64]:
-    """Return which products of channels the estimates need, inputs before outputs."""
+    """Return which products of channels the estimates need, inputs before outputs.
+
+    Numbers (y, x) of the products Y conj(X), shape (pairs, 2).
+    """
     pairs = [(j, i) for j in range(inputs) for i in range(j)]
     pairs += [(inputs + o, i) for o in range(outputs) for i in range(inputs)]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 class SumOfSpectra:
-    """Sums of squares and products of transforms, added to segment by segment."""
+    """Sums of squares and products of transforms, added to segment by segment.
+
+    Inputs come first among the channels. From some millions of samples in all, the sums are
+    compiled.
+    """
 
     def __init__(self, lines: int, inputs: int, outputs: int, samples: int = 0) -> None:
         self.inputs, self.outputs = inputs, outputs
@@ -53,7 +60,10 @@ class SumOfSpectra:
         self.compiled = samples >= COMPILED
 
     def add(self, transforms: Complex) -> None:
-        """Add the transforms of some segments."""
+        """Add the transforms of some segments.
+
+        They are contiguous along the lines, shape (channels, segments, lines).
+        """
         self.segments += transforms.shape[1]
         parts = transforms.view(np.float64)
         if self.compiled:
@@ -69,7 +79,10 @@ class SumOfSpectra:
             self.imaginary[p] += product.imag
 
     def matrices(self) -> tuple[Complex, Complex, Array]:
-        """Return the sums of X X^H, Y X^H and abs(Y)^2."""
+        """Return the sums of X X^H, Y X^H and abs(Y)^2.
+
+        Shapes (k, inputs, inputs), (k, outputs, inputs) and (k, outputs).
+        """
         lines = self.power.shape[1]
         xx = np.zeros((lines, self.inputs, self.inputs), dtype=np.complex128)
         yx = np.zeros((lines, self.outputs, self.inputs), dtype=np.complex128)
@@ -95,8 +108,10 @@ def add_segments(
 ) -> int:
     """Add the windowed segments of one record to sums of spectra.
 
-    The mean of a segment is taken off its transform: m times that of the window, which for a
-    cosine window is a few lines, so that one pass through the samples is saved.
+    The mean of a segment is taken off its transform: m times that of the window, which for a cosine
+    window is a few lines, so that one pass through the samples is saved. Inputs come first among
+    the channels; in `extremes` their least and greatest samples are noted, while they are at hand.
+    Returned is the number of segments.
     """
     length = window.size
     count = (channels[0].size - length) // hop + 1

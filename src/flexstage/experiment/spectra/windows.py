@@ -17,7 +17,7 @@ WINDOWS: dict[str, tuple[float, ...]] = {
 
 
 def line_frequencies(length: int, sample_rate_hz: float) -> Array:
-    """Return the frequencies of the lines of a transform.
+    """Return the frequencies of the lines of a transform [Hz], shape (length // 2 + 1,).
 
     Examples
     --------
@@ -30,7 +30,8 @@ def line_frequencies(length: int, sample_rate_hz: float) -> Array:
 def window_values(window: str | Array, length: int) -> Array:
     """Return the values of a window, periodic as the discrete transform sees it.
 
-    w_j = sum_m (-1)^m a_m cos(2 pi m j / n) (Harris, 1978, Proceedings of the IEEE 66).
+    w_j = sum_m (-1)^m a_m cos(2 pi m j / n) (Harris, 1978, Proceedings of the IEEE 66). `window` is
+    one of `WINDOWS`, or the values themselves.
 
     Examples
     --------
@@ -60,7 +61,8 @@ def window_blur(window: Array) -> float:
 
     A line is the mean of the response over its neighbours, weighted by the power of the window's
     transform, whose second moment is :math:`(n/2\pi)^2 \sum (w_{j+1}-w_j)^2 / \sum w_j^2` by
-    Parseval's theorem.
+    Parseval's theorem. In squares of the distance of lines [1]; 0 of no window, whose kernel has
+    none.
 
     Examples
     --------
@@ -75,7 +77,8 @@ def effective_averages(window: Array, hop: int, segments: int) -> float:
     """Return how many independent segments overlapping ones are worth at one line.
 
     n / (1 + 2 sum_k (1 - k/n) r_k^2), r_k = sum_j w_j w_(j + k hop) / sum w^2 (Welch, 1967, IEEE
-    Transactions on Audio and Electroacoustics 15).
+    Transactions on Audio and Electroacoustics 15). The hop is in samples from the start of one
+    segment to that of the next.
 
     Validity
     --------

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ def correlation_matrix(
     influences: Sequence[Influence], correlations: Correlations | None = None
 ) -> Array:
     """Return the correlation matrix of influences.
+
+    Pairs are given by their names; the coefficient of all others is 0.
 
     Examples
     --------
@@ -58,7 +61,7 @@ def _require_possible(matrix: Array, sentence: str) -> None:
 
 
 def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
-    """Return which influences hang together by their correlations."""
+    """Return the indices of influences that hang together by their correlations, group by group."""
     left = set(range(matrix.shape[0]))
     found = []
     while left:
@@ -117,15 +120,20 @@ def _inverted(a: Influence, b: Influence, wanted: float) -> float:
     z, w = np.polynomial.hermite_e.hermegauss(96)
     w = w / w.sum()
 
-    def centred(one: Influence, at: Array) -> Array:
-        # where the weights are nothing, and a probability would round to 1
-        return one.quantile(ndtr(np.clip(at, -7.5, 7.5))) - one.value
+    # a correlation depends on neither place nor scale, whose digits would be lost, or run over
+    one_a, one_b = (
+        replace(i, value=0.0, uncertainty=1.0, half_width=None, distribution=i.law) for i in (a, b)
+    )
 
-    first = centred(a, z)
-    spread = math.sqrt(float(w @ first**2) * float(w @ centred(b, z) ** 2))
+    def at_normal(one: Influence, at: Array) -> Array:
+        # where the weights are nothing, and a probability would round to 1
+        return one.quantile(ndtr(np.clip(at, -7.5, 7.5)))
+
+    first = at_normal(one_a, z)
+    spread = math.sqrt(float(w @ first**2) * float(w @ at_normal(one_b, z) ** 2))
 
     def correlation(r: float) -> float:
-        other = centred(b, r * z[:, None] + math.sqrt(1.0 - r * r) * z[None, :])
+        other = at_normal(one_b, r * z[:, None] + math.sqrt(1.0 - r * r) * z[None, :])
         return float((w * first) @ other @ w) / spread
 
     low, high = correlation(-1.0), correlation(1.0)

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from flexstage.errors import ModelError
 from flexstage.experiment.uncertainty.dimension import require_dimension
-from flexstage.experiment.uncertainty.functions import FUNCTIONS
 
 _LONGEST = 2000
 _NODES = 400
@@ -25,6 +26,104 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.UAdd: lambda a: a,
     ast.USub: lambda a: -a,
+}
+
+
+def _applied(name: str, array_name: str, *arguments: Any) -> Any:
+    if any(isinstance(a, np.ndarray) for a in arguments):
+        # values outside the domain come back as no numbers, which the caller counts
+        with np.errstate(all="ignore"):
+            return getattr(np, array_name)(*arguments)
+    if all(isinstance(a, (int, float)) for a in arguments):
+        return getattr(math, name)(*map(float, arguments))
+    import GTC
+
+    return getattr(GTC, name)(*arguments)
+
+
+def sqrt(x: Any) -> Any:
+    """Return the square root, as all functions here of the kind of the argument."""
+    return _applied("sqrt", "sqrt", x)
+
+
+def sin(x: Any) -> Any:
+    """Return the sine of an angle [rad].
+
+    Examples
+    --------
+    >>> sin(0.5)
+    0.479425538604203
+    """
+    return _applied("sin", "sin", x)
+
+
+def cos(x: Any) -> Any:
+    """Return the cosine of an angle [rad]."""
+    return _applied("cos", "cos", x)
+
+
+def tan(x: Any) -> Any:
+    """Return the tangent of an angle [rad]."""
+    return _applied("tan", "tan", x)
+
+
+def asin(x: Any) -> Any:
+    """Return the angle of a sine [rad]."""
+    return _applied("asin", "arcsin", x)
+
+
+def acos(x: Any) -> Any:
+    """Return the angle of a cosine [rad]."""
+    return _applied("acos", "arccos", x)
+
+
+def atan(x: Any) -> Any:
+    """Return the angle of a tangent [rad]."""
+    return _applied("atan", "arctan", x)
+
+
+def atan2(y: Any, x: Any) -> Any:
+    """Return the angle of a point [rad], in all four quadrants."""
+    return _applied("atan2", "arctan2", y, x)
+
+
+def exp(x: Any) -> Any:
+    """Return the exponential function."""
+    return _applied("exp", "exp", x)
+
+
+def log(x: Any) -> Any:
+    """Return the natural logarithm."""
+    return _applied("log", "log", x)
+
+
+def fabs(x: Any) -> Any:
+    """Return the value without its sign; an uncertain number keeps its uncertainty."""
+    if isinstance(x, np.ndarray):
+        return np.abs(x)
+    # GTC's own abs gives up the derivative
+    return -x if x < 0.0 else +x
+
+
+def hypot(x: Any, y: Any) -> Any:
+    """Return the distance of a point from the origin."""
+    return sqrt(x * x + y * y)
+
+
+#: The functions by the name that an equation calls them by.
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "sqrt": sqrt,
+    "sin": sin,
+    "cos": cos,
+    "tan": tan,
+    "asin": asin,
+    "acos": acos,
+    "atan": atan,
+    "atan2": atan2,
+    "exp": exp,
+    "log": log,
+    "abs": fabs,
+    "hypot": hypot,
 }
 
 
@@ -65,7 +164,7 @@ class Expression:
         object.__setattr__(self, "names", tuple(names))
 
     def __call__(self, **values: Any) -> Any:
-        """Compute the equation."""
+        """Compute the equation with uncertain numbers, arrays or floats, one for each name."""
         missing = [name for name in self.names if name not in values]
         if missing:
             raise ModelError(
@@ -81,12 +180,15 @@ class Expression:
         require_dimension(self._tree, units, unit)
 
     def ordered(self, names: tuple[str, ...]) -> Callable[..., Any]:
-        """Return the equation as a function of values in a given order."""
+        """Return the equation as a function of values in a given order of names."""
         return lambda *values: self(**dict(zip(names, values, strict=True)))
 
     @staticmethod
     def is_name(text: str) -> bool:
-        """Say whether a text can be the name of a quantity in an equation."""
+        """Say whether a text can be the name of a quantity in an equation.
+
+        A word of letters, digits and underscores, and no function or constant of equations.
+        """
         taken = text in FUNCTIONS or text in _CONSTANTS or keyword.iskeyword(text)
         return text.isidentifier() and not taken and not text.startswith("__")
 

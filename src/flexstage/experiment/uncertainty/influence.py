@@ -26,10 +26,10 @@ _BOUNDED = DISTRIBUTIONS[2:]
 class Influence:
     """A quantity that a result depends on.
 
-    Its standard uncertainty is given, or the half-width a of the interval that it lies in: then
-    u = a/sqrt(3) where it is uniform, a/sqrt(6) triangular, a/sqrt(2) arcsine (as of a sinusoidal
-    cycle), a sqrt((1 + b^2)/6) trapezoidal with the top b times as wide as the base
-    (JCGM 100:2008, 4.3.7 to 4.3.9).
+    Its standard uncertainty is given, or the half-width a of the interval that it lies in: then u =
+    a/sqrt(3) where it is uniform, a/sqrt(6) triangular, a/sqrt(2) arcsine (as of a sinusoidal
+    cycle), a sqrt((1 + b^2)/6) trapezoidal with the top b times as wide as the base (JCGM 100:2008,
+    4.3.7 to 4.3.9). Exactly one of `uncertainty` and `half_width` is given.
 
     Notes
     -----
@@ -124,7 +124,7 @@ class Influence:
         )
 
     def quantile(self, probability: Array) -> Array:
-        """Return the values below which it lies with given probabilities."""
+        """Return the values, in its unit, below which it lies with given probabilities."""
         from scipy.special import ndtri, stdtrit
 
         p, u = probability, self.standard_uncertainty
@@ -163,6 +163,8 @@ def _unit_quantile(law: str, p: Array, flat: float) -> Array:
 
 def influence_from(estimate: Estimate, name: str) -> Influence:
     """Return a measured value as an influence on another one.
+
+    It is of kind A if one of the contributions is.
 
     Examples
     --------

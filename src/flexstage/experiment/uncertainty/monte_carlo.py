@@ -7,15 +7,20 @@ from typing import Any, Literal
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.experiment.uncertainty.correlation import Correlations, correlation_matrix
-from flexstage.experiment.uncertainty.draws import sampler
+from flexstage.experiment.uncertainty.correlation import (
+    Correlations,
+    correlation_matrix,
+    groups,
+    normal_correlations,
+)
 from flexstage.experiment.uncertainty.influence import Influence
 from flexstage.experiment.uncertainty.propagate import Propagated
-from flexstage.progress import tell
 
+_Draw = Callable[[np.random.Generator, int], list[Array]]
 #: Trials drawn from one stream.
 BLOCK = 10_000
 #: Blocks before an adaptive run may end: two can agree by chance (Wuebbeler, Harris, Cox and
@@ -56,7 +61,10 @@ class MonteCarlo:
         return self.values.size
 
     def estimate(self) -> Estimate:
-        """Return mean, spread, and the symmetric interval as the bounds of the value."""
+        """Return mean, spread, and the symmetric interval as the bounds of the value.
+
+        It needs the intervals to be for a confidence of 0.95.
+        """
         if self.confidence != 0.95:
             raise ModelError(f"an estimate is bounded at 0.95, these are for {self.confidence!r}")
         part = Component(name="all influences", uncertainty=self.uncertainty, kind="B")
@@ -78,9 +86,9 @@ class Validation:
     tolerance: float
     """How near they must be: half of the last of `digits` significant digits of the uncertainty."""
     low: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the lower ends."""
     high: float
-    """Distance of the lower and of the upper ends."""
+    """Distance of the upper ends."""
     digits: int
     """Significant digits of the uncertainty that are meant."""
 
@@ -225,7 +233,7 @@ def _adaptive(
             low, high = np.quantile(one, (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
             rows.append((float(one.mean()), float(one.std(ddof=1)), float(low), float(high)))
             parts.append(one)
-            tell("drawing trials", min(len(parts) / wanted, 1.0))
+            progress.update("drawing trials", min(len(parts) / wanted, 1.0))
         table = np.array(rows)
         # the spread of all trials, as the root of the mean square of the blocks
         u = math.sqrt(float(np.mean(table[:, 1] ** 2)) + float(np.var(table[:, 0])))
@@ -291,3 +299,60 @@ def validate(propagated: Propagated, drawn: MonteCarlo, *, digits: int = 2) -> V
     return Validation(
         valid=max(low, high) <= tolerance, tolerance=tolerance, low=low, high=high, digits=digits
     )
+
+
+def sampler(influences: Sequence[Influence], matrix: Array) -> _Draw:
+    """Return a function that draws all influences at once.
+
+    An influence without correlations is drawn from its own distribution. Correlated normal ones are
+    drawn together; correlated Student ones of the same degrees of freedom as a multivariate t
+    distribution, since they were observed together; others by a Gaussian copula. The function takes
+    a random generator and a number of draws m, and gives n arrays of shape (m,).
+
+    Examples
+    --------
+    >>> pair = [Influence(name=n, value=0.0, uncertainty=2.0) for n in "ab"]
+    >>> draw = sampler(pair, np.array([[1.0, 0.7], [0.7, 1.0]]))
+    >>> a, b = draw(np.random.default_rng(1), 100_000)
+    >>> round(float(np.corrcoef(a, b)[0, 1]), 2)
+    0.7
+    """
+    together = groups(matrix)
+    draws = [
+        _group([influences[k] for k in group], matrix[np.ix_(group, group)]) for group in together
+    ]
+
+    def draw(generator: np.random.Generator, count: int) -> list[Array]:
+        found: dict[int, Array] = {}
+        for group, one in zip(together, draws, strict=True):
+            found.update(zip(group, one(generator, count), strict=True))
+        return [found[k] for k in range(len(influences))]
+
+    return draw
+
+
+def _group(members: Sequence[Influence], matrix: Array) -> _Draw:
+    if len(members) == 1:
+        return lambda generator, count: [members[0].draw(generator, count)]
+    laws = {(m.law, m.degrees_of_freedom if m.law == "student" else 0.0) for m in members}
+    alike = len(laws) == 1 and members[0].law in {"normal", "student"}
+    root = _root(matrix if alike else normal_correlations(members, matrix))
+    freedom = members[0].degrees_of_freedom
+
+    def draw(generator: np.random.Generator, count: int) -> list[Array]:
+        from scipy.special import ndtr
+
+        z = root @ generator.standard_normal((len(members), count))
+        if not alike:
+            return [m.quantile(ndtr(row)) for m, row in zip(members, z, strict=True)]
+        if members[0].law == "student":
+            z = z / np.sqrt(generator.chisquare(freedom, count) / freedom)
+        return [m.value + m.standard_uncertainty * row for m, row in zip(members, z, strict=True)]
+
+    return draw
+
+
+def _root(matrix: Array) -> Array:
+    """A matrix whose square is the given one, which may be singular."""
+    values, vectors = np.linalg.eigh(matrix)
+    return vectors * np.sqrt(np.clip(values, 0.0, None))

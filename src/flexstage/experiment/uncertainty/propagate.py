@@ -17,6 +17,9 @@ from flexstage.experiment.uncertainty.correlation import (
 )
 from flexstage.experiment.uncertainty.influence import Influence
 
+# its square, and a sum of some, is still a number
+_LARGEST = 1e150
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BudgetLine:
@@ -100,7 +103,7 @@ def propagate(
     ----------
     function : callable
         The result from the influences, in their order; made of arithmetic and of the functions of
-        `flexstage.experiment.uncertainty.functions`.
+        `flexstage.experiment.uncertainty.expression`.
     influences : sequence of Influence
         What it depends on.
     correlations : Mapping, optional
@@ -139,6 +142,13 @@ def propagate(
     matrix = correlation_matrix(influences, correlations)
     value, c = _derivatives(function, influences)
     parts = c * np.array([i.standard_uncertainty for i in influences])
+    largest = float(np.abs(parts).max())
+    if largest > _LARGEST:
+        name = influences[int(np.argmax(np.abs(parts)))].name
+        raise ModelError(
+            f"influence '{name}' makes an uncertainty of {largest:.3g}, whose square is too large "
+            f"for a number (at most {_LARGEST:g} may be squared): use larger units"
+        )
     covariances = parts[:, None] * matrix * parts[None, :]
     variance = max(float(covariances.sum()), 0.0)
     shares = covariances.sum(axis=1) / variance if variance > 0.0 else np.zeros_like(c)

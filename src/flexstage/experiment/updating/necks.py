@@ -19,7 +19,7 @@ def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
 
     The bottom of the cut moves and its mouth stays, so that the notch still meets its bodies where
     they end. The depth changes by what the neck does, and a circle becomes an ellipse of the same
-    length.
+    length. The same notch where nothing changes.
 
     Notes
     -----

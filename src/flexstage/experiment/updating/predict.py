@@ -24,6 +24,26 @@ def predict(
 ) -> Array:
     """Return what a model says of quantities of its axes.
 
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The model.
+    wanted : sequence of tuple of str
+        Quantity, one of `UPDATABLE`, and name of an axis.
+    drives : str
+        Condition of the drives that frequencies and damping belong to; ratios and strokes are those
+        of one drive over its stroke, the others removed.
+
+    Returns
+    -------
+    numpy.ndarray
+        The values [Hz, 1, m, N/m], shape (n,).
+
+    Raises
+    ------
+    ModelError
+        A quantity cannot be had, or the stage has no such axis.
+
     Examples
     --------
     >>> from flexstage.designs import design

@@ -32,7 +32,11 @@ _NORMAL = 1.959963984540054
 
 
 class Problem:
-    """Residuals in units of their uncertainty, over parameters in units of their spread."""
+    """Residuals in units of their uncertainty, over parameters in units of their spread.
+
+    Everywhere x is parameters less what is expected, over their spreads [1], shape (p,); m values
+    are measured, by quantity and name of the axis. `model_uncertainty` is relative [1].
+    """
 
     def __init__(
         self,
@@ -67,7 +71,7 @@ class Problem:
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def values(self, x: Array) -> Array:
-        """Return the values of the parameters."""
+        """Return the values of the parameters, in their units."""
         return self.mean + self.sigma * x
 
     def stage_at(self, x: Array) -> Stage:
@@ -76,7 +80,7 @@ class Problem:
         return stage_with(self.stage, self.parameters, named)
 
     def predicted(self, x: Array) -> Array:
-        """Return what the model says of the measured quantities."""
+        """Return what the model says of the measured quantities, in their units, shape (m,)."""
         system = self.model(self.stage_at(x))
         for p, value in zip(self.parameters, self.values(x).tolist(), strict=True):
             if p.kind == "damping_ratio":
@@ -95,7 +99,10 @@ class Problem:
             return np.full(self.y.size, math.inf)
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives of the whitened prediction, by central differences."""
+        """Return the derivatives of the whitened prediction, by central differences.
+
+        Shape (m, p). Refused where there is no such stage beside these parameters.
+        """
         columns = []
         for step in _STEP * np.eye(x.size):
             low, high = self.residual_or_refused(x - step), self.residual_or_refused(x + step)
@@ -117,7 +124,12 @@ def half_square(residual: Array, x: Array) -> float:
 
 
 def most_probable(problem: Problem) -> tuple[Array, Array, Array, Array, int]:
-    """Search by Gauss and Newton's steps."""
+    """Search by Gauss and Newton's steps.
+
+    Returned are the most probable parameters less what is expected, over their spreads; there the
+    whitened residual and the derivatives of the whitened prediction; these derivatives at what is
+    expected; and the number of steps.
+    """
     x = np.zeros(len(problem.parameters))
     r = problem.residual(x)
     first = jacobian = problem.jacobian(x)

@@ -32,23 +32,19 @@ class UpdatedRow:
     """One measured quantity beside the model before and after."""
 
     quantity: str
-    """What was measured."""
+    """The quantity that was measured."""
     axis: str
-    """What was measured."""
+    """The axis that it was measured of."""
     measured: Estimate
     """The measured value."""
     before: float
-    """What the model says with the expected and with the fitted parameters, in the unit of
-    `measured`.
-    """
+    """What the model says with the expected parameters, in the unit of `measured`."""
     after: float
-    """What the model says with the expected and with the fitted parameters, in the unit of
-    `measured`.
-    """
+    """What the model says with the fitted parameters, in the unit of `measured`."""
     before_uncertainty: float
-    """Standard uncertainty of that from the parameters."""
+    """Standard uncertainty of `before` from the parameters."""
     after_uncertainty: float
-    """Standard uncertainty of that from the parameters."""
+    """Standard uncertainty of `after` from the parameters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

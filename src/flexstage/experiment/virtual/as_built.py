@@ -81,7 +81,10 @@ class AsBuiltAxis:
         return self.guide.stroke
 
     def position(self, command: ArrayLike) -> Array:
-        """Return the position for a sequence of commands, after two full cycles."""
+        """Return the position from the low end [m] for commands [V, or m], after two full cycles.
+
+        What differs from cycle to cycle is left out.
+        """
         u = np.asarray(command, dtype=np.float64)
         low, high = self.command_range
         if self.hysteresis is None:
@@ -124,23 +127,7 @@ class AsBuilt:
     """What was set, and to what."""
 
     def axis(self, name: str) -> AsBuiltAxis:
-        """Return an axis by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        AsBuiltAxis
-            The axis.
-
-        Raises
-        ------
-        ModelError
-            There is no such axis.
-        """
+        """Return an axis by name."""
         for axis in self.axes:
             if axis.name == name:
                 return axis

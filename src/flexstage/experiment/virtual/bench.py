@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.experiment.virtual.as_built import AsBuilt, AsBuiltAxis
 from flexstage.experiment.virtual.guide import MOTIONS
-from flexstage.experiment.virtual.laboratory import Laboratory, Sensor, drawn
+from flexstage.experiment.virtual.laboratory import BenchSensor, Laboratory, drawn
 from flexstage.records import Channel, Record
 from flexstage.system import modes
 
@@ -52,6 +52,8 @@ def _record(
 def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
     """Run an axis over its whole stroke in cycles, and read all six motions.
 
+    The seed is that of what the sensors are off by, of their noise, and of the approaches.
+
     Examples
     --------
     >>> from flexstage.designs import design
@@ -84,7 +86,7 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
 
 
 def _read(
-    sensor: Sensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
+    sensor: BenchSensor, truth: Array, along: Array | float, time: Array, rng: np.random.Generator
 ) -> Array:
     clean = drawn(sensor, rng).read(truth, along, time)
     return clean + sensor.noise * rng.standard_normal(clean.size)
@@ -101,7 +103,10 @@ def hold_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int 
 
 
 def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: int = 0) -> Record:
-    """Climb a staircase of small steps from the middle of the stroke, and read the position."""
+    """Climb a staircase of small steps from the middle of the stroke, and read the position.
+
+    The steps are some times the noise, or the smallest step of the drive.
+    """
     own = built.axis(axis)
     lab = laboratory
     rng = _generator(seed, 30 + [a.name for a in built.axes].index(axis))
@@ -118,7 +123,10 @@ def staircase_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed:
 
 
 def workspace_record(built: AsBuilt, laboratory: Laboratory, *, seed: int = 0) -> Record:
-    """Go to the four corners of the workspace again and again, and read x and y."""
+    """Go to the four corners of the workspace again and again, and read x and y.
+
+    Corners are numbered from 0 and anticlockwise.
+    """
     first, second = built.axes[:2]
     rng = _generator(seed, 40)
     corner = np.tile(np.arange(4.0), laboratory.repeats)
@@ -147,7 +155,12 @@ def sphere_record(
     noise: float = 1e-7,
     seed: int = 0,
 ) -> Record:
-    """Probe the spheres of a plate on the platform at stations along the stroke, there and back."""
+    """Probe the spheres of a plate on the platform at stations along the stroke, there and back.
+
+    The columns are the command, and ``SPH1.X`` to ``SPH5.Z``, a row for each station; `noise` is
+    the standard deviation of each coordinate of a centre [m]. Of the laboratory, the number of
+    cycles and the calibration of the machine's scales count.
+    """
     own = built.axis(axis)
     names = [a.name for a in built.axes]
     rng = _generator(seed, 50 + names.index(axis))
@@ -213,7 +226,7 @@ class HammerBench:
                 self._response[struck.name, read.name] = value
 
     def record(self, axis: str, *, seed: int = 0) -> Record:
-        """Strike along an axis."""
+        """Strike along an axis; returned are force, and acceleration along every axis."""
         lab = self._laboratory
         names = [a.name for a in self._built.axes]
         rng = _generator(seed, 60 + names.index(axis))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.experiment.campaign.plan import Campaign, Columns, Instrument, Test
+from flexstage.experiment.campaign.plan import Campaign, Columns, SensorSpecification, Test
 from flexstage.experiment.virtual.as_built import AsBuilt
 from flexstage.experiment.virtual.bench import (
     HammerBench,
@@ -14,7 +14,7 @@ from flexstage.experiment.virtual.bench import (
     workspace_record,
 )
 from flexstage.experiment.virtual.guide import MOTIONS
-from flexstage.experiment.virtual.laboratory import Laboratory, Sensor
+from flexstage.experiment.virtual.laboratory import BenchSensor, Laboratory
 from flexstage.records import Record
 
 _SPHERES = tuple(f"SPH{i}" for i in range(1, 6))
@@ -168,6 +168,8 @@ def _band(built: AsBuilt) -> tuple[float, float]:
     return 0.6 * min(own), 1.5 * max(own)
 
 
-def _instrument(name: str, sensor: Sensor) -> Instrument:
+def _instrument(name: str, sensor: BenchSensor) -> SensorSpecification:
     s = sensor.setup
-    return Instrument(name=name, calibration=s.calibration, alignment=s.alignment, drift=s.drift)
+    return SensorSpecification(
+        name=name, calibration=s.calibration, alignment=s.alignment, drift=s.drift
+    )

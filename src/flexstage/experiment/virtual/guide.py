@@ -38,7 +38,10 @@ class GuideErrors:
     """
 
     def at(self, position: ArrayLike, motion: str) -> Array:
-        """Return a motion."""
+        """Return a motion.
+
+        In m or rad, 0 at position 0; the motion is one of `MOTIONS`, or ``along``.
+        """
         c = self.coefficients.get(motion)
         t = 2.0 * np.asarray(position, dtype=np.float64) / self.stroke - 1.0
         if c is None:
@@ -52,18 +55,21 @@ class GuideErrors:
         return float(np.ptp(e - straight_line(p, e)(p)))
 
     def slope(self, motion: str) -> float:
-        """Return the slope of the least-squares straight line."""
+        """Return the slope of the least-squares straight line [1, or rad/m]."""
         p = np.linspace(0.0, self.stroke, _GRID)
         fitted = straight_line(p, self.at(p, motion)).convert().coef
         return float(fitted[1]) if fitted.size > 1 else 0.0
 
     def range(self, motion: str) -> float:
-        """Return largest less smallest motion over the stroke."""
+        """Return largest less smallest motion over the stroke [m, or rad]."""
         return float(np.ptp(self.at(np.linspace(0.0, self.stroke, _GRID), motion)))
 
 
 def straight_line(x: Array, y: Array) -> np.polynomial.Polynomial:
-    """Return the least-squares straight line of a curve, all positions alike."""
+    """Return the least-squares straight line of a curve, all positions alike.
+
+    Of the integral over even positions, so that the ends count by half.
+    """
     weight = np.ones(x.size)
     weight[[0, -1]] = 0.5**0.5
     return np.polynomial.Polynomial.fit(x, y, 1, w=weight)
@@ -75,7 +81,12 @@ def random_guide(
     slopes: Mapping[str, float],
     rng: np.random.Generator,
 ) -> GuideErrors:
-    """Draw smooth curves of given straightness and slope."""
+    """Draw smooth curves of given straightness and slope.
+
+    Straightness is largest less smallest deviation from the least-squares line [m, or rad], slope
+    that of the line [1, or rad/m], 0 where none is given. Drawn are Legendre polynomials of orders
+    2 to 5, whose size falls with the order.
+    """
     if not stroke > 0.0:
         raise ModelError(f"a stroke must be positive, got {stroke!r} m")
     coefficients: dict[str, Array] = {}

@@ -9,7 +9,7 @@ from flexstage.experiment.uncertainty.sensor import SensorSetup
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
+class BenchSensor:
     """A sensor: what is stated of it, and its noise."""
 
     setup: SensorSetup
@@ -30,20 +30,20 @@ class Laboratory:
     room, and no one's own.
     """
 
-    position: Sensor = field(
-        default_factory=lambda: Sensor(
+    position: BenchSensor = field(
+        default_factory=lambda: BenchSensor(
             setup=SensorSetup(calibration=5e-4, alignment=1e-3, drift=2e-11), noise=5e-9
         )
     )
     """Reads along the axis."""
-    transverse: Sensor = field(
-        default_factory=lambda: Sensor(
+    transverse: BenchSensor = field(
+        default_factory=lambda: BenchSensor(
             setup=SensorSetup(calibration=2e-3, alignment=5e-4, drift=2e-11), noise=3e-9
         )
     )
     """Read across it, in the plane and out of it."""
-    angle: Sensor = field(
-        default_factory=lambda: Sensor(
+    angle: BenchSensor = field(
+        default_factory=lambda: BenchSensor(
             setup=SensorSetup(calibration=2e-3, drift=1e-10), noise=5e-8, unit="rad"
         )
     )
@@ -80,8 +80,8 @@ class _Drawn:
         return (1.0 + self.gain) * seen + self.drift * time
 
 
-def drawn(sensor: Sensor, rng: np.random.Generator) -> _Drawn:
-    """Draw what a sensor is off by, of what is stated of it."""
+def drawn(sensor: BenchSensor, rng: np.random.Generator) -> _Drawn:
+    """Draw what a sensor is off by, of what is stated of it: gain, angle and drift."""
     s = sensor.setup
     g, a, d = rng.standard_normal(3)
     return _Drawn(gain=s.calibration * g, angle=s.alignment * a, drift=s.drift * d)

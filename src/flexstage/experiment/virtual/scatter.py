@@ -43,6 +43,8 @@ class Scatter:
 def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
     """Draw one stage from a process.
 
+    Outlines of bodies stay, as the masses that they give change by far less.
+
     Examples
     --------
     >>> from flexstage.designs import design
@@ -79,7 +81,7 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
 def displacements(
     stage: Stage, scatter: Scatter, *, seed: int = 0
 ) -> dict[str, tuple[float, float]]:
-    """Draw how far each notch is out of place."""
+    """Draw how far each notch is out of place, along x and y [m]."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
     moved = scatter.position * rng.standard_normal((len(stage.hinges), 2))
     return {h.name: (float(d[0]), float(d[1])) for h, d in zip(stage.hinges, moved, strict=True)}
@@ -89,7 +91,7 @@ def displaced_system(stage: Stage, moved: Mapping[str, tuple[float, float]]) -> 
     """Return the lumped model of a stage whose notches are out of place.
 
     Each spring acts at its displaced neck; outlines, and with them masses and roots, stay where
-    they were drawn.
+    they were drawn. `moved` says by hinge how far its neck is off along x and y [m].
 
     Examples
     --------

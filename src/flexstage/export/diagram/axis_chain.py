@@ -38,11 +38,13 @@ class AxisChain:
 
 
 def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) -> AxisChain:
-    r"""Return two masses that stand for an axis of a stage.
+    r"""Return two masses that stand for an axis of a stage, or one where no two positive ones do.
 
-    They follow in closed form from what they are to keep: the static elongation and reading for a
-    unit of the drive, and of the mode that carries most of the reading its frequency
-    :math:`\omega`, its shape :math:`(\phi_d, \phi_p)` and its modal mass 1,
+    `pushed_mass`, of the body that the drive pushes [kg], is the input mass where the displacement
+    is imposed, which takes no part in the modes. All else follows in closed form from what is
+    to be kept: the static elongation and reading for a unit of the drive, and of the mode that
+    carries most of the reading its frequency :math:`\omega`, its shape :math:`(\phi_d, \phi_p)` and
+    its modal mass 1,
 
     .. math:: k_t = \frac{\omega^2 - (k_{in} + k_s)\phi_d^2}{(\phi_p - i\phi_d)^2}, \quad
               m_{out} = \frac{k_t (\phi_p - i\phi_d)}{\omega^2\phi_p}, \quad

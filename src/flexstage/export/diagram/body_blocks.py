@@ -15,11 +15,11 @@ class BodyBlocks:
     """What other groups connect to."""
 
     forces: str
-    """Names of the sum of forces and of the two integrators."""
+    """Name of the sum of forces."""
     rate: str
-    """Names of the sum of forces and of the two integrators."""
+    """Name of the integrator that gives the rates."""
     motion: str
-    """Names of the sum of forces and of the two integrators."""
+    """Name of the integrator that gives the displacement."""
     members: tuple[int, ...]
     """Indices of the bodies that share the group."""
     label: str
@@ -27,7 +27,7 @@ class BodyBlocks:
 
 
 def count_mark(members: tuple[int, ...]) -> str:
-    """Return how many share a group."""
+    """Return `` ×2`` and so on for those who share a group; nothing for one alone."""
     return f" ×{len(members)}" if len(members) > 1 else ""
 
 
@@ -100,7 +100,7 @@ def add_body(
 
 
 def point_of_body(mechanism: Mechanism, body: int, at: tuple[float, float]) -> Array:
-    """Return the motion of a point for the coordinates of its body."""
+    """Return the motion (x, y, rotation) of a point [m] for that of its body, shape (3, 3)."""
     cx, cy = mechanism.bodies[body].centre
     return np.array([[1.0, 0.0, -(at[1] - cy)], [0.0, 1.0, at[0] - cx], [0.0, 0.0, 1.0]])
 

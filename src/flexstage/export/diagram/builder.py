@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 from flexstage.errors import ModelError
-from flexstage.export.diagram.graph import Block, BlockKind, Diagram, Group, Line
+from flexstage.export.diagram.graph import Block, BlockGroup, BlockKind, Diagram, SignalLine
 from flexstage.system.mechanical import Array
 
 # MATLAB cuts names after 63 characters; some room is left for what is put before or after one
@@ -13,7 +13,7 @@ _LONGEST = 48
 
 
 def identifier(text: str) -> str:
-    """Return a text as the name of a block: letters, digits and underscores.
+    """Return a text as the name of a block: a letter, then letters, digits and underscores.
 
     Examples
     --------
@@ -33,21 +33,24 @@ class DiagramBuilder:
 
     def __init__(self) -> None:
         self._blocks: list[Block] = []
-        self._lines: list[Line] = []
-        self._groups: list[Group] = []
+        self._lines: list[SignalLine] = []
+        self._groups: list[BlockGroup] = []
         self._names: set[str] = set()
         self._terms: dict[str, list[tuple[str, int, str]]] = {}
         self._late: dict[str, list[tuple[str, int, str]]] = {}
         self._units: dict[str, str] = {}
 
     def group(self, wanted: str, **described: Any) -> str:
-        """Add a group and return its name."""
+        """Add a group and return its name, changed where it is no identifier, or taken."""
         name = self._free(wanted)
-        self._groups.append(Group(name=name, **described))
+        self._groups.append(BlockGroup(name=name, **described))
         return name
 
     def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
-        """Add a block and return its name."""
+        """Add a block and return its name, changed where it is no identifier, or taken.
+
+        Inputs and outputs take a ``unit`` besides.
+        """
         name = self._free(wanted)
         if "unit" in described:
             self._units[name] = described.pop("unit")
@@ -56,7 +59,7 @@ class DiagramBuilder:
 
     def connect(self, source: str, target: str, signal: str = "", *, port: int = 0) -> None:
         """Add a line from one block to an input of another."""
-        self._lines.append(Line(source=source, target=target, port=port, signal=signal))
+        self._lines.append(SignalLine(source=source, target=target, port=port, signal=signal))
 
     def matrix(self, name: str) -> Array:
         """Return the matrix of a gain."""
@@ -74,7 +77,10 @@ class DiagramBuilder:
     def term(
         self, total: str, source: str, sign: int, signal: str = "", *, last: bool = False
     ) -> None:
-        """Lead a block to a sum that was added without signs."""
+        """Lead a block, times 1 or -1, to a sum that was added without signs.
+
+        A last one comes behind all others, as the feedbacks of a body do.
+        """
         held = self._late if last else self._terms
         held.setdefault(total, []).append((source, sign, signal))
 
@@ -89,7 +95,7 @@ class DiagramBuilder:
                     raise ModelError(f"nothing is added in '{block.name}': {block.meaning}")
                 made = replace(block, signs=tuple(sign for _, sign, _ in terms))
                 lines += [
-                    Line(source=source, target=block.name, port=port, signal=signal)
+                    SignalLine(source=source, target=block.name, port=port, signal=signal)
                     for port, (source, _, signal) in enumerate(terms)
                 ]
             blocks.append(made)

@@ -22,9 +22,9 @@ class Cell:
     """A thing in the grid."""
 
     width: float
-    """Its size [px]."""
+    """Its width [px]."""
     height: float
-    """Its size [px]."""
+    """Its height [px]."""
     axis: float
     """Distance of the line that cells of a row share below its top [px]."""
     pins: Mapping[str, Pin]

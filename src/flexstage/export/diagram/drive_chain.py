@@ -10,7 +10,10 @@ _FORCE, _LENGTH = "N", "m"
 
 
 def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
-    """Return the free displacement over the output of a drive's hysteresis."""
+    """Return the free displacement over the output of a drive's hysteresis.
+
+    It is 1 but for a hysteresis that was identified from voltage to reading [m/unit].
+    """
     if drive.hysteresis is None or drive.stiffness is None:
         return 1.0
     port = model.system.drive(drive.name)
@@ -26,7 +29,7 @@ def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
 def add_drive_chain(
     builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: str
 ) -> str:
-    """Add what lies before the spring of a drive."""
+    """Add what lies before the spring of a drive; return what gives w [m], or the force [N]."""
     what = "force" if drive.stiffness == 0.0 else "free displacement"
     unit = _FORCE if drive.stiffness == 0.0 else _LENGTH
     words = f"{what} of drive {drive.name} [{unit}]"
@@ -105,7 +108,7 @@ def add_drive_chain(
 def add_probe_chain(
     builder: DiagramBuilder, probe: ModelProbe, source: str, group: str, signal: str = ""
 ) -> str:
-    """Add what lies behind a probe: its sensor and the output."""
+    """Add what lies behind the true motion [m] at a probe: its sensor, and the output, returned."""
     at = source
     if probe.sensor is not None:
         block = builder.add(

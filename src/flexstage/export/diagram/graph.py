@@ -1,4 +1,4 @@
-"""Blocks, and the lines between them: the structural diagram as data."""
+"""Blocks, the lines between them, and what these carry: the structural diagram as data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -59,7 +59,7 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class SignalLine:
     """A line from the output of one block to an input of another."""
 
     source: str
@@ -73,7 +73,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Group:
+class BlockGroup:
     """Blocks that are drawn together, such as those of one body."""
 
     name: str
@@ -90,15 +90,15 @@ class Group:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagram:
-    """A structural diagram."""
+    """A structural diagram; one that does not fit together is refused."""
 
     title: str
     """What it shows."""
     blocks: tuple[Block, ...]
     """The blocks."""
-    lines: tuple[Line, ...]
+    lines: tuple[SignalLine, ...]
     """The lines; every input of every block has exactly one."""
-    groups: tuple[Group, ...] = ()
+    groups: tuple[BlockGroup, ...] = ()
     """The groups."""
     notes: tuple[str, ...] = ()
     """What was simplified or collapsed, as sentences."""
@@ -152,3 +152,51 @@ class Diagram:
             raise ModelError(
                 f"'{source.name}' gives {source.width} signals, '{target.name}' takes {wanted}"
             )
+
+
+SignalKind = Literal["motion", "rate", "force", "other"]
+
+
+_OF_UNIT: dict[str, SignalKind] = {"m": "motion", "m/s": "rate", "N": "force"}
+
+
+def signal_kinds(diagram: Diagram) -> dict[str, SignalKind]:
+    """Return what each block gives; commands, voltages and accelerations are ``other``."""
+    feeds = {}
+    for line in diagram.lines:
+        if line.port == 0:
+            feeds[line.target] = line.source
+    blocks = {b.name: b for b in diagram.blocks}
+    found: dict[str, SignalKind] = {}
+    for name in blocks:
+        path = [name]
+        # a loop has an integrator in it, and an integrator says itself what it gives
+        while (kind := _by_itself(blocks[path[-1]])) is None and path[-1] in feeds:
+            path.append(feeds[path[-1]])
+            if len(path) > len(blocks):
+                break
+        found[name] = kind or "other"
+    return found
+
+
+def _by_itself(block: Block) -> SignalKind | None:
+    match block.kind:
+        case "integrator":
+            return _by_unit(block.meaning)
+        case "input" | "amplifier":
+            return "other" if block.kind == "amplifier" else _by_unit(block.meaning)
+        case "hysteresis":
+            return _by_unit(block.meaning)
+        case "gain" if block.role in ("spring", "damper"):
+            return "force"
+        case "gain" if block.role == "mass":
+            return "other"
+        case "gain" if block.role == "drive":
+            return "motion" if "displacement" in block.meaning else "force"
+        case _:
+            return None
+
+
+def _by_unit(meaning: str) -> SignalKind:
+    unit = meaning.rpartition("[")[2].rstrip("]").split(",")[0]
+    return _OF_UNIT.get(unit, "other")

@@ -6,12 +6,50 @@ between two rows. So lines cross one another, but never a cell, and never lie on
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from flexstage.export.diagram.cells import Cell, Net, Point, Routed, Segment
-from flexstage.export.diagram.tracks import PITCH, SAME, Run, tracks_of
+
+#: Distance between tracks [px].
+PITCH = 9.0
+#: Pins nearer than this count as one height [px].
+SAME = 3.5
+
 
 #: Distance between the outer tracks of a channel and cells [px].
 MARGIN = 14.0
+
+
+@dataclass(slots=True)
+class ChannelRun:
+    """What a net needs in one channel between columns."""
+
+    left: list[float] = field(default_factory=list)
+    """Heights at which it comes from the left [px]."""
+    right: list[float] = field(default_factory=list)
+    """Heights at which it goes to the right [px]."""
+    bus: list[float] = field(default_factory=list)
+    """Heights at which it joins a channel between rows [px]."""
+
+    @property
+    def heights(self) -> list[float]:
+        """All of these heights [px]."""
+        return self.left + self.right + self.bus
+
+    @property
+    def low(self) -> float:
+        """The highest of them on the page [px]."""
+        return min(self.heights)
+
+    @property
+    def high(self) -> float:
+        """The lowest of them on the page [px]."""
+        return max(self.heights)
+
+    @property
+    def straight(self) -> bool:
+        """Whether the line goes straight across the channel."""
+        return self.high - self.low < 1e-6
 
 
 def route(
@@ -23,7 +61,13 @@ def route(
     outer: bool = True,
     room: Mapping[int, float] | None = None,
 ) -> Routed:
-    """Place cells in a grid and lead lines between them."""
+    """Place cells in a grid, at column and row, and lead lines between them.
+
+    With `apart` cells are lowered a little where pins on both sides of a channel are of one height;
+    without it two lines that change places between such pins lie on each other for a short way.
+    `outer` leaves room left of the first column and right of the last one; `room` leaves some for
+    words at the left of channels, by the column at their right [px].
+    """
     grid = _Grid(cells, places, nets, apart=apart, outer=outer, room=room or {})
     return grid.routed()
 
@@ -187,15 +231,15 @@ class _Grid:
         tracks: dict[str, int],
         bus_y: list[float],
         y: dict[str, float],
-    ) -> dict[tuple[str, int], Run]:
+    ) -> dict[tuple[str, int], ChannelRun]:
         """Collect what every net needs in every channel between columns."""
-        runs: dict[tuple[str, int], Run] = {}
+        runs: dict[tuple[str, int], ChannelRun] = {}
 
         def height(end: tuple[str, str]) -> float:
             return y[end[0]] + self.cells[end[0]].pins[end[1]].y
 
-        def stub(name: str, end: tuple[str, str]) -> Run:
-            run = runs.setdefault((name, self.channel(end)), Run())
+        def stub(name: str, end: tuple[str, str]) -> ChannelRun:
+            run = runs.setdefault((name, self.channel(end)), ChannelRun())
             # a pin at the right of its cell is at the left of the channel
             right = self.cells[end[0]].pins[end[1]].side == "R"
             (run.left if right else run.right).append(height(end))
@@ -219,7 +263,7 @@ class _Grid:
         return runs
 
     def _vertical_tracks(
-        self, runs: dict[tuple[str, int], Run]
+        self, runs: dict[tuple[str, int], ChannelRun]
     ) -> tuple[dict[tuple[str, int], int], list[int]]:
         ranks: dict[tuple[str, int], int] = {}
         counts = []
@@ -250,7 +294,7 @@ class _Grid:
     def _segments(
         self,
         name: str,
-        runs: dict[tuple[str, int], Run],
+        runs: dict[tuple[str, int], ChannelRun],
         ranks: dict[tuple[str, int], int],
         track_x: list[float],
         at: dict[str, Point],
@@ -306,3 +350,34 @@ class _Grid:
             if xs:
                 level(height, min(xs), max(xs))
         return tuple(out)
+
+
+def tracks_of(runs: Mapping[str, ChannelRun]) -> dict[str, int]:
+    """Give each run of a channel a track, from left to right.
+
+    Where a line comes from the left at the height at which another goes to the right, the first
+    must turn before the second.
+    """
+    before: dict[str, set[str]] = {n: set() for n in runs}
+    for a, first in runs.items():
+        for b, second in runs.items():
+            if a != b and any(abs(p - q) < SAME for p in first.left for q in second.right):
+                before[b].add(a)
+    found: dict[str, int] = {}
+    track = 0
+    while len(found) < len(runs):
+        waiting = [n for n in runs if n not in found]
+        ready = [n for n in waiting if before[n] <= found.keys()]
+        if not ready:
+            # two lines wait for each other: the drawing cannot keep them apart
+            ready = waiting[:1]
+        end = float("-inf")
+        placed = []
+        for n in sorted(ready, key=lambda n: (runs[n].low, runs[n].high, n)):
+            if runs[n].low > end + PITCH - 1.0:
+                placed.append(n)
+                end = runs[n].high
+        for n in placed:
+            found[n] = track
+        track += 1
+    return found

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexstage.export.diagram.graph import Block, Line
+from flexstage.export.diagram.graph import Block, SignalLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +15,7 @@ class Layered:
     """Those that are drawn from right to left."""
 
 
-def layered(blocks: tuple[Block, ...], lines: tuple[Line, ...]) -> Layered:
+def layered(blocks: tuple[Block, ...], lines: tuple[SignalLine, ...]) -> Layered:
     """Put blocks into columns along their lines, and beside each other into rows."""
     names = [b.name for b in blocks]
     after: dict[str, list[str]] = {n: [] for n in names}

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from flexstage.export.diagram.graph import Block, Diagram
-from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.graph import Block, Diagram, SignalKind
+from flexstage.export.diagram.markup import path, text, text_width, wrapped
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import block_cell
-from flexstage.export.diagram.signals import SignalKind
 from flexstage.export.diagram.symbols import symbol
-from flexstage.export.diagram.text import text_width, wrapped
+from flexstage.export.svg_elements import attributes
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -32,7 +31,10 @@ _USUAL = {
 
 
 def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, float]:
-    """Write what stands below a diagram."""
+    """Return what stands below a diagram, its top at 0, and its height [px].
+
+    Lines of the kinds that are used are explained.
+    """
     out: list[str] = []
     columns = [_symbols(diagram), _lines(used)]
     columns += [_table(title, rows) for title, rows in _values(diagram) if rows]

@@ -1,30 +1,46 @@
-"""Pieces of SVG."""
+"""Lines and words of a diagram as SVG, and how much room words take."""
 
 from xml.sax.saxutils import escape
 
-from flexstage.export.diagram.text import BASE
+from flexstage.export.svg_elements import LetterWidths, attributes, in_lines
+
+#: Sizes of letters [px].
+BASE = 12.0
+SMALL = 10.0
+
+_WIDTHS = LetterWidths(
+    narrow_letters=frozenset("iljtfrI.,:;'|!()[]/ "),
+    wide_letters=frozenset("mwMWΣ×→"),
+    narrow=0.36,
+    wide=0.95,
+    digit=0.64,
+    other=0.64,
+)
 
 
-def attributes(**given: object) -> str:
-    """Return attributes of an element.
+def plain(text: str) -> str:
+    """Return a text as it is read, without the marks of subscripts: ``kin`` for ``k_in``."""
+    return text.replace("_", "")
+
+
+def text_width(text: str, size: float = BASE) -> float:
+    """Return a width that a text does not exceed [px].
 
     Examples
     --------
-    >>> attributes(x=1.50, stroke_width=2)
-    ' x="1.5" stroke-width="2"'
+    >>> text_width("mass") > text_width("mile")
+    True
     """
-    out = []
-    for name, value in given.items():
-        if value is None:
-            continue
-        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-        quoted = escape(shown, {'"': "&quot;"})
-        out.append(f' {name.replace("_", "-")}="{quoted}"')
-    return "".join(out)
+    return _WIDTHS.of(text, size)
+
+
+def wrapped(text: str, width: float, size: float = BASE) -> list[str]:
+    """Break a text into lines; a word that is wider than a line stands alone."""
+    return in_lines(text, lambda line: text_width(line, size) <= width)
 
 
 def path(points: list[tuple[float, float]], *, closed: bool = False, **given: object) -> str:
-    """Return a line through points."""
+    """Return a line through points [px]."""
     d = "M" + "L".join(f"{round(x, 2):g} {round(y, 2):g}" for x, y in points)
     return f"<path{attributes(d=d + ('Z' if closed else ''), **given)}/>"
 
@@ -32,7 +48,10 @@ def path(points: list[tuple[float, float]], *, closed: bool = False, **given: ob
 def text(
     words: str, x: float, y: float, *, size: float = BASE, anchor: str = "start", **given: object
 ) -> str:
-    """Return a line of text; what follows an underscore is lowered, up to a blank."""
+    """Return a line of text on a base line; what follows an underscore is lowered, up to a blank.
+
+    The anchor (``start``, ``middle``, ``end``) says what of it is at (x, y) [px].
+    """
     shown = attributes(
         x=round(x, 2),
         y=round(y, 2),

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from flexstage.export.diagram.cells import Cell, Net, Pin, Segment
-from flexstage.export.diagram.graph import Block, Diagram, Group
+from flexstage.export.diagram.graph import Block, BlockGroup, Diagram
 from flexstage.export.diagram.grid import route
+from flexstage.export.diagram.group_layout import GroupLayout, group_layout
 from flexstage.export.diagram.placing import Thing, place_groups
-from flexstage.export.diagram.tile import Tile, make_tile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,9 +16,9 @@ class PlacedBlock:
     block: Block
     """The block."""
     x: float
-    """Left top corner of its cell [px]."""
+    """Left edge of its cell [px]."""
     y: float
-    """Left top corner of its cell [px]."""
+    """Top of its cell [px]."""
     cell: Cell
     """Its size and pins."""
     flipped: bool
@@ -32,9 +32,9 @@ class PlacedLabel:
     text: str
     """The name."""
     x: float
-    """Where its base line begins, or ends [px]."""
+    """Where it begins, or ends [px]."""
     y: float
-    """Where its base line begins, or ends [px]."""
+    """Height of its base line [px]."""
     end: bool = False
     """Whether it ends there."""
 
@@ -43,22 +43,22 @@ class PlacedLabel:
 class Frame:
     """A group on the page."""
 
-    group: Group
+    group: BlockGroup
     """The group."""
     x: float
-    """Left top corner and size [px]."""
+    """Left edge [px]."""
     y: float
-    """Left top corner and size [px]."""
+    """Top [px]."""
     width: float
-    """Left top corner and size [px]."""
+    """Width [px]."""
     height: float
-    """Left top corner and size [px]."""
+    """Height [px]."""
     subtitle: tuple[str, ...]
     """Lines below its title."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
+class PlacedLine:
     """A line from one block to others."""
 
     source: str
@@ -68,28 +68,28 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class PageLayout:
     """A diagram on a page."""
 
     width: float
-    """Size [px]."""
+    """Width [px]."""
     height: float
-    """Size [px]."""
+    """Height [px]."""
     frames: tuple[Frame, ...]
     """The groups."""
     blocks: tuple[PlacedBlock, ...]
     """The blocks."""
-    wires: tuple[Wire, ...]
+    wires: tuple[PlacedLine, ...]
     """The lines."""
     labels: tuple[PlacedLabel, ...]
     """Names of signals where lines enter and leave groups."""
 
 
-def layout(diagram: Diagram) -> Layout:
+def layout(diagram: Diagram) -> PageLayout:
     """Place a diagram on a page.
 
     Groups stand in a grid, near to those that they are joined with; lines between them run in the
-    channels between.
+    channels between. The same diagram gives the same layout.
 
     Examples
     --------
@@ -101,9 +101,9 @@ def layout(diagram: Diagram) -> Layout:
     """
     groups = list(diagram.groups)
     if any(not b.group for b in diagram.blocks):
-        groups.append(Group(name="", title="", kind=""))
+        groups.append(BlockGroup(name="", title="", kind=""))
     filled = {b.group for b in diagram.blocks}
-    tiles = {g.name: make_tile(diagram, g) for g in groups if g.name in filled}
+    tiles = {g.name: group_layout(diagram, g) for g in groups if g.name in filled}
     nets = _nets(diagram)
     places = place_groups(
         {n: Thing(kind=t.group.kind, width=t.width, height=t.height) for n, t in tiles.items()},
@@ -138,17 +138,17 @@ def layout(diagram: Diagram) -> Layout:
             at = x + (tile.width - 5.0 if right else 5.0)
             labels.append(PlacedLabel(text=port.label, x=at, y=y + port.y - 5.0, end=right))
         labels += [PlacedLabel(text=t, x=x + dx, y=y + dy) for t, dx, dy in tile.names]
-    return Layout(
+    return PageLayout(
         width=routed.size[0],
         height=routed.size[1],
         frames=tuple(frames),
         blocks=tuple(blocks),
-        wires=tuple(Wire(source=n, segments=tuple(s)) for n, s in wires.items()),
+        wires=tuple(PlacedLine(source=n, segments=tuple(s)) for n, s in wires.items()),
         labels=tuple(labels),
     )
 
 
-def _cell(tile: Tile) -> Cell:
+def _cell(tile: GroupLayout) -> Cell:
     pins = {f"{p.side}:{p.block}": Pin(p.side, p.y) for p in tile.ports}
     return Cell(width=tile.width, height=tile.height, axis=0.0, pins=pins)
 

@@ -24,18 +24,19 @@ class Thing:
     kind: str
     """What it is: drives are drawn to the left, probes to the right."""
     width: float
-    """Its size [px]."""
+    """Its width [px]."""
     height: float
-    """Its size [px]."""
+    """Its height [px]."""
 
 
 def place_groups(
     things: Mapping[str, Thing], nets: Iterable[tuple[str, tuple[str, ...]]]
 ) -> dict[str, Place]:
-    """Place groups in a grid so that lines between them are short.
+    """Return column and row of each group, so that lines between them are short.
 
-    They begin in the order of their distance from the first drive, and change places, two at a
-    time, as long as that shortens the lines. The same groups give the same places.
+    A line is the group that it comes from, and those that it leads to. Groups begin in the order of
+    their distance from the first drive, and change places, two at a time, as long as that shortens
+    the lines. The same groups give the same places.
     """
     lines = [(s, tuple(t for t in targets if t != s)) for s, targets in nets]
     lines = [(s, t) for s, t in lines if t]

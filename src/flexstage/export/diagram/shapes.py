@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from flexstage.export.diagram.cells import Cell, Pin
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.text import BASE, SMALL, plain, text_width
+from flexstage.export.diagram.markup import BASE, SMALL, plain, text_width
 
 SUM_RADIUS = 15.0
 # Distance of the inputs of a long sum, and of the outer ones from its ends.
@@ -21,7 +21,7 @@ def round_sum(block: Block) -> bool:
 
 
 def shape_width(block: Block) -> float:
-    """Return the width of what is drawn for a block, without its caption."""
+    """Return the width of what is drawn for a block, without its caption [px]."""
     label = text_width(plain(block.label), BASE)
     match block.kind:
         case "sum":
@@ -50,7 +50,12 @@ def block_cell(
     lower: Mapping[int, bool] | None = None,
     long: bool = False,
 ) -> Cell:
-    """Return the cell of a block."""
+    """Return the cell of a block, with pins ``out``, ``in0``, ``in1`` and so on.
+
+    A flipped one is drawn from right to left. Of a sum, the input `straight` lies on its axis (the
+    first of a round one and the middle of a long one where not given); `lower` says which inputs
+    of a round one come from below, and `long` draws one of few inputs long all the same.
+    """
     into, out = ("R", "L") if flipped else ("L", "R")
     width = shape_width(block)
     if block.kind == "sum":

@@ -8,10 +8,14 @@ from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
 from flexstage.export.diagram.axis_chain import axis_chain
 from flexstage.export.diagram.axis_diagram import axis_blocks
+from flexstage.export.diagram.body_blocks import BodyBlocks, add_body
+from flexstage.export.diagram.builder import DiagramBuilder
+from flexstage.export.diagram.drive_chain import add_drive_chain, add_probe_chain
+from flexstage.export.diagram.equivalent_bodies import EquivalentParts, equivalent_parts
 from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.hinge_blocks import add_hinge
+from flexstage.export.diagram.port_blocks import add_drive, add_reading
 from flexstage.export.diagram.springs import DriveSpring, drive_springs, fitted_damping
-from flexstage.export.diagram.twins import Twins, find_twins
-from flexstage.export.diagram.whole_stage import whole_stage
 from flexstage.export.model import DynamicModel
 from flexstage.lumped import Mechanism, lumped_system, mechanism
 from flexstage.stage import Stage
@@ -85,7 +89,7 @@ def stage_diagram(
     notes = _notes(system, rayleigh, springs)
     if axis is not None:
         return _axis(parts, system, model, axis, springs, rayleigh)
-    twins = find_twins(parts, tolerance=0.02 if collapse else None)
+    twins = equivalent_parts(parts, tolerance=0.02 if collapse else None)
     return whole_stage(
         parts,
         model,
@@ -182,7 +186,7 @@ def _notes(
     return tuple(notes)
 
 
-def _twin_notes(parts: Mechanism, twins: Twins) -> tuple[str, ...]:
+def _twin_notes(parts: Mechanism, twins: EquivalentParts) -> tuple[str, ...]:
     if len(twins.hinges) == len(parts.hinges) and len(twins.bodies) == len(parts.free):
         return ()
     return (
@@ -202,3 +206,53 @@ def _model_notes(model: DynamicModel) -> tuple[str, ...]:
             "bodies and hinges are lumped."
         )
     return tuple(notes)
+
+
+def whole_stage(
+    mechanism: Mechanism,
+    model: DynamicModel,
+    *,
+    twins: EquivalentParts,
+    springs: dict[str, DriveSpring],
+    damping: RayleighDamping,
+    title: str,
+    notes: tuple[str, ...],
+) -> Diagram:
+    """Return the diagram of a whole stage.
+
+    The signals of twins stand below one another in one line, so that the diagram holds the same
+    equations whichever are drawn together.
+    """
+    builder = DiagramBuilder()
+    drives = {sight.name: sight for sight in mechanism.drives}
+    opened = {
+        d.name: builder.group(
+            f"d_{d.name}",
+            title=f"Drive {d.name} ({d.kind})",
+            kind="drive",
+            place=drives[d.name].points[1],
+        )
+        for d in model.drives
+    }
+    bodies: dict[int, BodyBlocks] = {}
+    for members in twins.bodies:
+        made = add_body(builder, mechanism, members, damping)
+        bodies |= dict.fromkeys(members, made)
+    for members in twins.hinges:
+        add_hinge(builder, mechanism, members, bodies, damping)
+    for d in model.drives:
+        free = add_drive_chain(builder, model, d, opened[d.name])
+        add_drive(
+            builder, mechanism, drives[d.name], bodies, springs[d.name], damping, free,
+            opened[d.name],
+        )  # fmt: skip
+    by_probe = {sight.name: sight for sight in mechanism.probes}
+    for probe in model.probes:
+        sight = by_probe[probe.name]
+        group = builder.group(
+            f"p_{probe.name}", title=f"Probe {probe.name}", kind="probe", place=sight.points[1]
+        )
+        read = add_reading(builder, mechanism, sight, bodies, group)
+        if read:
+            add_probe_chain(builder, probe, read, group)
+    return builder.diagram(title, notes)

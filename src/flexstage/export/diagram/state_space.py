@@ -12,36 +12,39 @@ _NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StateSpace:
+class DiagramEquations:
     """Linear equations x' = A x + B u, y = C x + D u."""
 
     A: Array
-    """The matrices."""
+    """Of states by states."""
     B: Array
-    """The matrices."""
+    """Of states by inputs."""
     C: Array
-    """The matrices."""
+    """Of outputs by states."""
     D: Array
-    """The matrices."""
+    """Of outputs by inputs."""
     states: tuple[str, ...]
     """Integrators that the states belong to, one entry for each state."""
     inputs: tuple[str, ...]
-    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
+    """Blocks that the inputs come from, one entry for each signal."""
     outputs: tuple[str, ...]
-    """Names of blocks that the inputs and outputs belong to, one entry for each signal."""
+    """Blocks that the outputs belong to, one entry for each signal."""
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         """Iterate over A, B, C, D."""
         return iter((self.A, self.B, self.C, self.D))
 
 
-def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> StateSpace:
+def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> DiagramEquations:
     """Return the linear equations that a diagram holds.
+
+    Hysteresis, amplifiers, creep and sensors are refused (``refuse``), let their input through
+    (``pass``), or are where the diagram is ``cut``: the output of the last of them is an input.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from flexstage.export.diagram.graph import Block, Diagram, Line
+    >>> from flexstage.export.diagram.graph import Block, Diagram, SignalLine
     >>> blocks = (
     ...     Block(name="u", kind="input", label="u", meaning="force [N]"),
     ...     Block(name="a", kind="sum", label="+", meaning="sum", signs=(1, -1)),
@@ -50,7 +53,7 @@ def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> State
     ...     Block(name="y", kind="output", label="y", meaning="reading"),
     ... )
     >>> pairs = (("u", "a", 0), ("k", "a", 1), ("a", "i", 0), ("i", "k", 0), ("i", "y", 0))
-    >>> lines = tuple(Line(source=s, target=t, port=p) for s, t, p in pairs)
+    >>> lines = tuple(SignalLine(source=s, target=t, port=p) for s, t, p in pairs)
     >>> diagram_state_space(Diagram(title="lag", blocks=blocks, lines=lines)).A
     array([[-3.]])
     """
@@ -68,7 +71,7 @@ def diagram_state_space(diagram: Diagram, *, nonlinear: str = "refuse") -> State
     n = walk.state_count
     derivative = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in integrators)])
     reading = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in outputs)])
-    return StateSpace(
+    return DiagramEquations(
         A=derivative[:, :n],
         B=derivative[:, n:],
         C=reading[:, :n],

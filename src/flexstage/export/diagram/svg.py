@@ -4,13 +4,12 @@ from xml.sax.saxutils import escape
 
 import flexstage
 from flexstage.export.diagram.cells import branches
-from flexstage.export.diagram.graph import Diagram
+from flexstage.export.diagram.graph import Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.legend import LINES, foot
-from flexstage.export.diagram.markup import attributes, path, text
-from flexstage.export.diagram.page import Frame, Layout, PlacedBlock, Wire, layout
-from flexstage.export.diagram.signals import SignalKind, signal_kinds
+from flexstage.export.diagram.markup import SMALL, path, text, wrapped
+from flexstage.export.diagram.page import Frame, PageLayout, PlacedBlock, PlacedLine, layout
 from flexstage.export.diagram.symbols import inset, symbol
-from flexstage.export.diagram.text import SMALL, wrapped
+from flexstage.export.svg_elements import attributes
 
 _MARGIN = 24.0
 _FRAMES = {
@@ -22,8 +21,11 @@ _FRAMES = {
 _LEAST_WIDTH = 900.0
 
 
-def diagram_svg(diagram: Diagram, *, placed: Layout | None = None) -> bytes:
-    """Draw a diagram.
+def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
+    """Draw a diagram on white ground.
+
+    Nothing from outside (fonts, scripts) is needed, no name can clash with those of another drawing
+    on the same page, and no letter is smaller than 9 px.
 
     Examples
     --------
@@ -71,7 +73,7 @@ def diagram_svg(diagram: Diagram, *, placed: Layout | None = None) -> bytes:
     ).encode()
 
 
-def _drawing(where: Layout, diagram: Diagram) -> str:
+def _drawing(where: PageLayout, diagram: Diagram) -> str:
     kinds = signal_kinds(diagram)
     wide = {b.name: b.width > 1 for b in diagram.blocks}
     out = [_frame(f) for f in where.frames]
@@ -105,7 +107,7 @@ def _frame(frame: Frame) -> str:
     return "".join(out)
 
 
-def _wire(wire: Wire, kind: SignalKind, wide: bool) -> str:
+def _wire(wire: PlacedLine, kind: SignalKind, wide: bool) -> str:
     colour, dashes, _ = LINES[kind]
     d = "".join(
         f"M{round(x1, 2):g} {round(y1, 2):g}L{round(x2, 2):g} {round(y2, 2):g}"

@@ -4,10 +4,10 @@ import math
 from xml.sax.saxutils import escape
 
 from flexstage.export.diagram.graph import Block
-from flexstage.export.diagram.markup import attributes, path, text
+from flexstage.export.diagram.markup import SMALL, path, text
 from flexstage.export.diagram.page import PlacedBlock
 from flexstage.export.diagram.shapes import SUM_RADIUS, shape_width
-from flexstage.export.diagram.text import SMALL
+from flexstage.export.svg_elements import attributes
 
 Colour = str
 Point = tuple[float, float]
@@ -23,7 +23,7 @@ COLOURS: dict[str, tuple[Colour, Colour]] = {
 
 
 def symbol(placed: PlacedBlock) -> str:
-    """Draw a block."""
+    """Draw a block; its title, which browsers show over it, is its meaning."""
     block = placed.block
     width = shape_width(block)
     x = placed.x + 0.5 * (placed.cell.width - width)
@@ -91,7 +91,7 @@ def _inset(y: float) -> float:
 
 
 def inset(placed: PlacedBlock, port: int) -> float:
-    """Return how far inside its cell a block is met by the line of an input."""
+    """Return how far inside its cell a block is met by the line of an input [px]."""
     block, cell = placed.block, placed.cell
     if block.kind != "sum":
         return 0.5 * (cell.width - shape_width(block))

@@ -16,15 +16,15 @@ _SAME = 1e-9  # two points are one [m]
 _STRAIGHT = 1e-14
 
 
-class Neck(NamedTuple):
+class NeckLine(NamedTuple):
     """The thinnest section of a hinge, as the line between its two surfaces."""
 
     hinge: str
     """Name of the hinge."""
     right: Pair
-    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
+    """Its end right of the hinge's direction [m], a corner of a contour."""
     left: Pair
-    """Its two ends [m], right and left of the hinge's direction; both are corners of contours."""
+    """Its end left of the hinge's direction [m], a corner of a contour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class PlateContours:
     """The slots between bodies, and openings in them."""
     holes: tuple[Contour, ...]
     """Mounting holes."""
-    necks: tuple[Neck, ...]
+    necks: tuple[NeckLine, ...]
     """The necks of the hinges, in the order of the stage."""
 
     @property
@@ -130,9 +130,9 @@ def plate_contours(stage: Stage) -> PlateContours:
     )
 
 
-def _neck(hinge: Hinge) -> Neck:
+def _neck(hinge: Hinge) -> NeckLine:
     half = 0.5 * hinge.profile.neck_thickness
-    return Neck(hinge.name, hinge.to_plane(0.0, -half), hinge.to_plane(0.0, half))
+    return NeckLine(hinge.name, hinge.to_plane(0.0, -half), hinge.to_plane(0.0, half))
 
 
 def _round(body: Body, circle: Circle, kind: Literal["slot", "hole"]) -> Contour:
@@ -151,7 +151,7 @@ def _contour(loop: list[_Step], kind: Literal["outline", "slot"]) -> Contour:
     )
 
 
-def _body_steps(stage: Stage, necks: tuple[Neck, ...]) -> list[_Step]:
+def _body_steps(stage: Stage, necks: tuple[NeckLine, ...]) -> list[_Step]:
     """Return the segments of all bodies but for circles, without the lines across necks."""
     steps: list[_Step] = []
     crossed = dict.fromkeys((h.name for h in stage.hinges), 0)
@@ -199,7 +199,7 @@ def _signed_area(steps: list[_Step]) -> float:
     return math.fsum(_segment_area(s.start, s.end, s.bulge) for s in steps)
 
 
-def _is_neck(neck: Neck, start: Pair, end: Pair) -> bool:
+def _is_neck(neck: NeckLine, start: Pair, end: Pair) -> bool:
     ends = ((neck.right, neck.left), (neck.left, neck.right))
     return any(math.dist(a, start) < _SAME and math.dist(b, end) < _SAME for a, b in ends)
 

@@ -15,9 +15,9 @@ class Curve(NamedTuple):
     """A straight line or an arc."""
 
     start: Pair
-    """Its ends [m]."""
+    """Where it begins [m]."""
     end: Pair
-    """Its ends [m]."""
+    """Where it ends [m]."""
     bulge: float = 0.0
     """Tangent of a quarter of its angle, positive where it turns left [1]; 0 of a line."""
 
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
         return chord * (1.0 + self.bulge**2) / (4.0 * self.bulge)
 
     def direction(self, share: float) -> Pair:
-        """Return the unit tangent at a share of the length."""
+        """Return the unit tangent at a share of the length, 0 at the start and 1 at the end."""
         chord = math.dist(self.start, self.end)
         ux, uy = (self.end[0] - self.start[0]) / chord, (self.end[1] - self.start[1]) / chord
         if not self.bulge:
@@ -73,12 +73,15 @@ class Curve(NamedTuple):
         )
 
     def part(self, first: float, last: float) -> "Curve":
-        """Return a part of the curve."""
+        """Return the part between two shares of the length."""
         bulge = math.tan((last - first) * math.atan(self.bulge)) if self.bulge else 0.0
         return Curve(self.point(first), self.point(last), bulge)
 
     def shifted(self, distance: float) -> "Curve":
-        """Return the parallel curve on its right."""
+        """Return the parallel curve, of the same angle, at a distance [m] to the right.
+
+        Negative is to the left; less than the radius of an arc whose centre is on that side.
+        """
         ends = []
         for share, (x, y) in ((0.0, self.start), (1.0, self.end)):
             tx, ty = self.direction(share)
@@ -86,7 +89,7 @@ class Curve(NamedTuple):
         return Curve(ends[0], ends[1], self.bulge)
 
     def share(self, p: Pair) -> float | None:
-        """Return where the curve passes a point of its line or circle."""
+        """Return where the curve passes a point of its line or circle; None where it does not."""
         slack = _REACH / self.length
         if self.bulge:
             centre, _, first, sweep = arc(*self)
@@ -105,7 +108,7 @@ class Curve(NamedTuple):
 
 
 def crossings(a: Curve, b: Curve) -> list[tuple[float, float]]:
-    """Return where two curves meet.
+    """Return where two curves meet, as shares of a and of b; none where they run along each other.
 
     Examples
     --------

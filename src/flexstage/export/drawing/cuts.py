@@ -39,7 +39,10 @@ class Cut:
 def cuts(
     contours: PlateContours, paths: tuple[WirePath, ...], offset: float, start_hole: float
 ) -> tuple[Cut, ...]:
-    """Place start holes and lead-in lines, and number the cuts.
+    """Place start holes and lead-in lines, and number the cuts by `CUT_ORDER_RULE`.
+
+    `paths` are those of `offset_contours` along the outline and the slots, `offset` half of the
+    width of the cut and `start_hole` the diameter [m].
 
     The start hole of a slot lies away from necks as far as the slot has room for it, that of the
     outline outside of its longest straight edge. The lead-in goes straight to the nearest place of

@@ -6,7 +6,7 @@ from flexstage.stage import Stage
 
 
 def millimetres(value: float, digits: int = 6) -> str:
-    """Write a length in millimetres, without the unit.
+    """Write a length [m] in millimetres, without the unit and without zeros at its end.
 
     Examples
     --------
@@ -18,7 +18,7 @@ def millimetres(value: float, digits: int = 6) -> str:
 
 
 def title_lines(stage: Stage) -> list[tuple[str, str]]:
-    """Return what stands in the title block."""
+    """Return what stands in the title block: label and text of each line."""
     return [
         ("Stage", stage.name),
         ("Title", stage.title or "-"),

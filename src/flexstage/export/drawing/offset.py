@@ -30,7 +30,10 @@ class WirePath:
 
 
 def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath, ...]:
-    """Return the path of the wire's centre along the outline and every slot.
+    """Return the path of the wire's centre along the outline and every slot, in their order.
+
+    The distance [m] is half of the width of the cut: half the diameter of the wire and the spark
+    gap. Mounting holes are drilled, and have no path.
 
     Each contour is moved into the waste. Lines and arcs stay what they are. About a corner of the
     material the wire runs on an arc, which leaves the corner sharp; into a re-entrant corner it

@@ -52,7 +52,7 @@ class _InArcs(Profile):
 
 
 def smooth_notches(stage: Stage) -> Stage:
-    """Return a stage whose notches are drawn with lines and arcs only.
+    """Return a stage for `plate_contours` whose notches are drawn with lines and arcs only.
 
     Elliptical, parabolic, hyperbolic and power notches are described elsewhere by chords, whose
     corners a wire would blunt. Here they become pairs of arcs with a common tangent (K. M. Bolton,
@@ -78,7 +78,7 @@ def smooth_notches(stage: Stage) -> Stage:
 
 
 def profile_in_arcs(profile: Profile) -> Profile:
-    """Return a profile that draws itself with lines and arcs only."""
+    """Return a profile that draws itself with lines and arcs only, the same where it does."""
     if not is_chords(profile):
         return profile
     return _InArcs(

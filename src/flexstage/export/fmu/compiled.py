@@ -22,12 +22,12 @@ _EXTENSIONS = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
 
 
 def compiler() -> str | None:
-    """Return the C compiler that is found."""
+    """Return the path of the C compiler that is found; None where there is none."""
     return next((path for name in _COMPILERS if (path := shutil.which(name))), None)
 
 
 def binary_folder(version: str) -> tuple[str, str]:
-    """Return where an importer on this computer looks for the library."""
+    """Return where an importer on this computer looks: folder under ``binaries``, and extension."""
     system = _SYSTEMS.get(sys.platform, sys.platform)
     machine = platform.machine().lower()
     machine = _MACHINES.get(machine, machine)
@@ -38,7 +38,7 @@ def binary_folder(version: str) -> tuple[str, str]:
 
 
 def shared_library(sources: Mapping[str, bytes], main: str, name: str) -> bytes:
-    """Compile sources into a shared library."""
+    """Compile the main file of some sources, which includes the others, into a shared library."""
     found = compiler()
     if found is None:
         raise ModelError(

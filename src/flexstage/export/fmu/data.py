@@ -8,7 +8,7 @@ from flexstage.export.source.arrays import c_comment, c_number
 
 
 def fmu_data(model: DynamicModel, layout: FmuLayout, token: str) -> str:
-    """Return the header that ties value references to the core."""
+    """Return ``fmu_data.h``, which ties value references to the core."""
     first, count, at = layout.first, layout.count, layout.states
     amplified = [i for i, place in enumerate(at.voltage_at) if place >= 0]
     numbers = {

@@ -1,16 +1,16 @@
 """The file `modelDescription.xml` of an FMU, of FMI 2.0 and of FMI 3.0."""
 
+import re
 from xml.etree import ElementTree as ET
 
-from flexstage.export.fmu.dependencies import depends_on
+import numpy as np
+
 from flexstage.export.fmu.layout import FmuLayout, FmuVariable
-from flexstage.export.fmu.unit_definitions import base_units
 from flexstage.export.model import DynamicModel
 
 #: The file to compile, by version; it includes all others.
 MAIN = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
 
-_KINDS = ("state", "derivative")
 _STEPS_SHOWN = 10000  # of the default experiment: a second of most stages
 
 
@@ -22,7 +22,7 @@ def tool() -> str:
 
 
 def model_description(model: DynamicModel, layout: FmuLayout, version: str, token: str) -> bytes:
-    """Return what an FMU says about itself."""
+    """Return what an FMU says about itself; the token is the guid or instantiation token."""
     second = version == "2.0"
     root = ET.Element(
         "fmiModelDescription",
@@ -184,3 +184,119 @@ def _structure(root: ET.Element, model: DynamicModel, layout: FmuLayout, second:
         needs = " ".join(map(str, known[v.reference]))
         about = {"valueReference": str(v.reference), "dependencies": needs}
         ET.SubElement(structure, "EventIndicator", about)
+
+
+def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
+    """Return the inputs and states that each output, derivative and event indicator depends on.
+
+    All are value references, rising, and 0 is time.
+    """
+    k, x, at = model.omega.size, layout.first["state"], layout.states
+    dx = layout.first["derivative"]
+    q, v = x + at.deflection_at, x + at.deflection_at + k
+    to_rate = dx - x
+    drives = range(len(model.drives))
+    # what sets the free displacement of a drive, and that with its creep
+    source = [
+        [layout.first["input"] + d if at.voltage_at[d] < 0 else x + at.voltage_at[d]]
+        for d in drives
+    ]
+    lags = [[x + at.lag_at[d] + j for j in range(_lags(model, d))] for d in drives]
+    total = [source[d] + lags[d] for d in drives]
+    found: dict[int, list[int]] = {}
+    for d in drives:
+        if at.voltage_at[d] >= 0:
+            command = layout.first["input"] + d
+            found[dx + at.voltage_at[d]] = [command, *source[d]]
+        for lag in lags[d]:
+            found[lag + to_rate] = [*source[d], lag]
+    for m in range(k):
+        moved = [t for d in drives if model.drives[d].modal_gain[m] != 0.0 for t in total[d]]
+        blown = [t for d in drives if model.drives[d].rate_time[m] != 0.0 for t in total[d]]
+        found[q + m + to_rate] = [v + m, *blown]
+        found[v + m + to_rate] = [q + m, v + m, *moved]
+    for p, probe in enumerate(model.probes):
+        motion = [q + m for m in range(k) if model.probe_shapes[p, m] != 0.0]
+        motion += [t for d in drives if model.drives[d].feedthrough[p] != 0.0 for t in total[d]]
+        reading = layout.first["output"] + p
+        found[reading] = motion
+        if at.seen_at[p] >= 0:
+            seen = x + at.seen_at[p]
+            found[seen + to_rate] = [*motion, seen]
+            # a bandwidth of 0 takes the lag away
+            found[reading] = [*motion, seen]
+        if probe.sensor is not None:
+            found[reading] = [0, *found[reading]]
+    amplified = [d for d in drives if at.voltage_at[d] >= 0]
+    each = layout.count["indicator"] // max(len(amplified), 1)
+    for j, d in enumerate(amplified):
+        for which in range(each):
+            reference = layout.first["indicator"] + each * j + which
+            found[reference] = [layout.first["input"] + d, *source[d]]
+    return {key: sorted(set(value)) for key, value in found.items()}
+
+
+def _lags(model: DynamicModel, d: int) -> int:
+    return int(np.shape(model.drives[d].lag_weights)[1])
+
+
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+# exponents of kg, m, s, A; then K and rad where they are not 0
+_KNOWN: dict[str, dict[str, int]] = {
+    "1": {},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "Hz": {"s": -1},
+    "F": {"kg": -1, "m": -2, "s": 4, "A": 2},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    **{base: {base: 1} for base in _BASES},
+}
+
+
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
+
+
+_FACTOR = re.compile(r"(?P<unit>[A-Za-zµμ]+|1)\^?(?P<power>-?[0-9.]+)?")
+
+
+def base_units(unit: str) -> dict[str, float] | None:
+    """Return the exponents of kg, m, s, A, K, mol, cd, rad in a unit that are not 0.
+
+    A unit has powers, spaces and one ``/``: ``m/V^2``, ``1/(V m)``. ``factor`` is there where a
+    prefix makes it another than 1. None where there are no such whole exponents.
+
+    Examples
+    --------
+    >>> base_units("m/V"), base_units("Hz"), base_units("um")
+    ({'kg': -1, 'm': -1, 's': 3, 'A': 1}, {'s': -1}, {'m': 1, 'factor': 1e-06})
+    >>> base_units("1/(V m^0.5)") is None
+    True
+    """
+    above, _, below = unit.partition("/")
+    total: dict[str, float] = {}
+    factor = 1.0
+    for text, sign in ((above, 1), (below, -1)):
+        for part in text.strip().strip("()").replace("*", " ").replace(".", " .").split():
+            found = _FACTOR.fullmatch(part)
+            if found is None:
+                return None
+            power = sign * float(found["power"] or 1.0)
+            exponents, scale = _exponents(found["unit"])
+            if exponents is None or power != int(power):
+                return None
+            factor *= scale**power
+            for base, value in exponents.items():
+                total[base] = total.get(base, 0) + int(power) * value
+    out: dict[str, float] = {base: total[base] for base in _BASES if total.get(base)}
+    return out if factor == 1.0 else {**out, "factor": factor}
+
+
+def _exponents(unit: str) -> tuple[dict[str, int] | None, float]:
+    if unit in _KNOWN:
+        return _KNOWN[unit], 1.0
+    if unit[:1] in _PREFIXES and unit[1:] in _KNOWN and unit[1:] not in ("1", "kg"):
+        return _KNOWN[unit[1:]], _PREFIXES[unit[0]]
+    return None, 1.0

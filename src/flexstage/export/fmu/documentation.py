@@ -35,7 +35,7 @@ p.origin { color: #5a6775; margin-top: 0.2em; } pre { background: #f2f4f6; paddi
 
 
 def documentation(model: DynamicModel, layout: FmuLayout, version: str, compiled: bool) -> str:
-    """Return the page that says what an FMU is and how it is used."""
+    """Return the page that says what an FMU is and how it is used, as HTML of one file."""
     parts = [
         f"<h1>{escape(model.title or model.name)}</h1>",
         f'<p class="origin">FMU of FMI {version} for co-simulation and model exchange, written by '

@@ -17,7 +17,7 @@ _HELD, _MOVED, _EDGE = "#9aa5b1", "#3f7fbf", "#1f2d3d"
 
 
 def icon_png(stage: Stage | None) -> bytes:
-    """Return a small square picture."""
+    """Return a small square PNG: the plate, or a block between two leaf springs, on no ground."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

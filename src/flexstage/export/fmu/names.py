@@ -9,7 +9,7 @@ _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[[0-9]+(,[0-9]+)*\])?")
 
 
 def identifier(name: str) -> str:
-    """Return a name as C takes it.
+    """Return a name as C takes it, not a digit first.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def identifier(name: str) -> str:
 
 
 def plain_names(names: Iterable[str]) -> list[str]:
-    """Return a name of one part for each name of drives, or of probes, no two alike.
+    """Return a name of one part, in ASCII, for each name of drives or of probes, no two alike.
 
     Examples
     --------
@@ -42,6 +42,8 @@ def plain_names(names: Iterable[str]) -> list[str]:
 
 def structured(name: str) -> str:
     """Return a dotted name as FMI's structured naming convention has it.
+
+    A part that is a number counts the part before it; others that are no identifiers are quoted.
 
     Examples
     --------

@@ -1,41 +1,23 @@
-"""What a .mat file of a stage holds."""
+"""What a .mat file of a stage holds; its linear part also from sample to sample."""
 
-import io
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import flexstage
 from flexstage.export.control_object import linear_part, rest_shape, state_names
-from flexstage.export.matlab.sampled import sampled_form
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.model import Array
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.imposed import imposed_shape
 from flexstage.system.mechanical import DrivePort
-
-_HEADER = 116  # bytes of text at the start of a .mat file, level 5
-
-
-def mat_file(variables: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a .mat file, level 5; the same variables give the same bytes."""
-    from scipy.io import savemat
-
-    buffer = io.BytesIO()
-    savemat(buffer, dict(variables), long_field_names=True, oned_as="column")
-    made = bytearray(buffer.getvalue())
-    # scipy writes the date here
-    made[:_HEADER] = f"MATLAB 5.0 MAT-file, written by flexstage {flexstage.__version__}".ljust(
-        _HEADER
-    ).encode()
-    return bytes(made)
+from flexstage.system.statics import imposed_shape
 
 
 def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
-    """Return the variables of the .mat file of a stage."""
+    """Return the variables of the .mat file of a stage, with the matrices of the model's system."""
     system = model.system
     form, step, k = linear_part(model), sampled_form(model), model.omega.size
     found = modes(system, drives="in place", count=None)
@@ -85,7 +67,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
 
 
 def damping_matrix(system: MechanicalSystem) -> Array:
-    r"""Return the viscous damping matrix that gives every mode its damping ratio.
+    r"""Return the viscous damping matrix [N s/m and so on] that gives modes their damping ratios.
 
     .. math:: C = N^T \mathrm{diag}(2\zeta_i\omega_i) N, \qquad
               N = \Phi^T M \left(I - \sum_j T_j v_j^T\right)
@@ -146,7 +128,7 @@ def _hysteresis(drive: ModelDrive) -> dict[str, Any]:
     values: dict[str, Any] = {"kind": drive.hysteresis.kind}
     for name, value in drive.hysteresis.parameters().items():
         values[name] = value if isinstance(value, str) else np.asarray(value, dtype=np.float64)
-    values["rest"] = drive.hysteresis.rest()
+    values["rest"] = drive.hysteresis.initial_state()
     return values
 
 
@@ -223,3 +205,58 @@ def _structs(rows: list[dict[str, Any]]) -> Any:
         for name, value in row.items():
             made[i, 0][name] = value
     return made
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledForm:
+    """x' = transition x + start w + end w' over one step, for inputs of straight lines."""
+
+    transition: Array
+    """What the state does to the next one, shape (n, n)."""
+    start: Array
+    """What the input at the start of the step does, shape (n, m)."""
+    end: Array
+    """What the input at its end does, shape (n, m)."""
+
+    @property
+    def held(self) -> Array:
+        """What an input that is held through the step does, shape (n, m)."""
+        return self.start + self.end
+
+    @property
+    def shifted(self) -> Array:
+        """Input matrix for the state ``x - end w``, which needs no input of the future."""
+        return self.start + self.transition @ self.end
+
+
+def sampled_form(model: DynamicModel) -> SampledForm:
+    """Return what one step does to the states of `linear_part`, exact to rounding.
+
+    Modes do not act on one another, so each is taken with the lags alone: the exponential of the
+    matrix of (mode, its rate over omega, lags, inputs, their rises), C. F. Van Loan, IEEE Trans.
+    Autom. Control 23 (1978) 395.
+    """
+    from scipy.linalg import expm
+
+    form, h, k = linear_part(model), model.step, model.omega.size
+    n, m = form.B.shape
+    lags = n - 2 * k
+    size = 2 + lags
+    block = np.zeros((k, size + 2 * m, size + 2 * m))
+    index = np.array([[i, k + i, *range(2 * k, n)] for i in range(k)])
+    # rates over omega, so that numbers of a block are of one size
+    scale = np.ones((k, size))
+    scale[:, 1] = model.omega
+    own = form.A[index[:, :, None], index[:, None, :]]
+    block[:, :size, :size] = h * own * scale[:, None, :] / scale[:, :, None]
+    block[:, :size, size : size + m] = h * form.B[index] / scale[:, :, None]
+    block[:, size : size + m, size + m :] = np.eye(m)
+    e = np.asarray(expm(block), dtype=np.float64)
+    transition = np.zeros((n, n))
+    constant, rise = np.zeros((n, m)), np.zeros((n, m))
+    for i in range(k):
+        rows = index[i]
+        transition[np.ix_(rows, rows)] = e[i, :size, :size] * scale[i][:, None] / scale[i][None, :]
+        constant[rows] = e[i, :size, size : size + m] * scale[i][:, None]
+        rise[rows] = e[i, :size, size + m :] * scale[i][:, None]
+    return SampledForm(transition=transition, start=constant - rise, end=rise)

@@ -7,9 +7,10 @@ from importlib import resources
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.build_model import dynamic_model
-from flexstage.export.matlab.contents import contents, mat_file
+from flexstage.export.matlab.contents import contents
 from flexstage.export.model import DynamicModel
 from flexstage.export.simulink.matlab_text import KEYWORDS
+from flexstage.export.simulink.variables import mat_file
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
@@ -83,7 +84,9 @@ def matlab_files(
 
 
 def matlab_name(text: str) -> str:
-    """Return the nearest name that MATLAB and C allow.
+    """Return the nearest name that MATLAB and C allow, at most 58 letters, digits, underscores.
+
+    It is no word of the language, and no function or variable that the files use.
 
     Examples
     --------

@@ -15,7 +15,7 @@ _SINGLE = 2.0**-24
 
 
 def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array:
-    r"""Return a bound of the error that rounding makes in the readings, for ever.
+    r"""Return a bound of the error that rounding makes in the readings, for ever, by probe.
 
     What is rounded in a step, at most :math:`c\,u\,W` with the largest free displacement W and unit
     roundoff u, decays with the mode: errors of all steps add up to
@@ -24,7 +24,7 @@ def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array
 
     with the weights r of the reading and c = 42, which for slow modes is
     :math:`c u/(\zeta\omega h)`. Roundings go both ways, so that what is seen is some hundred times
-    less.
+    less. It is infinite where a mode is not damped.
 
     Notes
     -----

@@ -21,7 +21,11 @@ class CheckSamples:
 
 
 def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
-    """Return between what a drive may well be commanded."""
+    """Return between what a drive may well be commanded [unit of the command].
+
+    Its range where that is known, else its stroke or largest force to both sides, else 10 um or
+    1 N.
+    """
     if drive.input_range is not None:
         return drive.input_range
     port = model.system.drive(drive.name)
@@ -34,7 +38,10 @@ def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
 
 
 def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
-    """Return commands that take every drive through loops, steps and rest, and the readings."""
+    """Return commands that take every drive through loops, steps and rest, and the readings.
+
+    They are stepped one sample at a time, as a target steps.
+    """
     share = np.arange(1, count + 1) / count
     commands = np.empty((count, len(model.drives)))
     for j, drive in enumerate(model.drives):

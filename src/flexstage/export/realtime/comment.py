@@ -1,4 +1,4 @@
-"""The opening comment of a header for real time."""
+"""The opening comment of a header for real time, with what a step costs."""
 
 import textwrap
 
@@ -7,8 +7,8 @@ import numpy as np
 import flexstage
 from flexstage.export.model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.export.realtime.accuracy import ROUNDINGS, rounding_bound
-from flexstage.export.realtime.cost import operations, state_numbers
 from flexstage.export.source.arrays import c_comment
+from flexstage.export.source.model_numbers import lag_rates
 
 
 def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
@@ -123,3 +123,34 @@ def _accuracy(model: DynamicModel, *, single: bool) -> list[str]:
             "2.5 million steps. For ramps of minutes take double precision."
         )
     return _wrapped(words)
+
+
+def operations(model: DynamicModel) -> int:
+    """Return about how many additions and multiplications a usual step takes.
+
+    In a usual one no hysteresis changes its branch.
+    """
+    k, probes = model.omega.size, len(model.probes)
+    total = 0
+    for d in model.drives:
+        lags = lag_rates(d).size
+        # transition and moments, rates to samples and back, readings
+        total += k * (20 + 2 + 4 * probes) + 2 * lags * probes + 2 * probes
+        if d.hysteresis is None:
+            total += 2 * k
+            continue
+        # nine derivatives of an exponential that falls by some hundredths in a step
+        total += k * 2 * 8 + lags * (2 * 9 + 6) + 100
+    return int(round(total, -1))
+
+
+def state_numbers(model: DynamicModel) -> int:
+    """Return how many numbers the model remembers from step to step.
+
+    Deflections and rates of each drive's modes, lags, hysteresis, amplifier, sensors.
+    """
+    total = 0
+    for d in model.drives:
+        memory = 1 if d.hysteresis is None else int(np.size(d.hysteresis.initial_state()))
+        total += 2 * model.omega.size + lag_rates(d).size + memory + 3
+    return total + sum(3 for p in model.probes if p.sensor is not None)

@@ -29,7 +29,7 @@ class Bench:
     commands: Mapping[str, str]
     """Variable of the command by input of the diagram."""
     readings: Mapping[str, str]
-    """Variable in the workspace of MATLAB, by what it holds."""
+    """What is held, by variable in the workspace of MATLAB."""
 
 
 def bench(
@@ -42,7 +42,10 @@ def bench(
     variables: Variables,
     functions: Functions,
 ) -> Bench:
-    """Return the top of a Simulink model."""
+    """Return the top of a Simulink model; without a dynamic model, with the diagram alone.
+
+    The sample time of the hysteresis is an expression [s]; commands last for the duration [s].
+    """
     inputs = [b for b in diagram.blocks if b.kind == "input"]
     outputs = [b for b in diagram.blocks if b.kind == "output"]
     if not inputs or not outputs:

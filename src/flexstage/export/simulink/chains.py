@@ -15,7 +15,7 @@ VECTOR_GAIN = "Matrix(K*u) (u vector)"
 
 
 def gain(name: str, variable: str, meaning: str, label: str = "") -> Node:
-    """Return a block that multiplies a column of signals by a matrix."""
+    """Return a block that multiplies a column of signals by a matrix, given as an expression."""
     return Node(
         name=name,
         kind="Gain",
@@ -46,7 +46,10 @@ def _sum(name: str, signs: str, meaning: str) -> Node:
 
 
 def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
-    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends."""
+    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends.
+
+    Its variables begin with the name, as those of creep and sensor do.
+    """
     w = Wiring("amplifier: one pole, limited rate, limited range")
     names = {
         what: variables.add(f"{name}_{what}", value, meaning)
@@ -92,7 +95,10 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
 
 
 def hysteresis(function: str, sample_time: str, meaning: str) -> System:
-    """Return a hysteresis: the input is sampled, and a function with a memory steps on."""
+    """Return a hysteresis: the input is sampled, and a function with a memory steps on.
+
+    The sample time is an expression [s].
+    """
     w = Wiring(meaning)
     w.add(_port("Inport", "u", "input of the hysteresis"))
     w.add(

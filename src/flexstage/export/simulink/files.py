@@ -27,7 +27,9 @@ _FAST = 1e6
 
 
 def model_name(text: str) -> str:
-    """Return a name that a Simulink model of flexstage can have.
+    """Return a name, of 30 characters at most, that a Simulink model of flexstage can have.
+
+    It is not that of the script for MATLAB, which would hide the model or be hidden by it.
 
     Examples
     --------

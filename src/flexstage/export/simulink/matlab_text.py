@@ -51,7 +51,7 @@ def quoted(text: str) -> str:
 
 
 def comment(text: str, *, indent: str = "", width: int = 92) -> str:
-    """Return a text as lines of comment."""
+    """Return a text as lines of comment, the last one ended."""
     lines: list[str] = []
     room = width - len(indent) - 2
     line = ""
@@ -66,7 +66,7 @@ def comment(text: str, *, indent: str = "", width: int = 92) -> str:
 
 
 def identifier(text: str, *, longest: int = _LONGEST) -> str:
-    """Return a name of MATLAB made of a text.
+    """Return a name of MATLAB made of a text, which begins with a letter and is no word of it.
 
     Examples
     --------
@@ -82,7 +82,10 @@ def identifier(text: str, *, longest: int = _LONGEST) -> str:
 
 
 def identifiers(texts: Iterable[str], *, longest: int = _LONGEST) -> dict[str, str]:
-    """Return a name of MATLAB for each text, no two alike even where case does not count."""
+    """Return names of MATLAB by text, no two alike even where case does not count.
+
+    The texts are unlike each other, and keep their order.
+    """
     made: dict[str, str] = {}
     taken: set[str] = set()
     for text in texts:

@@ -15,7 +15,8 @@ def modal(
     """Return the modes of a stage behind the chains of its drives.
 
     The State-Space block holds `flexstage.export.control_object.linear_part`: modes with the
-    damping ratio of each, and the lags of creep.
+    damping ratio of each, and the lags of creep. Inports are the drives and outports the probes,
+    in the order of the model.
     """
     form = linear_part(model)
     w = Wiring(f"{model.name}: modes, with the damping of each")

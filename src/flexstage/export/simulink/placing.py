@@ -26,7 +26,7 @@ _MANY = 8  # subsystems from which a system is a web rather than a chain
 
 
 def positions(system: System) -> dict[str, Box]:
-    """Return where the blocks of a system stand, from left to right as signals go."""
+    """Return where blocks stand, from left to right as signals go; no two overlap."""
     nodes = {n.name: n for n in system.nodes}
     layer = _layers(system)
     columns: dict[int, list[str]] = {}

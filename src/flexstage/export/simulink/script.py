@@ -14,7 +14,11 @@ _WIDTH = 96
 def build_script(
     name: str, top: System, *, settings: Mapping[str, str], notes: tuple[str, ...]
 ) -> str:
-    """Return the script."""
+    """Return the script: the function ``NAME_build``, which loads ``NAME_data.mat``.
+
+    It has a local function for each subsystem; settings are parameters of the model, such as those
+    of its solver, and the notes are written into its description.
+    """
     systems = list(_walk(top))
     # systems hold mappings, so that they are told apart by what they are, not by what they hold
     names = {id(system): _function_name(system, i) for i, system in enumerate(systems)}

@@ -20,6 +20,7 @@ def structure(
 
     Every gain, sum and integrator of the diagram becomes the block of that name and kind; what is
     in a group stands in a subsystem, whose ports are named after the blocks that they come from.
+    Inports and outports are the inputs and outputs of the diagram, in their order.
     """
     top = Wiring(diagram.title)
     inner = {g.name: Wiring(g.title) for g in diagram.groups}

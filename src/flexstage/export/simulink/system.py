@@ -31,17 +31,17 @@ LIBRARY: Mapping[str, str] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
+class SimulinkLine:
     """A line between two blocks of one system."""
 
     source: str
-    """Names of the blocks."""
+    """Name of the block that it comes from."""
     target: str
-    """Names of the blocks."""
+    """Name of the block that it leads to."""
     output: int = 1
-    """Output of the source and input of the target, counted from 1."""
+    """Output of the source, counted from 1."""
     port: int = 1
-    """Output of the source and input of the target, counted from 1."""
+    """Input of the target, counted from 1."""
     signal: str = ""
     """What it carries; empty where the blocks say it."""
 
@@ -61,9 +61,9 @@ class Node:
     label: str = ""
     """What is written below it."""
     inputs: int = 1
-    """Number of its ports."""
+    """Number of its inputs."""
     outputs: int = 1
-    """Number of its ports."""
+    """Number of its outputs."""
     inside: "System | None" = None
     """What a ``SubSystem`` holds."""
     function: str = ""
@@ -78,13 +78,13 @@ class System:
     """What it holds."""
     nodes: tuple[Node, ...]
     """The blocks; ports first and last, in the order of their numbers."""
-    wires: tuple[Wire, ...]
+    wires: tuple[SimulinkLine, ...]
     """The lines."""
     notes: tuple[str, ...] = ()
     """What is written beside the blocks."""
 
     def ports(self, kind: str) -> tuple[str, ...]:
-        """Return the names of the inports or outports."""
+        """Return the names of the ``Inport`` or ``Outport`` blocks, by their numbers."""
         return tuple(n.name for n in self.nodes if n.kind == kind)
 
 
@@ -96,10 +96,13 @@ class Wiring:
     def __init__(self, title: str) -> None:
         self.title = title
         self._nodes: dict[str, Node] = {}
-        self._wires: list[Wire] = []
+        self._wires: list[SimulinkLine] = []
 
     def add(self, node: Node) -> str:
-        """Add a block and return its name."""
+        """Add a block and return its name; a number is put behind one that is taken.
+
+        An ``Inport`` or ``Outport`` gets its own number here.
+        """
         name, count = node.name, 1
         while name in self._nodes:
             count += 1
@@ -116,7 +119,7 @@ class Wiring:
         return name
 
     def nest(self, name: str, inside: System, meaning: str = "") -> str:
-        """Add a subsystem and return its name."""
+        """Add a subsystem and return its name; it means what its title says, where not given."""
         return self.add(
             Node(
                 name=name,
@@ -131,13 +134,13 @@ class Wiring:
     def connect(
         self, source: str, target: str, *, output: int = 1, port: int = 1, signal: str = ""
     ) -> None:
-        """Add a line."""
+        """Add a line; outputs and ports (inputs) are counted from 1."""
         self._wires.append(
-            Wire(source=source, target=target, output=output, port=port, signal=signal)
+            SimulinkLine(source=source, target=target, output=output, port=port, signal=signal)
         )
 
     def chain(self, *names: str) -> str:
-        """Connect blocks one behind the other, first output to first input."""
+        """Connect blocks one behind the other, first output to first input; return the last."""
         for source, target in pairwise(names):
             self.connect(source, target)
         return names[-1]

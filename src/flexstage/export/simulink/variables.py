@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,7 @@ from flexstage import __version__
 from flexstage.export.simulink.matlab_text import identifier
 from flexstage.hysteresis.model import Array
 
-_HEADER = 116  # bytes of text at the start of the file
+_HEADER = 116  # bytes of text at the start of a .mat file, level 5
 # Names that stand for something in expressions of MATLAB.
 _TAKEN = frozenset(("ans", "diag", "eps", "i", "inf", "j", "max", "min", "nan", "pi", "zeros"))
 
@@ -25,7 +26,7 @@ class Variables:
         self._meanings: dict[str, str] = {}
 
     def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
-        """Add a number or a matrix."""
+        """Add a number or a matrix and return its name; a number follows one that is taken."""
         # room for a sign of order behind the name, and for names of files made of it
         name = base = identifier(wanted, longest=58)
         count = 1
@@ -47,11 +48,16 @@ class Variables:
         return dict(self._meanings)
 
     def mat_file(self) -> bytes:
-        """Return them as a file of MATLAB, version 5."""
-        from scipy.io import savemat
+        """Return them as `mat_file` does."""
+        return mat_file(self._values)
 
-        made = io.BytesIO()
-        savemat(made, self._values, long_field_names=True)
-        # a date would make every file another one
-        text = f"MATLAB 5.0 MAT-file, written by flexstage {__version__}"
-        return text.ljust(_HEADER).encode("ascii")[:_HEADER] + made.getvalue()[_HEADER:]
+
+def mat_file(variables: Mapping[str, Any]) -> bytes:
+    """Return a .mat file, level 5; a dict becomes a struct, the same variables the same bytes."""
+    from scipy.io import savemat
+
+    made = io.BytesIO()
+    savemat(made, dict(variables), long_field_names=True, oned_as="column")
+    # a date would make every file another one
+    text = f"MATLAB 5.0 MAT-file, written by flexstage {__version__}"
+    return text.ljust(_HEADER).encode("ascii")[:_HEADER] + made.getvalue()[_HEADER:]

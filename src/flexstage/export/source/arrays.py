@@ -40,14 +40,14 @@ def c_comment(text: str) -> str:
 
 
 def c_array(name: str, dimensions: Sequence[str], values: ArrayLike, comment: str) -> str:
-    """Return the definition of a constant array of `fs_real`."""
+    """Return the definition of a constant array of `fs_real`, its sizes as C writes them."""
     sizes = "".join(f"[{d}]" for d in dimensions)
     body = _braces(np.asarray(values, dtype=np.float64), "    ")
     return f"{_wrapped(comment)}\nstatic const fs_real {name}{sizes} = {body};\n"
 
 
 def c_flags(name: str, dimension: str, values: Sequence[int | str], comment: str) -> str:
-    """Return the definition of a constant array of `int`."""
+    """Return the definition of a constant array of `int`: numbers, or their names."""
     listed = ", ".join(str(v) for v in values)
     return f"{_wrapped(comment)}\nstatic const int {name}[{dimension}] = {{{listed}}};\n"
 

@@ -34,7 +34,7 @@ _CODES: Mapping[str, Callable[[Any], HysteresisCode]] = {
 
 
 def hysteresis_code(model: HysteresisModel) -> HysteresisCode:
-    """Return what C needs to compute a hysteresis model.
+    """Return what C needs to compute a hysteresis model from volts to metres.
 
     Notes
     -----

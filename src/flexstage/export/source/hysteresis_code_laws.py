@@ -29,7 +29,10 @@ _DESCRIPTIONS = {
 
 
 def power_numbers(n: float) -> Array:
-    """Return the table of the power law as C takes it."""
+    """Return the table of the power law as C takes it: four rows of coefficients, then constants.
+
+    Empty where closed forms do without.
+    """
     if n in {1.0, 2.0}:
         return np.empty(0)
     table = power_table(n)
@@ -37,25 +40,25 @@ def power_numbers(n: float) -> Array:
 
 
 def bouc_wen_code(model: BoucWen) -> HysteresisCode:
-    """Return the code of Bouc-Wen."""
+    """Return the code of Bouc-Wen, with pieces where the exponent is 1."""
     names = ("gain", "hysteresis_gain", "beta", "gamma")
     return _family(model, names, (), 2 if model.exponent == 1.0 else 0)
 
 
 def asymmetric_bouc_wen_code(model: AsymmetricBoucWen) -> HysteresisCode:
-    """Return the code of asymmetric Bouc-Wen."""
+    """Return the code of asymmetric Bouc-Wen, without pieces and without limits of the input."""
     names = ("gain", "quadratic", "cubic", "hysteresis_gain", "beta", "gamma")
     return _family(model, names, (), 0)
 
 
 def generalised_bouc_wen_code(model: GeneralisedBoucWen) -> HysteresisCode:
-    """Return the code of generalised Bouc-Wen."""
+    """Return the code of generalised Bouc-Wen, with pieces where the exponent is 1."""
     names = ("gain", "hysteresis_gain", *(f"shape[{k}]" for k in range(6)))
     return _family(model, names, ("centre",), 4 if model.exponent == 1.0 else 0)
 
 
 def dahl_code(model: Dahl) -> HysteresisCode:
-    """Return the code of Dahl."""
+    """Return the code of Dahl, with pieces where the exponent is 1, which is then fixed."""
     names = ("gain", "stiffness", "limit")
     numbers = [float(getattr(model, name)) for name in (*names, "exponent")]
     straight = model.exponent == 1.0
@@ -66,7 +69,11 @@ def dahl_code(model: Dahl) -> HysteresisCode:
 
 
 def duhem_code(model: Duhem) -> HysteresisCode:
-    """Return the code of Duhem."""
+    """Return the code of Duhem, without the range of its input.
+
+    It has one piece where the curve is straight and the tangent constant; then only the
+    coefficients of these can be changed.
+    """
     curve = np.pad(model.anhysteretic, (0, TERMS - model.anhysteretic.size))
     tangent = np.pad(model.tangent, (0, TERMS - model.tangent.size))
     closed = not (np.any(curve[2:] != 0.0) or np.any(tangent[1:] != 0.0))

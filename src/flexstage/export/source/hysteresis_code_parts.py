@@ -66,7 +66,11 @@ class HysteresisCode:
 def tunable_of(
     model: HysteresisModel, name: str, index: int | None, description: str, unit: str = ""
 ) -> TunableParameter:
-    """Return a parameter of a model that is one number, or one of a list."""
+    """Return a parameter that is one number, or one of a list such as ``weights[3]``.
+
+    The index is None where it cannot be changed while the code runs. The unit is that of
+    `parameter_unit` where none is given.
+    """
     field, _, places = name.partition("[")
     value = np.asarray(getattr(model, field), dtype=np.float64)
     for place in places.rstrip("]").split(",") if places else ():
@@ -86,7 +90,10 @@ def code_of(
     tunable: Iterable[TunableParameter],
     pieces: int,
 ) -> HysteresisCode:
-    """Return the code of a model, with the names that follow from its kind."""
+    """Return the code of a model, with the names that follow from its kind.
+
+    `pieces` is the largest number of pieces of a line; 0 for none.
+    """
     name = model.kind.replace("-", "_")
     header = f"hysteresis_{name}.h"
     return HysteresisCode(
@@ -96,7 +103,7 @@ def code_of(
         function=f"fs_{name}",
         parameters=np.array([float(number) for number in parameters]),
         tunable=tuple(tunable),
-        memory=model.rest().size,
+        memory=model.initial_state().size,
         pieces=pieces,
     )
 

@@ -21,14 +21,17 @@ _WEIGHT = "weight of a play"
 
 
 def prandtl_ishlinskii_code(model: PrandtlIshlinskii) -> HysteresisCode:
-    """Return the code of Prandtl-Ishlinskii."""
+    """Return the code of Prandtl-Ishlinskii, whose gain and weights can be changed.
+
+    Thresholds cannot, since the memory belongs to them.
+    """
     return code_of(
         model, _numbers(_plays(model)), _play_parameters(model), model.thresholds.size + 1
     )
 
 
 def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> HysteresisCode:
-    """Return the code of modified Prandtl-Ishlinskii."""
+    """Return the code of modified Prandtl-Ishlinskii; gain and weights of plays can be changed."""
     line = model.line()
     count = line.knots.size
     numbers = np.concatenate(
@@ -44,7 +47,7 @@ def modified_prandtl_ishlinskii_code(model: ModifiedPrandtlIshlinskii) -> Hyster
 
 
 def maxwell_slip_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
-    """Return the code of Maxwell-slip."""
+    """Return the code of Maxwell-slip, all fixed: the state must fit to every parameter."""
     spring = model.spring()
     slopes = np.empty((model.thresholds.size + 1, spring.slopes.size))
     slopes[0] = spring.slopes
@@ -62,7 +65,10 @@ def maxwell_slip_code(model: GeneralisedMaxwellSlip) -> HysteresisCode:
 
 
 def preisach_code(model: Preisach) -> HysteresisCode:
-    """Return the code of Preisach."""
+    """Return the code of Preisach; the gain alone can be changed.
+
+    A table is derived from knots and slopes.
+    """
     # The outermost slopes go on, so only the knots between them matter.
     total = terms(model.gain, model.thresholds, model.knots[1:-1], model.slopes)
     slopes = [

@@ -6,9 +6,9 @@ from flexstage.export.model import DynamicModel, ModelDrive
 from flexstage.export.source.arrays import c_array, c_comment, c_flags, c_number
 from flexstage.export.source.hysteresis_code import HysteresisCode
 from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.chain.element import ORDERS
 from flexstage.hysteresis.chain.first_order import decay_share, lag_moments, ramp_share
 from flexstage.hysteresis.chain.modal import unit_step
-from flexstage.hysteresis.chain.orders import ORDERS
 from flexstage.hysteresis.model import Array
 
 
@@ -20,14 +20,20 @@ def form_of(code: HysteresisCode | None) -> str:
 
 
 def lag_rates(drive: ModelDrive) -> Array:
-    """Return one over the time constants of the creep of a drive."""
+    """Return one over the time constants of the creep of a drive [1/s].
+
+    There are none without creep, or without hysteresis.
+    """
     if drive.creep is None or drive.hysteresis is None:
         return np.zeros(0)
     return 1.0 / drive.creep.time_constants
 
 
 def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: str) -> str:
-    """Return the header with the sizes and the numbers of a model."""
+    """Return ``model_data.h``, with the sizes and the numbers of a model.
+
+    `codes` are those of the drives that have hysteresis; the first comment says the origin.
+    """
     rooms = _Rooms(model, codes)
     parts = [
         f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"
@@ -92,7 +98,7 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms
     named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
     found = [codes.get(d.name) for d in drives]
     readers = [d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h))) for d in drives]
-    rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.rest() for d in drives]
+    rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.initial_state() for d in drives]
     none = np.zeros(1)
     by = ("FS_DRIVES", "FS_PROBES", "FS_MODES")
     return "\n".join(

@@ -10,13 +10,16 @@ from flexstage.export.tables.side_by_side import SideBySide
 
 
 def values_csv(characteristics: Iterable[Characteristic]) -> bytes:
-    """Write one line for each value."""
+    """Write one line for each value, with all the digits that give back the same bits."""
     names = [f.name for f in fields(Characteristic)]
     return _csv(names, ([getattr(c, n) for n in names] for c in characteristics))
 
 
 def comparison_csv(table: SideBySide) -> bytes:
-    """Write one line for each quantity and axis, with a column of values for each origin."""
+    """Write one line for each quantity and axis, with a column of values for each origin.
+
+    An origin of which an uncertainty is known has a column for it as well.
+    """
     head = ["quantity", "axis", "unit", "condition"]
     for origin in table.origins:
         head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]

@@ -33,7 +33,7 @@ _SPECIAL = {
 
 
 def escaped(text: str) -> str:
-    r"""Return text that LaTeX prints as it is.
+    r"""Return text that LaTeX prints as it is, symbols of units too.
 
     Examples
     --------
@@ -51,7 +51,10 @@ def latex(
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
-    r"""Write a table to be included by ``\input``."""
+    r"""Write a table to be included by ``\input``; `about` and the notes are comments in it.
+
+    It needs the packages array, booktabs and longtable.
+    """
     lines = [
         f"% {title}; written by flexstage {flexstage.__version__}",
         r"% needs \usepackage{array,booktabs,longtable}",

@@ -67,7 +67,7 @@ def shown(quantity: str) -> Shown:
 
 
 def plain_number(value: float, digits: int = 4) -> str:
-    """Write a number with some significant digits.
+    """Write a number with some significant digits, with an exponent outside of 1e-3 to 1e6.
 
     Examples
     --------
@@ -83,7 +83,9 @@ def plain_number(value: float, digits: int = 4) -> str:
 
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Write a value and its uncertainty with the same decimals.
+    """Write a value and its uncertainty with the same decimals: two digits of the uncertainty.
+
+    Four digits of the value where it has none that tell, or far less than a millionth of it.
 
     Examples
     --------

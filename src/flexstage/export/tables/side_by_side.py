@@ -23,9 +23,9 @@ class SideBySideRow:
     """One quantity on one axis, from every origin that has it."""
 
     quantity: str
-    """The quantity and its axis."""
+    """One of `flexstage.characteristic.QUANTITIES`."""
     axis: str
-    """The quantity and its axis."""
+    """Its axis."""
     condition: str
     """What tells it from other rows of the same quantity and axis; empty where there are none."""
     cells: Mapping[str, Characteristic]
@@ -64,7 +64,10 @@ class SideBySide:
 
 
 def side_by_side(characteristics: Iterable[Characteristic]) -> SideBySide:
-    """Set characteristics side by side."""
+    """Set characteristics side by side.
+
+    An origin that gives a quantity of an axis more than once has a row for each.
+    """
     lines: dict[tuple[str, str], list[dict[str, Characteristic]]] = {}
     axes: list[str] = []
     present = set()

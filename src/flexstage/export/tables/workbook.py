@@ -31,7 +31,11 @@ def workbook(
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
-    """Write a workbook of three sheets."""
+    """Write a workbook of three sheets; no text in it is ever a formula, a link or a number.
+
+    ``Figures`` side by side in the units that people use, ``Values`` one a row in SI with all
+    digits, and ``Provenance``.
+    """
     from xlsxwriter import Workbook as Book
 
     content = io.BytesIO()

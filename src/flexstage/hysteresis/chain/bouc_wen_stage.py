@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from flexstage.hysteresis.chain.modal import UnitStep
-from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS
-from flexstage.hysteresis.chain.pieces import piece_of_step
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS
+from flexstage.hysteresis.chain.modal import UnitStep, piece_of_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 
@@ -27,6 +26,10 @@ def bouc_wen_with_mode(
 
     Inside a line of the input on which h does not pass zero, the derivatives of the force are those
     of an exponential, so that a step is two sums.
+
+    Numbers are gain d, hysteresis gain A, beta and gamma; h is the hysteretic displacement, z the
+    deflection and v its rate [per sample], at the input `last` one step before the first. What
+    `share` leaves of one follows at once. Writes y; returns h, z and v at the last sample.
     """
     fastest = (abs(numbers[2]) + abs(numbers[3])) * float(np.abs(np.diff(u, prepend=last)).max())
     terms, size = 2, 1.0

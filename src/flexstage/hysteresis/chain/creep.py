@@ -28,6 +28,8 @@ class Creep(ChainElement):
     Each subclass is a distribution of time constants.
 
     .. math:: y = x + \sum_i a_i l_i, \qquad \tau_i \dot l_i + l_i = x
+
+    State: the input, and the value of each lag, shape (1 + m,).
     """
 
     __slots__ = ()

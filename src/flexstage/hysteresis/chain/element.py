@@ -1,4 +1,4 @@
-"""What the elements of a linear chain share: a step, a state, an answer in frequency."""
+"""What the elements of a linear chain share: step, state, frequency response, terms of a series."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -8,7 +8,15 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Complex
 from flexstage.errors import ModelError
+from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response
+
+#: Most derivatives that a step takes into account.
+ORDERS = 12
+
+#: Largest rate of an exponential [per sample] for which they suffice to rounding.
+LARGEST_RATE = 0.5
+
 
 #: What times of an element are between, other than none at all [s]; 1e9 s are 30 years.
 SHORTEST, LONGEST = 1e-12, 1e9
@@ -32,7 +40,10 @@ class ChainElement(ABC):
 
     @abstractmethod
     def settled(self, x: float, dt: float) -> Array:
-        """Return the state after a constant input for a long time."""
+        """Return the state after a constant input for a long time.
+
+        The step dt [s] matters only where a delay is kept as past samples.
+        """
 
     @abstractmethod
     def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
@@ -58,3 +69,20 @@ def checked_state(state: ArrayLike, size: int, what: str) -> Array:
             f"a state of {what} is {size} finite numbers at this step, got shape {given.shape}"
         )
     return given
+
+
+@compiled
+def terms_needed(amplitude: Array, rate: Array) -> int:
+    """Return how many derivatives whole steps need for the fastest exponential in reach.
+
+    Rates are per sample; exponentials above `LARGEST_RATE` go another way. From 2 to `ORDERS`.
+    """
+    fastest = 0.0
+    for i in range(rate.size):
+        if amplitude[i] != 0.0 and abs(rate[i]) <= LARGEST_RATE:
+            fastest = max(fastest, abs(rate[i]))
+    terms, size = 2, 1.0
+    while terms < ORDERS and size > 1e-18:
+        size *= fastest / (terms + 2.0)
+        terms += 1
+    return terms

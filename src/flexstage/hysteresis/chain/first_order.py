@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS, terms_needed
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_needed
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
 
@@ -15,6 +15,8 @@ def decay_share(ratio: ArrayLike) -> Array:
     r"""Return how far a lag goes towards a constant input in a step.
 
     .. math:: 1 - e^{-r}
+
+    The ratio r is step over time constant [1], infinite for no lag.
     """
     return -np.expm1(-np.asarray(ratio, dtype=np.float64))
 
@@ -23,6 +25,8 @@ def ramp_share(ratio: ArrayLike) -> Array:
     r"""Return how far a lag follows the rise of a ramp in a step.
 
     .. math:: 1 - \frac{1 - e^{-r}}{r}
+
+    The ratio r is as in `decay_share`; exact to rounding also for short steps.
     """
     r = np.asarray(ratio, dtype=np.float64)
     small = np.where(r < _SHORT, r, 0.0)
@@ -38,6 +42,9 @@ def lag_moments(ratio: Array) -> Array:
     r"""Return what the derivatives of an input do to lags in a step of one sample.
 
     .. math:: r \int_0^1 e^{-r (1 - s)} \frac{s^j}{j!}\, ds
+
+    The ratio r is step over time constant of each lag, shape (m,); row j is for the derivative j,
+    shape (ORDERS, m).
     """
     out = np.empty((ORDERS, ratio.size))
     small, large = np.minimum(ratio, 2.0), np.maximum(ratio, 2.0)
@@ -57,7 +64,12 @@ def lag_moments(ratio: Array) -> Array:
 def lags_through_segments(
     force: Segments, ratio: Array, lag: Array, reader: Array, y: Array
 ) -> None:
-    """Step lags through an input that is known between the samples, and add their readings."""
+    """Step lags through an input that is known between the samples, and add their readings.
+
+    The input has n + 1 samples, and the lags, shape (m,), are at the first of them and are updated.
+    The ratio is step over time constant of each. Readings after the first sample are added to y,
+    shape (p, n), with one row of weights each in the reader, shape (p, m).
+    """
     _lags_through(
         force.start,
         force.constant,

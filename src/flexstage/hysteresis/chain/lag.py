@@ -30,7 +30,8 @@ class Lag(ChainElement):
     .. math:: T \dot l + l = x, \qquad y(t) = l(t - t_d)
 
     The delay need not be a whole number of steps: inside a step the lag is evaluated in closed
-    form, so that the output is exact for an input of straight lines.
+    form, so that the output is exact for an input of straight lines. State: the last inputs, newest
+    first, as far back as the delay reaches, then the lag there.
 
     Validity: linear; a filter of higher order, or one that rings, is not this.
 

@@ -9,10 +9,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from flexstage.hysteresis.chain.orders import LARGEST_RATE, ORDERS, terms_needed
-from flexstage.hysteresis.chain.pieces import piece_of_step
+from flexstage.hysteresis.chain.element import LARGEST_RATE, ORDERS, terms_needed
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Segments
+
+# A piece of a step: closed form at less damping than this and over a longer angle [rad] than that,
+# else so many terms of a power series.
+_PIECE_DAMPING = 0.9
+_PIECE_ANGLE = 0.5
+_PIECE_TERMS = 18
 
 # Above this damping ratio the roots of a mode come close; below this angle closed forms of its
 # integrals lose digits.
@@ -98,14 +103,23 @@ def _by_exponential(w: float, zeta: float) -> tuple[Array, Array]:
 def modes_along_lines(
     x: Array, last: float, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes along straight lines, and add their readings."""
+    """Step modes along straight lines, and add their readings.
+
+    The forces have n samples, `last` is the one before, where deflections z and rates v [per
+    sample] are, shape (k,); both are updated. Readings are added to y, shape (p, n); the reader
+    weighs z in its first k columns and z' in the others, shape (p, 2 k).
+    """
     _along_lines(x, last, step.transition, step.moments, z, v, reader, y)
 
 
 def modes_through_segments(
     force: Segments, step: UnitStep, z: Array, v: Array, reader: Array, y: Array
 ) -> None:
-    """Step modes through a force that is known between the samples, and add their readings."""
+    """Step modes through a force that is known between the samples, and add their readings.
+
+    The force has n + 1 samples, and the modes are at the first of them; the readings after it are
+    added to y. The rest is as in `modes_along_lines`.
+    """
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
             force.start,
@@ -276,3 +290,91 @@ def _one_through(
             here = end
         y[n] += weight * z
     return z, v
+
+
+@compiled
+def piece_of_step(
+    z: float,
+    v: float,
+    w: float,
+    zeta: float,
+    h: float,
+    a: float,
+    b: float,
+    c: float,
+    mu: float,
+) -> tuple[float, float]:
+    """Return one mode after a piece of a step, under the force a + b s + c exp(-mu s).
+
+    Time s, the length h, the rates v, b and mu count in samples; w is the angle of the mode in a
+    step [rad], zeta its damping ratio.
+    """
+    if zeta <= _PIECE_DAMPING and w * h >= _PIECE_ANGLE:
+        return _piece_in_closed_form(z, v, w, zeta, h, a, b, c, mu)
+    parts = int(np.ceil(max(w * max(1.0, 2.0 * zeta), abs(mu)) * h / 0.5))
+    d = h / max(1, parts)
+    for _ in range(max(1, parts)):
+        z, v = _piece_by_series(z, v, w * d, zeta, d, a + c, (b - mu * c) * d, c, mu * d)
+        a += b * d
+        c *= np.exp(-mu * d)
+    return z, v
+
+
+@compiled
+def _piece_by_series(
+    z: float,
+    v: float,
+    turn: float,
+    zeta: float,
+    d: float,
+    f0: float,
+    f1: float,
+    c: float,
+    mu: float,
+) -> tuple[float, float]:
+    """Power series in the share of a short piece d: force f0 + f1 x + c (exp(-mu x) - 1 + mu x)."""
+    low, high = z, v * d
+    at, speed = low + high, high
+    term = c
+    for j in range(_PIECE_TERMS):
+        if j == 0:
+            force = f0
+        elif j == 1:
+            force = f1
+        else:
+            force = term
+        following = (turn * turn * (force - low) - 2.0 * zeta * turn * (j + 1.0) * high) / (
+            (j + 1.0) * (j + 2.0)
+        )
+        at += following
+        speed += (j + 2.0) * following
+        low, high = high, following
+        term *= -mu / (j + 1.0)
+    return at, speed / d
+
+
+@compiled
+def _piece_in_closed_form(
+    z: float,
+    v: float,
+    w: float,
+    zeta: float,
+    h: float,
+    a: float,
+    b: float,
+    c: float,
+    mu: float,
+) -> tuple[float, float]:
+    """The same in closed form: what the force holds, and what turns about it."""
+    decay = zeta * w
+    own = w * w * (1.0 - zeta * zeta)
+    damped = np.sqrt(own)
+    offset = a - 2.0 * zeta * b / w
+    held = c * w * w / ((mu - decay) * (mu - decay) + own)
+    away, speed = z - offset - held, v - b + mu * held
+    fall = np.exp(-decay * h)
+    cos, sin = fall * np.cos(damped * h), fall * np.sin(damped * h) / damped
+    held *= np.exp(-mu * h)
+    at = offset + b * h + held + (cos + decay * sin) * away + sin * speed
+    rate = b - mu * held - w * w * sin * away + (cos - decay * sin) * speed
+    return at, rate

@@ -30,6 +30,8 @@ class Sensor(ChainElement):
               + m \sin(2\pi f_m t_k + \varphi)\right]\right), \qquad
               T \dot l + l = x
 
+    State: the input, the lag, and the number of the next sample, which noise and mains go by.
+
     Validity: the noise is white and normal, of unit :math:`\nu`, and is added after the lag.
 
     Raises

@@ -8,15 +8,19 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.coverage import memory_coverage
-from flexstage.hysteresis.excitations.limits import (
+from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
+from flexstage.hysteresis.excitations.segments import (
+    NEAREST_RATES,
+    ExcitationDesign,
+    ExcitationSegment,
     checked_range,
     checked_rest,
+    fitted,
     require_positive,
     safe_slope,
+    shortest,
     usable_rates,
 )
-from flexstage.hysteresis.excitations.plan import NEAREST_RATES, Plan, Section, fitted, shortest
-from flexstage.hysteresis.excitations.record import Excitation, ExcitationPart
 from flexstage.hysteresis.excitations.shapes import SHAPES, Movement, multisine
 from flexstage.hysteresis.model import Array
 
@@ -172,7 +176,7 @@ def excitation(
     )
     warnings: list[str] = []
     tones = _tones(natural_frequency_hz if resonance else None, movement, seed, warnings)
-    asked = Plan(
+    asked = ExcitationDesign(
         voltage_range=(low, high),
         rest_voltage=rest,
         rates_hz=usable_rates(rates_hz, movement),
@@ -181,27 +185,27 @@ def excitation(
     )
     most = None if duration is None else math.floor(duration * sample_rate_hz * (1 + 1e-12)) + 1
     free = movement.highest_rate() if rates_hz is None else 0.0
-    plan = fitted(asked, movement, most, free)
-    if plan is None:
+    design = fitted(asked, movement, most, free)
+    if design is None:
         least = shortest(asked, movement, free) / sample_rate_hz
         raise ModelError(
             f"major loops at every rate and nested loops take at least {least:.3g} s within these "
             f"limits, got a duration of {duration:g} s: give it more time, or raise the rates or "
             "the limits"
         )
-    size = plan.samples(movement)
+    size = design.samples(movement)
     if size > _MOST_SAMPLES:
         raise ModelError(
             f"the record would have {size} samples, and at most {_MOST_SAMPLES} are allowed: lower "
             "the sample rate, raise the slowest rate, or limit the duration"
         )
-    if plan.rates_hz != asked.rates_hz:
-        before, after = (", ".join(f"{r:.3g}" for r in p.rates_hz) for p in (asked, plan))
+    if design.rates_hz != asked.rates_hz:
+        before, after = (", ".join(f"{r:.3g}" for r in p.rates_hz) for p in (asked, design))
         warnings.append(f"the rates were raised from {before} Hz to {after} Hz to fit the time")
-    voltage, parts = _run(plan, movement, tones, decimals)
+    voltage, parts = _run(design, movement, tones, decimals)
     slopes = np.abs(np.diff(voltage)) * sample_rate_hz
-    coverage = _coverage(plan)
-    warnings += _shortcomings(plan, movement, coverage)
+    coverage = _coverage(design)
+    warnings += _shortcomings(design, movement, coverage)
     return Excitation(
         time=np.arange(voltage.size) / sample_rate_hz,
         voltage=voltage,
@@ -209,7 +213,7 @@ def excitation(
         shape=shape,
         sample_rate_hz=float(sample_rate_hz),
         sampled_for=sampled_for,
-        rates_hz=plan.rates_hz,
+        rates_hz=design.rates_hz,
         rest_voltage=rest,
         largest_slope=float(slopes.max()),
         largest_current=None if capacitance is None else capacitance * float(slopes.max()),
@@ -217,7 +221,7 @@ def excitation(
         if capacitance is None
         else capacitance * float(np.sqrt(np.mean(slopes**2))),
         coverage=coverage,
-        left_out=plan.left_out,
+        left_out=design.left_out,
         warnings=tuple(warnings),
     )
 
@@ -261,67 +265,69 @@ def _tones(natural: float | None, movement: Movement, seed: int, warnings: list[
 
 
 def _run(
-    plan: Plan, movement: Movement, tones: Array, decimals: int
+    design: ExcitationDesign, movement: Movement, tones: Array, decimals: int
 ) -> tuple[Array, tuple[ExcitationPart, ...]]:
     """Put the parts one after the other."""
-    at = plan.rest_voltage
+    at = design.rest_voltage
     pieces: list[Array] = [np.array([at])]
     parts: list[ExcitationPart] = []
     first = 0
-    for section in plan.sections():
+    for segment in design.segments():
         own: list[Array] = []
-        for target, moved, waited in section.steps(at, movement):
+        for target, moved, waited in segment.steps(at, movement):
             own += [movement.samples(at, target, moved), np.full(waited, target)]
             at = target
-        if section.multisine:
+        if segment.multisine:
             own.append(at + tones)
-        values = _rounded(np.concatenate(own), decimals, plan)
+        values = _rounded(np.concatenate(own), decimals, design)
         before = pieces[-1][-1]
         pieces.append(values)
-        parts.append(_part(section, np.concatenate(([before], values)), first, movement))
+        parts.append(_part(segment, np.concatenate(([before], values)), first, movement))
         first += values.size
     return np.concatenate(pieces), tuple(parts)
 
 
-def _rounded(values: Array, decimals: int, plan: Plan) -> Array:
+def _rounded(values: Array, decimals: int, design: ExcitationDesign) -> Array:
     rounded = np.round(values, decimals)
-    at_rest = rounded == np.round(plan.rest_voltage, decimals)
-    rounded = np.clip(rounded, *plan.voltage_range)
+    at_rest = rounded == np.round(design.rest_voltage, decimals)
+    rounded = np.clip(rounded, *design.voltage_range)
     # the rest voltage itself is met, however many digits it has
-    rounded[at_rest] = plan.rest_voltage
+    rounded[at_rest] = design.rest_voltage
     return rounded
 
 
-def _part(section: Section, voltage: Array, first: int, movement: Movement) -> ExcitationPart:
+def _part(
+    segment: ExcitationSegment, voltage: Array, first: int, movement: Movement
+) -> ExcitationPart:
     """Describe a part from its samples, with the one before it."""
     steps = np.diff(voltage)
     moving = np.sign(steps[steps != 0.0])
     rate = movement.sample_rate_hz
     return ExcitationPart(
-        name=section.name,
+        name=segment.name,
         first=first + 1,
         last=first + voltage.size,
         start=first / rate,
         duration=steps.size / rate,
-        rate_hz=section.rate_hz,
+        rate_hz=segment.rate_hz,
         voltage_range=(float(voltage.min()), float(voltage.max())),
         turning_points=int(np.count_nonzero(np.diff(moving))),
         largest_slope=float(np.abs(steps).max()) * rate,
     )
 
 
-def _coverage(plan: Plan) -> float:
+def _coverage(design: ExcitationDesign) -> float:
     # the multisine is no part of the quasi-static loops
-    targets = [t for section in plan.sections() for t in section.targets]
-    seen = memory_coverage([plan.rest_voltage, *targets])
+    targets = [t for segment in design.segments() for t in segment.targets]
+    seen = memory_coverage([design.rest_voltage, *targets])
     cells = seen.shape[0]
     return float(seen.sum()) / (cells * (cells + 1))
 
 
-def _shortcomings(plan: Plan, movement: Movement, coverage: float) -> list[str]:
+def _shortcomings(design: ExcitationDesign, movement: Movement, coverage: float) -> list[str]:
     """Say what the record cannot tell."""
     found: list[str] = []
-    slowest, fastest = plan.rates_hz[0], plan.rates_hz[-1]
+    slowest, fastest = design.rates_hz[0], design.rates_hz[-1]
     if slowest == fastest:
         found.append(
             "one rate only: lag, creep and hysteresis cannot be separated; give a second one, ten "

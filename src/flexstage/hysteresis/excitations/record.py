@@ -71,12 +71,6 @@ class Excitation:
         return float(self.time[-1])
 
     def record(self) -> Record:
-        """Return the drive signal as a record.
-
-        Returns
-        -------
-        Record
-            One channel, ``voltage``.
-        """
+        """Return the drive signal as a record of one channel, ``voltage``."""
         channel = Channel(name="voltage", values=self.voltage, unit="V")
         return Record(channels=(channel,), time=self.time, source="flexstage excite")

@@ -68,12 +68,12 @@ class Movement:
         return max(least / (1.0 - _SHORTEST_RAMP), min(2.0 * least, least + self.turn_time))
 
     def highest_rate(self) -> float:
-        """Return the highest rate of a major loop [Hz]."""
+        """Return the highest rate of a major loop [Hz] that the limits allow."""
         time = max(self.shortest(self.span), _FEWEST_SAMPLES / self.sample_rate_hz)
         return min(0.5 / time, self.highest_frequency_hz)
 
     def count(self, distance: float, rate_hz: float) -> int:
-        """Return how many samples a movement takes."""
+        """Return the steps of a movement over a distance [V], of major loops of a rate [Hz]."""
         if distance == 0.0:
             return 0
         often = min(_MOST_OFTEN * rate_hz, max(rate_hz, self.highest_frequency_hz))
@@ -82,7 +82,7 @@ class Movement:
         return max(math.ceil(time * self.sample_rate_hz * (1.0 - 1e-12)), _FEWEST_SAMPLES)
 
     def samples(self, start: float, end: float, count: int) -> Array:
-        """Return the samples of a movement after its start."""
+        """Return the voltages of a movement after its start, `count` of them."""
         s = np.arange(1, count + 1) / count
         if self.shape == "sine":
             s = 0.5 * (1.0 - np.cos(np.pi * s))
@@ -107,7 +107,8 @@ def multisine(band_hz: tuple[float, float], time: float, sample_rate_hz: float, 
     """Return a sum of sines of equal size in a band, which begins and ends at rest.
 
     The phases are random, the best of 32 draws for a low crest factor, so that the energy in the
-    band is large for the peak. The signal fades in and out over a tenth of its time.
+    band is large for the peak. The signal fades in and out over a tenth of its time. Its sines
+    are ``1 / time`` apart; it begins one step after the start, has a peak of 1, and ends with 0.
 
     Examples
     --------

@@ -29,7 +29,9 @@ def averaged(section: Section, most: int, loose: float = 1.0) -> Section:
     what it is; noise that is white falls with the square root of their number. Where input or
     output run otherwise than in a straight line from mean to mean, as in sharp turns, jumps and
     tones, a hysteresis of the mean is not the mean of a hysteresis: those samples are left out of
-    fits. Blocks are kept so short that they are few, and that no turning point is blunted.
+    fits. Blocks are kept so short that they are few, and that no turning point is blunted. `loose`
+    is how much more than usual means may miss of the motion. Returned as it was where it is short
+    enough, or moves too quickly.
     """
     if section.measured is not None:
         return section

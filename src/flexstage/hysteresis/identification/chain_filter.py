@@ -11,10 +11,10 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
-from flexstage.hysteresis.identification.measurement import Measurement, Section
+from flexstage.hysteresis.identification.measurement import IdentificationData, Section
 
 #: Samples that a fit looks at, at most; the models themselves see every sample.
 _MOST_ROWS = 30_000
@@ -92,8 +92,8 @@ class Rows:
     """Number of the cycle that each lies in, shape (r,)."""
 
 
-def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
-    """Choose the samples that a fit looks at: after the warm-up, evenly thinned where too many."""
+def rows_of(data: IdentificationData, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
+    """Choose the samples that a fit looks at, `most` of all: after the warm-up, evenly thinned."""
     total = sum(s.u.size - s.warm_up for s in data.sections)
     every = max(1, -(-total // most))
     chosen = []
@@ -109,7 +109,7 @@ def rows_of(data: Measurement, most: int = _MOST_ROWS) -> tuple[Rows, ...]:
 
 
 def filtered(columns: Array, section: Section, rows: Rows, chain: ChainValues) -> Array:
-    """Return columns behind the chain, at some samples."""
+    """Pass quasi-static columns, shape (n, m), through the chain, to the rows, shape (r, m)."""
     # what stands for the time before the record is memory, and no motion
     columns, first = columns[section.history :], rows.at - section.history
     n, m = columns.shape

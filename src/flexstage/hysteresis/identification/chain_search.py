@@ -1,44 +1,22 @@
 """The linear chain behind a hysteresis that is not known yet."""
 
-import functools
-import itertools
 import math
-import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import stdtrit
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import Start
-from flexstage.hysteresis.identification.averaging import averaged
-from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
-from flexstage.hysteresis.identification.families.family import (
-    Data,
-    behind_chain,
-    equations,
-)
-from flexstage.hysteresis.identification.families.folds import folds_of
-from flexstage.hysteresis.identification.families.linear import moves
-from flexstage.hysteresis.identification.families.preisach import PreisachFamily
+from flexstage.hysteresis.identification.chain_filter import ChainValues
+from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.jump_response import JumpResponse, jump_response
 from flexstage.hysteresis.identification.measurement import (
-    Measurement,
+    IdentificationData,
     Section,
     without_history,
-)
-from flexstage.hysteresis.identification.projection import (
-    Normal,
-    Solution,
-    columns_chosen,
-    groups_summed,
-    normal_equations,
-    solve,
-    square_left,
 )
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
@@ -46,12 +24,6 @@ from flexstage.hysteresis.identification.resonance_search import Resonance, find
 #: is taken to have rested.
 _TELLS = 0.99
 
-#: Plays and intervals of the dictionary that stands for any hysteresis.
-_DICTIONARY = (8, 8)
-#: Rows that the search looks at.
-_ROWS = 4000
-#: Samples of a record that the search works with.
-_SAMPLES = 25_000
 #: Longest delay that is looked for, as a share of the shortest cycle.
 _LONGEST_DELAY = 0.08
 #: Largest creep that is looked for [1 per decade].
@@ -69,10 +41,6 @@ _UNTOLD = 1.25
 _FARTHEST_RESONANCE = 60.0
 #: ... and it is kept where it takes this share of the misfit away.
 _WORTH = 0.02
-#: Parts of the cycles that are left out in turn, to see how the chain depends on them, ...
-_PARTS = 8
-#: ... and how far from the best one chains are compared for that, as a share of what is searched.
-_STEP = 0.01
 #: It is followed at all where a coarse look at it takes this share away.
 _GLIMPSE = 0.002
 
@@ -106,7 +74,7 @@ class FoundChain:
 
 
 def find_chain(
-    data: Measurement,
+    data: IdentificationData,
     given: ChainValues | None = None,
     *,
     train: tuple[int, int] | None = None,
@@ -119,7 +87,7 @@ def find_chain(
 
     Parameters
     ----------
-    data : Measurement
+    data : IdentificationData
         The measurement.
     given : ChainValues, optional
         A chain that is known; nothing is searched for then.
@@ -146,7 +114,7 @@ def find_chain(
     >>> round(found.values.delay, 3)
     0.007
     """
-    search = _Search(data, train)
+    search = ChainMisfit(data, train)
     longest = max(10.0 * s.u.size * s.dt for s in data.sections)
     start = ChainValues(creep_longest=max(1000.0, longest))
     if given is not None:
@@ -188,20 +156,22 @@ def find_chain(
 
 
 def find_starts(
-    data: Measurement, found: FoundChain, *, train: tuple[int, int] | None = None
+    data: IdentificationData, found: FoundChain, *, train: tuple[int, int] | None = None
 ) -> tuple[tuple[Start, ...], float]:
     """Find what the drive did before each record, which its creep has not forgotten.
 
     Delay and creep, where they are not known, are searched for with each of what it can have done:
     to rest at the first command, or to have moved for a time since it left the low end of its range
     (none, as long as the longest record, or long). It is taken to have rested unless another start
-    leaves less.
+    leaves less. `train` is the first sample to look at, and the one after the last, of every
+    record. The second number is the standard error that this adds to the creep [1]: a start that
+    cannot be ruled out would have given another.
     """
     count = len(data.sections)
     best: tuple[Start, ...] = tuple(s.start for s in data.sections)
     if not found.searched and found.values.creep_per_decade == 0.0:
         return best, 0.0
-    search = _Search(data, train)
+    search = ChainMisfit(data, train)
     chain = replace(found.values, delay=0.0, creep_per_decade=0.0)
     if chain.resonance_hz > 0.0:
         search.fix_modes(chain)
@@ -247,7 +217,7 @@ def find_starts(
 
 
 def _with_delay(
-    search: "_Search", start: ChainValues, delay_error: float, data: Measurement
+    search: ChainMisfit, start: ChainValues, delay_error: float, data: IdentificationData
 ) -> FoundChain:
     """The chain where all but creep is known."""
     best = _creep(search, start)
@@ -263,7 +233,7 @@ def _with_delay(
 
 
 def _by_cycles(
-    search: "_Search", start: ChainValues, data: Measurement, *, modes: bool
+    search: ChainMisfit, start: ChainValues, data: IdentificationData, *, modes: bool
 ) -> FoundChain:
     """The chain that cycles tell by themselves."""
     most = _longest_delay(data)
@@ -280,7 +250,7 @@ def _by_cycles(
     return FoundChain(values=best, searched=names, rms=rms, errors=errors, notes=notes)
 
 
-def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> ChainValues:
+def _with_usual_creep(search: ChainMisfit, best: ChainValues, longest: float) -> ChainValues:
     """Weigh the creep that cycles of one rate seem to show with that of other piezo stacks.
 
     Hysteresis takes the place of creep there, and a slow drift looks like it, so that the best
@@ -318,12 +288,12 @@ def _with_usual_creep(search: "_Search", best: ChainValues, longest: float) -> C
     return between(float(shares[int(np.argmin(t**2 + 2.0 * np.log1p(unusual**2)))]))
 
 
-def _longest_delay(data: Measurement) -> float:
+def _longest_delay(data: IdentificationData) -> float:
     return _LONGEST_DELAY / max(*data.rates_hz, 1e-9) if data.rates_hz else 0.0
 
 
 def _errors(
-    search: "_Search", best: ChainValues, names: tuple[str, ...], data: Measurement
+    search: ChainMisfit, best: ChainValues, names: tuple[str, ...], data: IdentificationData
 ) -> dict[str, float]:
     """Standard errors of what cycles tell, which at one rate they do not."""
     if len(data.rates_hz) < 2:
@@ -370,7 +340,7 @@ def _unexplained(jumped: JumpResponse | None) -> tuple[str, ...]:
     )
 
 
-def _looked_at(data: Measurement, train: tuple[int, int] | None) -> tuple[Section, ...]:
+def _looked_at(data: IdentificationData, train: tuple[int, int] | None) -> tuple[Section, ...]:
     """What was measured of the records, without what is held out."""
     found = []
     for s in data.sections:
@@ -393,244 +363,7 @@ def _jumped(sections: tuple[Section, ...]) -> JumpResponse | None:
     return min(found, key=lambda r: (r.frequency_hz == 0.0, r.delay_error), default=None)
 
 
-class _Search:
-    """Misfit of a chain, with the best density of a coarse dictionary.
-
-    Products of columns with one another are what costs, and they are formed once for many chains:
-    creep adds its share to each column alike, and a delay of a part of a sample mixes two samples.
-    """
-
-    def __init__(self, whole: Measurement, train: tuple[int, int] | None) -> None:
-        data = replace(whole, sections=tuple(averaged(s, _SAMPLES) for s in whole.sections))
-        rows = rows_of(data, _ROWS)
-        use = tuple(
-            used_rows(r, s, round(s.dt / w.dt), train)
-            for r, s, w in zip(rows, data.sections, whole.sections, strict=True)
-        )
-        self._data = Data(measurement=data, chain=ChainValues(), rows=rows, use=use)
-        family = PreisachFamily(*_DICTIONARY)
-        columns = [
-            np.concatenate(list(family.columns(s, self._data)), axis=1) for s in data.sections
-        ]
-        moving = moves(columns)
-        self._quasi = [np.asfortranarray(c[:, moving]) for c in columns]
-        self._penalty = _of(family.smoothing(self._data, moving), moving)
-        # every other threshold: what that changes says what a grid of thresholds does
-        coarse = np.arange(moving.size).reshape(_DICTIONARY)[::2].ravel()
-        half = PreisachFamily(_DICTIONARY[0] // 2, _DICTIONARY[1])
-        self._coarse_penalty = _of(half.smoothing(self._data, moving[coarse]), moving[coarse])
-        self._coarse = np.flatnonzero(np.isin(np.flatnonzero(moving), coarse))
-        # creep acts on every column alike: its share of a column is found once
-        longest = max(1000.0, *(10.0 * s.u.size * s.dt for s in data.sections))
-        self._unit = ChainValues(creep_per_decade=1.0, creep_longest=longest)
-        self._known: ChainValues | None = None
-        self._columns = list(self._quasi)
-        self._creep = [self._crept(i, s) for i, s in enumerate(data.sections)]
-        self._both: dict[int, Array] = {}
-        self._products: dict[tuple[int, int], Normal] = {}
-
-    def _crept(self, i: int, section: Section) -> Array:
-        """What creep adds to the columns of a section, with the modes that are known."""
-        added = np.asfortranarray(_every(self._quasi[i], section, self._unit) - self._quasi[i])
-        return added if self._known is None else _behind_modes(added, section, self._known)
-
-    def fix_modes(self, chain: ChainValues) -> None:
-        """Put known modes behind all columns, once."""
-        self._known = replace(chain, creep_per_decade=0.0, delay=0.0)
-        for i, section in enumerate(self._data.measurement.sections):
-            self._columns[i] = _behind_modes(self._quasi[i], section, self._known)
-            self._creep[i] = _behind_modes(self._creep[i], section, self._known)
-        self._both, self._products = {}, {}
-
-    def begin(self, starts: Sequence[Start]) -> None:
-        """Let the drive have done something else before each record."""
-        m = self._data.measurement
-        sections = list(m.sections)
-        for i, start in enumerate(starts):
-            if start != sections[i].start:
-                sections[i] = replace(sections[i], start=start)
-                self._creep[i] = self._crept(i, sections[i])
-                self._both.pop(i, None)
-                self._products = {at: own for at, own in self._products.items() if at[0] != i}
-        self._data = replace(self._data, measurement=replace(m, sections=tuple(sections)))
-
-    def rms(self, chain: ChainValues) -> float:
-        """Misfit that the best density leaves behind a chain, over the stroke."""
-        normal = self._normal(chain)
-        left = max(square_left(normal, self._solve(normal)), 0.0)
-        return math.sqrt(left / normal.count) / self._data.measurement.stroke
-
-    def rms_of_one_zero(self, chain: ChainValues) -> float:
-        """The same, where all records must have one constant: what the best density predicts."""
-        normal = self._normal(chain)
-        solution = self._solve(normal)
-        zeros, rows, first = [], [], 0
-        for s, r, use in zip(
-            self._data.measurement.sections, self._data.rows, self._data.use, strict=True
-        ):
-            columns = s.nuisance[r.at[use]]
-            own = solution.nuisance[first : first + columns.shape[1]]
-            first += columns.shape[1]
-            # beside a drift the zero is that of its middle
-            zeros.append(float(np.mean(columns @ own)))
-            rows.append(columns.shape[0])
-        apart = float(np.cov(zeros, fweights=rows, ddof=0)) if len(zeros) > 1 else 0.0
-        left = max(square_left(normal, solution), 0.0) / normal.count
-        return math.sqrt(left + apart) / self._data.measurement.stroke
-
-    def _normal(self, chain: ChainValues) -> Normal:
-        """Normal equations of the columns behind a chain."""
-        gamma = chain.creep_per_decade
-        if chain.resonance_hz > 0.0 and self._known is None:
-            columns = [c + gamma * k for c, k in zip(self._columns, self._creep, strict=True)]
-            bare = replace(self._data, chain=replace(chain, creep_per_decade=0.0))
-            return equations(behind_chain(columns, bare), bare)
-        made = []
-        for i, section in enumerate(self._data.measurement.sections):
-            late, share = divmod(chain.delay / section.dt, 1.0)
-            mixed = [1.0 - share, (1.0 - share) * gamma, share, share * gamma]
-            made.append(groups_summed(self._product(i, int(late)), np.array(mixed)))
-        return functools.reduce(operator.add, made)
-
-    def _product(self, i: int, late: int) -> Normal:
-        """Equations of columns and of what creep adds, so many samples late and one more."""
-        if (i, late) not in self._products:
-            section, use = self._data.measurement.sections[i], self._data.use[i]
-            if i not in self._both:
-                both = (self._columns[i], self._creep[i])
-                self._both[i] = np.ascontiguousarray(np.hstack(both)[section.history :])
-            at = self._data.rows[i].at[use]
-            first = at - section.history - late
-            columns = [self._both[i][np.maximum(k, 0)] for k in (first, first - 1)]
-            self._products[i, late] = normal_equations(
-                np.concatenate(columns, axis=1), section.nuisance[at], section.y[at]
-            )
-        return self._products[i, late]
-
-    def spread(self, best: ChainValues, limits: Mapping[str, float], runs: int) -> dict[str, float]:
-        """Standard errors of values of the chain: the jackknife over parts of the cycles.
-
-        What is left is the error of a model, alike in neighbouring cycles. How far the best chain
-        moves where a part of the cycles is left out, with all of the hysteresis fitted anew, says
-        what that does (R. G. Miller, Biometrika 61 (1974) 1). What the grid of the dictionary does
-        goes with the square of its pitch: a third of what every other threshold changes. Near the
-        best chain the misfit is a paraboloid, so that a few chains serve all.
-        """
-        names = tuple(limits)
-        step = _STEP * np.array([limits[name] for name in names])
-        at = np.maximum([getattr(best, name) for name in names], step)
-        parts = folds_of(self._data, _PARTS, runs)
-        if len(parts) < 3:
-            return dict.fromkeys(names, math.inf)
-        around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=len(names))))
-        chains = [replace(best, **dict(zip(names, at + step * x, strict=True))) for x in around]
-        made: dict[ChainValues, list[Normal]] = {}
-        for chain in chains:
-            bare = replace(chain, creep_per_decade=0.0)
-            if bare not in made:
-                made[bare] = self._parted(bare, parts)
-        costs = np.array(
-            [
-                self._costs(made[replace(c, creep_per_decade=0.0)], c.creep_per_decade)
-                for c in chains
-            ]
-        )
-        moved = np.array([_lowest(around, c) for c in costs.T]) * step
-        (by_all, by_half), moved = moved[:2], moved[2:]
-        many = moved.shape[0]
-        grid = (by_half - by_all) / 3.0
-        if not np.all(np.isfinite(moved)) or not np.all(np.isfinite(grid)):
-            return dict.fromkeys(names, math.inf)
-        # few parts: the factor makes twice the error cover what the distribution of Student does
-        few = float(stdtrit(many - 1, 0.975)) / 1.96
-        error = np.hypot(few * np.sqrt((many - 1) * np.var(moved, axis=0)), grid)
-        return {name: float(e) for name, e in zip(names, error, strict=True)}
-
-    def held_out(self, chain: ChainValues) -> Array:
-        """Mean squares of stretches of cycles that the dictionary was not fitted to, in turn."""
-        parts = folds_of(self._data, _PARTS, runs=1)
-        gamma = chain.creep_per_decade
-        shares = np.array([1.0, gamma])
-        whole, *rests = self._parted(replace(chain, creep_per_decade=0.0), parts)
-        every = groups_summed(whole, shares)
-        made = []
-        for rest in (groups_summed(n, shares) for n in rests):
-            own = every - rest
-            made.append(square_left(own, self._solve(rest)) / max(own.count, 1))
-        return np.array(made)
-
-    def _parted(
-        self, chain: ChainValues, parts: list[tuple[NDArray[np.bool_], ...]]
-    ) -> list[Normal]:
-        """Equations of columns and of what creep adds: of all, and of all but each part."""
-        if self._known is not None:
-            chain = replace(chain, resonance_hz=0.0)
-        bare = replace(self._data, chain=chain)
-        behind = [
-            np.concatenate(pair, axis=1)
-            for pair in zip(
-                behind_chain(self._columns, bare), behind_chain(self._creep, bare), strict=True
-            )
-        ]
-        whole = equations(behind, bare)
-        return [whole, *(whole - equations(behind, bare.with_use(part)) for part in parts)]
-
-    def _costs(self, parted: list[Normal], gamma: float) -> Array:
-        """Sums of squares: of all, of all by half of the dictionary, and of all but each part."""
-        whole, *rest = (groups_summed(n, np.array([1.0, gamma])) for n in parted)
-        half = columns_chosen(whole, self._coarse)
-        costs = [square_left(n, self._solve(n)) for n in (whole, *rest)]
-        costs.insert(1, square_left(half, self._solve(half, self._coarse_penalty)))
-        return np.array(costs)
-
-    def _solve(self, normal: Normal, penalty: Array | None = None) -> Solution:
-        penalty = self._penalty if penalty is None else penalty
-        return solve(normal, smoothing=penalty * (normal.count * self._data.input_scale**2))
-
-
-def _of(penalty: Array | None, moving: NDArray[np.bool_]) -> Array:
-    """The part of a penalty that belongs to the columns that move."""
-    assert penalty is not None
-    return penalty[np.ix_(moving, moving)]
-
-
-def _lowest(around: Array, cost: Array) -> Array:
-    """Where the paraboloid through some costs is lowest; not a number where it is none."""
-    n = around.shape[1]
-    pairs = list(itertools.combinations_with_replacement(range(n), 2))
-    columns = np.column_stack(
-        (np.ones(cost.size), around, *(around[:, i] * around[:, j] for i, j in pairs))
-    )
-    own = np.linalg.lstsq(columns, cost, rcond=None)[0]
-    H = np.zeros((n, n))
-    for (i, j), c in zip(pairs, own[1 + n :], strict=True):
-        H[i, j] += c
-        H[j, i] += c
-    if not np.linalg.eigvalsh(H)[0] > 0.0:
-        return np.full(n, np.nan)
-    return np.asarray(np.linalg.solve(H, -own[1 : 1 + n]), dtype=np.float64)
-
-
-def used_rows(
-    rows: Rows, section: Section, every: int, train: tuple[int, int] | None
-) -> NDArray[np.bool_]:
-    """Return which rows of an averaged section are looked at; what is held out must not be."""
-    if train is None:
-        return np.ones(rows.at.size, dtype=bool)
-    first = (rows.at - section.history) * every + section.first
-    return (first >= train[0]) & (first + every <= train[1])
-
-
-def _behind_modes(columns: Array, section: Section, known: ChainValues) -> Array:
-    return np.asfortranarray(_every(columns, section, known))
-
-
-def _every(columns: Array, section: Section, chain: ChainValues) -> Array:
-    at = np.arange(columns.shape[0])
-    return filtered(columns, section, Rows(at=at, cycle=at), chain)
-
-
-def _creep(search: _Search, start: ChainValues) -> ChainValues:
+def _creep(search: ChainMisfit, start: ChainValues) -> ChainValues:
     """Find the creep where all the rest is known."""
     found: Any = minimize_scalar(
         lambda x: search.rms(replace(start, creep_per_decade=float(x))),
@@ -641,7 +374,7 @@ def _creep(search: _Search, start: ChainValues) -> ChainValues:
     return replace(start, creep_per_decade=float(found.x))
 
 
-def _delay_and_creep(search: _Search, start: ChainValues, longest: float) -> ChainValues:
+def _delay_and_creep(search: ChainMisfit, start: ChainValues, longest: float) -> ChainValues:
     def chain(x: Array) -> ChainValues:
         return replace(
             start,
@@ -666,7 +399,7 @@ def _delay_and_creep(search: _Search, start: ChainValues, longest: float) -> Cha
 
 
 def _resonance(
-    search: _Search, start: ChainValues, data: Measurement, longest: float
+    search: ChainMisfit, start: ChainValues, data: IdentificationData, longest: float
 ) -> ChainValues | None:
     """Look for a resonance where fast cycles could show it; None where they could not."""
     rates = data.rates_hz

@@ -73,7 +73,11 @@ def _differ(first: float, second: float) -> bool:
 
 
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
-    """Return the rates of cycles, each with the cycles that belong to it."""
+    """Return the rates of cycles, each with the cycles that belong to it.
+
+    The swing is a share of the whole range. Cycles that repeat, or move, as fast as large ones
+    belong to a rate [Hz]; the turns of a transition from one motion to another belong to none.
+    """
     speed = frequency_hz * swing
     # large cycles make the rates, the largest first
     order = sorted(np.flatnonzero(swing > 0.5), key=lambda i: (-swing[i].round(1), frequency_hz[i]))
@@ -125,7 +129,7 @@ def _zigzag(u: Array, threshold: float, out: NDArray[np.intp]) -> int:
 
 
 def turning_points(u: Array, threshold: float) -> NDArray[np.intp]:
-    """Return where a signal turns, leaving out movements smaller than a threshold.
+    """Return the samples where a signal turns, without ends and movements below a threshold.
 
     Examples
     --------
@@ -184,7 +188,7 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
 
 
 def input_noise(u: Array) -> float:
-    """Return the estimated standard deviation of the noise of a drive signal."""
+    """Return the standard deviation of the noise of a drive signal, at most 1 % of its range."""
     if u.size < 5:
         return 0.0
     # differences of second order see noise, and hardly the movement itself

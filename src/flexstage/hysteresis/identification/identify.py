@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
@@ -18,26 +19,29 @@ from flexstage.hysteresis.identification.chain_search import (
 )
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
 from flexstage.hysteresis.identification.families import FAMILIES
-from flexstage.hysteresis.identification.families.family import Data, Family, Fit, behind_chain
-from flexstage.hysteresis.identification.heldout_error import another_stretch, rms_standard_error
+from flexstage.hysteresis.identification.families.family import Data, behind_chain
 from flexstage.hysteresis.identification.measurement import (
-    Measurement,
+    IdentificationData,
     Section,
     measurement,
     without_history,
 )
 from flexstage.hysteresis.identification.misfit import (
-    BAND,
-    Folds,
-    Misfit,
+    another_stretch,
     cross_validate,
-    free_constant,
-    misfit,
-    root_mean_square,
 )
-from flexstage.hysteresis.identification.uncertainty import Estimate, estimates
+from flexstage.hysteresis.identification.model_choice import (
+    Candidate,
+    FittedModel,
+    PredictionErrors,
+    choose,
+    failed_candidate,
+    fit_model,
+    passed_over,
+    prediction_errors,
+)
+from flexstage.hysteresis.identification.uncertainty import ParameterEstimate, estimates
 from flexstage.hysteresis.identification.verdict import Verdict, verdict
-from flexstage.progress import tell
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 from flexstage.units import readable
@@ -46,12 +50,6 @@ from flexstage.units import readable
 _SHOWS_MODES_HZ = 10.0
 #: Samples of all records that models are fitted with; those of longer ones are averaged.
 _MOST_SAMPLES = 40_000
-
-
-#: A model that leaves more than this many times what the best one leaves is not as good, ...
-_SAME = 1.1
-#: ... and of those that leave less than this nothing is better [% of the stroke].
-_NOTHING = 1e-5
 #: Piezo drives creep by 1 to 3 % per decade of time: what is found beyond this is something else.
 _UNUSUAL_CREEP = 0.05
 #: Held-out samples over which the input moves by less than this share of its range hold no motion.
@@ -60,31 +58,6 @@ _STILL = 0.1
 _ALIKE = 1.01
 #: Two starts that differ by less than this share of what starts can change are the same.
 _SAME_START = 0.05
-#: A model that leaves more than this of what was held out predicts nothing [% of the stroke].
-_NO_PREDICTION = 100.0
-_DIVERGES = "it diverges: on what was held out it is further off than the whole stroke"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
-    """One of the models that were tried."""
-
-    kind: str
-    """Name of the model."""
-    size: int
-    """Number of its parameters."""
-    rms_percent: float | None
-    """Root mean square error where it was fitted, as the model predicts, over the stroke [%]; None
-    where it could not be fitted.
-    """
-    heldout_rms_percent: float | None
-    """The same on cycles that it was not fitted to [%]."""
-    heldout_free_rms_percent: float | None = None
-    """The same, where the constant is fitted again to what was held out [%]."""
-    heldout_error_percent: float = 0.0
-    """How much the held-out figure differs from the best one by chance [%]."""
-    failed: str = ""
-    """Why it cannot serve; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,11 +91,11 @@ class Identification:
     """Range of the output, in its unit."""
     noise_percent: float
     """Estimated noise of the output, over the stroke [%]."""
-    parameters: tuple[Estimate, ...]
+    parameters: tuple[ParameterEstimate, ...]
     """Parameters that mean something by themselves, with standard errors."""
-    chain: tuple[Estimate, ...]
+    chain: tuple[ParameterEstimate, ...]
     """Values of the linear chain that were found, with standard errors."""
-    offset: Estimate
+    offset: ParameterEstimate
     """The reading at no command without history, with its standard error."""
     settling: float
     """Largest change of the readings by whether the drive rested or moved before the records, in
@@ -136,7 +109,7 @@ class Identification:
     """What the records cannot tell, and which experiment is missing."""
     candidates: tuple[Candidate, ...]
     """All models that were tried, the chosen one first."""
-    measurement: Measurement
+    measurement: IdentificationData
     """What it was identified from. Of records of more than 40 000 samples it holds the means of
     neighbours, as far as these follow the motion.
     """
@@ -148,16 +121,6 @@ class Identification:
     """Choices that change the result."""
 
     __repr__ = short_repr
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Tried:
-    """A family with its fit, and what it leaves."""
-
-    family: Family
-    fit: Fit
-    left: Misfit
-    folds: Folds | None
 
 
 def identify(
@@ -227,7 +190,7 @@ def identify(
             )
     given = [records] if isinstance(records, Record) else list(records)
     data = measurement(given, input_column, output_column, drift=drift)
-    tell("linear chain", 0.0)
+    progress.update("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
     if chain is None:
@@ -236,32 +199,34 @@ def identify(
         every = _data(_shortened(data), found.values, None)
     every = replace(every, measurement=data, chain=found.values) if train else every
     still = train is not None and _stands_still(every)
-    tried: dict[str, _Tried] = {}
+    tried: dict[str, FittedModel] = {}
     failed: list[Candidate] = []
     for i, name in enumerate(names):
-        tell(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
+        progress.update(FAMILIES[name].title, 0.2 + 0.8 * i / len(names))
         try:
-            tried[name] = _try(FAMILIES[name], every, validate=train is None or still)
+            tried[name] = fit_model(FAMILIES[name], every, validate=train is None or still)
         except ModelError as error:
-            failed.append(_failed(FAMILIES[name], f"it cannot be fitted to this record: {error}"))
+            failed.append(
+                failed_candidate(FAMILIES[name], f"it cannot be fitted to this record: {error}")
+            )
     if not tried:
         raise ModelError("; ".join(f"{c.kind}: {c.failed}" for c in failed))
-    chosen, candidates = _choose(tried, every)
+    chosen, candidates = choose(tried, every)
     made = _result(tried[chosen], (*candidates, *failed), every, found, train)
     made = replace(
         made,
-        warnings=(*made.warnings, *_passed_over(tried, candidates)),
+        warnings=(*made.warnings, *passed_over(tried, candidates)),
         settings={**made.settings, "fitted": _fitted(given, data, train)},
     )
     return made if temperature is None else _at(made, temperature)
 
 
 def _chain_and_start(
-    data: Measurement,
+    data: IdentificationData,
     chain: ChainValues | None,
     train: tuple[int, int] | None,
     resonance: tuple[float, float] | None,
-) -> tuple[Measurement, FoundChain]:
+) -> tuple[IdentificationData, FoundChain]:
     """Find the chain, and what the drive did before each record, by what they leave together."""
     found = find_chain(data, chain, train=train, resonance=resonance)
     starts, width = find_starts(data, found, train=train)
@@ -280,7 +245,9 @@ def _wider(found: FoundChain, width: float) -> FoundChain:
     return replace(found, errors={**found.errors, "creep_per_decade": error})
 
 
-def _fitted(given: Sequence[Record], data: Measurement, train: tuple[int, int] | None) -> str:
+def _fitted(
+    given: Sequence[Record], data: IdentificationData, train: tuple[int, int] | None
+) -> str:
     """Say which samples of the records were fitted."""
     said = []
     for record, s in zip(given, data.sections, strict=True):
@@ -315,31 +282,6 @@ def _stands_still(data: Data) -> bool:
     return max(moved, default=0.0) < _STILL * (high - low)
 
 
-def _passed_over(tried: Mapping[str, _Tried], candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Say which models predict better than the chosen one, but have no inverse."""
-    score = {c.kind: c.heldout_rms_percent for c in candidates}
-    chosen = score[candidates[0].kind]
-    if chosen is None or not _invertible(tried[candidates[0].kind]):
-        return ()
-    better = [
-        kind
-        for kind, own in score.items()
-        if own is not None and own < chosen / _SAME and not _invertible(tried[kind])
-    ]
-    if not better:
-        return ()
-    return (
-        f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
-        "be made from the model, name one by --hysteresis-model",
-    )
-
-
-def _failed(family: Family, why: str) -> Candidate:
-    return Candidate(
-        kind=family.kind, size=family.size, rms_percent=None, heldout_rms_percent=None, failed=why
-    )
-
-
 def _at(made: Identification, temperature: tuple[float, float]) -> Identification:
     """Say at which temperature a model was identified."""
     if not 0.0 < temperature[0] <= temperature[1] < 2000.0:
@@ -351,13 +293,13 @@ def _at(made: Identification, temperature: tuple[float, float]) -> Identificatio
     return replace(made, model=replace(made.model, validity=validity))
 
 
-def _shortened(data: Measurement) -> Measurement:
+def _shortened(data: IdentificationData) -> IdentificationData:
     """Average samples of long records: models would take minutes with them and gain nothing."""
     share = max(1, _MOST_SAMPLES // len(data.sections))
     return replace(data, sections=tuple(averaged(s, share) for s in data.sections))
 
 
-def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) -> Data:
+def _data(data: IdentificationData, chain: ChainValues, train: tuple[int, int] | None) -> Data:
     rows = rows_of(data)
     if train is None:
         use = tuple(np.ones(r.at.size, dtype=bool) for r in rows)
@@ -373,114 +315,14 @@ def _data(data: Measurement, chain: ChainValues, train: tuple[int, int] | None) 
     return Data(measurement=data, chain=chain, rows=rows, use=use)
 
 
-def _try(family: Family, data: Data, *, validate: bool) -> _Tried:
-    fit = family.fit(data)
-    folds = cross_validate(family, data, fit.search) if validate else None
-    return _Tried(family=family, fit=fit, left=misfit(fit.model, data), folds=folds)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Errors:
-    """Errors of the prediction over the stroke [%]; None where nothing was held out."""
-
-    rms: float
-    largest: float
-    held: float | None = None
-    held_free: float | None = None
-    held_error: float | None = None
-    held_largest: float | None = None
-    held_band: float | None = None
-
-
-def _errors(tried: _Tried, data: Data) -> _Errors:
-    percent = 100.0 / data.measurement.stroke
-    own = np.concatenate(tried.left.predicted_at(data.use)) * percent
-    made = _Errors(rms=root_mean_square(own), largest=float(np.max(np.abs(own))))
-    held = tuple(~u for u in data.use)
-    if any(h.any() for h in held):
-        parts = tried.left.predicted_at(held)
-        every = np.concatenate(parts) * percent
-        return replace(
-            made,
-            held=root_mean_square(every),
-            held_free=root_mean_square(free_constant(parts)) * percent,
-            held_error=_of(rms_standard_error(tried.left.predicted, data.with_use(held)), percent),
-            held_largest=float(np.max(np.abs(every))),
-            held_band=float(np.quantile(np.abs(every), BAND)),
-        )
-    if tried.folds is None:
-        return made
-    return replace(
-        made,
-        held=tried.folds.rms * percent,
-        held_free=tried.folds.free_rms * percent,
-        held_error=_of(tried.folds.standard_error, percent),
-        held_largest=tried.folds.largest * percent,
-        held_band=tried.folds.band * percent,
-    )
-
-
-def _of(error: float | None, percent: float) -> float | None:
-    return None if error is None else error * percent
-
-
-def _choose(tried: Mapping[str, _Tried], data: Data) -> tuple[str, tuple[Candidate, ...]]:
-    """Take the simplest model that is as good as the best on held-out cycles, within noise."""
-    rows = {name: _errors(t, data) for name, t in tried.items()}
-    percent = 100.0 / data.measurement.stroke
-    # what was held out says nothing where it stands still: parts of what was fitted were held out
-    score = {
-        n: t.folds.rms * percent if t.folds is not None else (rows[n].held or rows[n].rms)
-        for n, t in tried.items()
-    }
-    # one that has no inverse cannot compensate, however well it fits
-    usable = [n for n in score if _invertible(tried[n])] or list(score)
-    best = min(usable, key=lambda n: score[n])
-    spread = {n: _by_chance(t.folds, tried[best].folds, data) for n, t in tried.items()}
-    # squares are compared, as they are means over the parts and their difference is normal; a part
-    # that a model fails on makes its spread as large as its excess, so that both are bounded
-    close = [
-        n
-        for n in usable
-        if score[n] <= _SAME * score[best] + _NOTHING
-        and score[n] ** 2 - score[best] ** 2 <= spread[n] + _NOTHING**2
-    ]
-    chosen = min(close, key=lambda n: (tried[n].family.size, score[n]))
-    order = [chosen, *sorted((n for n in score if n != chosen), key=lambda n: score[n])]
-    return chosen, tuple(
-        Candidate(
-            kind=n,
-            size=tried[n].family.size,
-            rms_percent=rows[n].rms,
-            heldout_rms_percent=rows[n].held,
-            heldout_free_rms_percent=rows[n].held_free,
-            heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
-            failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
-        )
-        for n in order
-    )
-
-
-def _invertible(tried: _Tried) -> bool:
-    return all(c.holds for c in tried.fit.model.conditions() if c.name == "invertible")
-
-
-def _by_chance(own: Folds | None, best: Folds | None, data: Data) -> float:
-    """Standard error of the difference of two held-out mean squares, from part to part [%^2]."""
-    if own is None or best is None:
-        return 0.0
-    difference = (own.mean_square - best.mean_square) * (100.0 / data.measurement.stroke) ** 2
-    return float(np.std(difference, ddof=1) / np.sqrt(difference.size))
-
-
 def _result(
-    tried: _Tried,
+    tried: FittedModel,
     candidates: tuple[Candidate, ...],
     data: Data,
     found: FoundChain,
     train: tuple[int, int] | None,
 ) -> Identification:
-    errors = _errors(tried, data)
+    errors = prediction_errors(tried, data)
     cut = cross_validate(tried.family, data, tried.fit.search, stretches=True)
     if cut is not None and tried.folds is not None:
         percent = 100.0 / data.measurement.stroke
@@ -542,7 +384,7 @@ def _as_measured(section: Section) -> Section:
     return replace(bare, y=np.where(bare.measured, bare.y, np.nan))
 
 
-def _before(tried: _Tried, data: Data) -> tuple[float, tuple[Start, ...]]:
+def _before(tried: FittedModel, data: Data) -> tuple[float, tuple[Start, ...]]:
     """How much what the drive did before may change readings, and which of it fits alike."""
     sections = data.measurement.sections
     kept = sections[0].start
@@ -567,7 +409,7 @@ def _before(tried: _Tried, data: Data) -> tuple[float, tuple[Start, ...]]:
     return settling, tuple(alike)
 
 
-def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
+def _history(settling: float, errors: PredictionErrors, data: Data) -> tuple[str, ...]:
     """Say where what the drive did before matters more than the model's own error."""
     held = errors.held if errors.held is not None else errors.rms
     own = 100.0 * settling / data.measurement.stroke
@@ -580,7 +422,7 @@ def _history(settling: float, errors: _Errors, data: Data) -> tuple[str, ...]:
     )
 
 
-def _untold(m: Measurement, found: FoundChain) -> tuple[str, ...]:
+def _untold(m: IdentificationData, found: FoundChain) -> tuple[str, ...]:
     """Say which values of the chain mean nothing by themselves, and why."""
     names = " and ".join(n.split("_")[0] for n, e in found.errors.items() if math.isinf(e))
     alone = f"; the values of {names} belong to this fit and mean nothing by themselves"
@@ -604,10 +446,10 @@ def _no_motion(train: tuple[int, int] | None, data: Data) -> tuple[str, ...]:
     )
 
 
-def _chain(found: FoundChain) -> tuple[Estimate, ...]:
+def _chain(found: FoundChain) -> tuple[ParameterEstimate, ...]:
     """What was found of the chain, with its errors."""
     return tuple(
-        Estimate(name=name, value=getattr(found.values, name), standard_error=error)
+        ParameterEstimate(name=name, value=getattr(found.values, name), standard_error=error)
         for name, error in found.errors.items()
     )
 
@@ -628,7 +470,7 @@ def _unusual_creep(found: FoundChain, data: Data) -> tuple[str, ...]:
     )
 
 
-def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:
+def _hidden_mode(found: FoundChain, data: IdentificationData) -> tuple[str, ...]:
     """Warn of a resonance that may hide in creep: it too makes fast cycles other than slow ones."""
     if found.values.resonance_hz > 0.0 or len(data.rates_hz) < 2 or not found.searched:
         return ()
@@ -642,15 +484,15 @@ def _hidden_mode(found: FoundChain, data: Measurement) -> tuple[str, ...]:
     )
 
 
-def _broken(tried: _Tried) -> tuple[str, ...]:
+def _broken(tried: FittedModel) -> tuple[str, ...]:
     return tuple(
         f"{tried.family.title}: not {c.name}: {c.detail}"
-        for c in tried.fit.model.conditions()
+        for c in tried.fit.model.properties()
         if not c.holds
     )
 
 
-def _drive_model(tried: _Tried, data: Data) -> DriveModel:
+def _drive_model(tried: FittedModel, data: Data) -> DriveModel:
     m, chain = data.measurement, data.chain
     rates = m.rates_hz or (0.0, 0.0)
     ends = [m.sign * s.y[s.warm_up :] for s in m.sections]
@@ -672,7 +514,7 @@ def _drive_model(tried: _Tried, data: Data) -> DriveModel:
     )
 
 
-def _predicted(tried: _Tried, data: Data) -> tuple[Array, ...]:
+def _predicted(tried: FittedModel, data: Data) -> tuple[Array, ...]:
     from flexstage.hysteresis.identification.chain_filter import Rows, filtered
 
     made = []

@@ -33,8 +33,10 @@ def denoised(u: Array, y: Array) -> tuple[Array, float]:
     :math:`\sigma\sqrt{\binom{2k}{k}}`), motion is not. Where there is some, each sample becomes the
     value of the widest polynomial about it that agrees with all narrower ones (intersection of
     confidence intervals: A. Goldenshluger, A. Nemirovski, Math. Methods Statist. 6 (1997) 135), so
-    that jumps, corners and quick parts stay. Plays would otherwise follow the noise, and a delay
-    of half a sample would be preferred, as it averages two samples.
+    that jumps, corners and quick parts stay. Plays would otherwise follow the noise, and a delay of
+    half a sample would be preferred, as it averages two samples. What the output follows is motion,
+    and stays. Returned with the standard deviation of the noise; unchanged, with 0, where it has
+    none.
 
     Validity: noise that differs from sample to sample. A hum, or noise behind a slow filter, stays.
     A random walk that the output is too slow to follow is smoothed.

@@ -100,7 +100,11 @@ class _Window:
 
 
 def jumps(u: Array) -> NDArray[np.intp]:
-    """Return where an input jumps."""
+    """Return the last sample before each jump of an input and the first after it, shape (j, 2).
+
+    A jump moves over more than 2 % of the range within two samples, or eight, and hardly in the
+    twelve beside it.
+    """
     found: list[tuple[int, int]] = []
     for width in _WIDTHS:
         if u.size < 4 * (_QUIET + width):
@@ -144,7 +148,8 @@ def jump_response(section: Section) -> JumpResponse | None:
                   \sin(\omega_0 \sqrt{1-\zeta^2}\, t)
 
     in closed form for straight lines between samples of the input. All but frequency, damping and
-    delay enter linearly and are projected out.
+    delay enter linearly and are projected out. None where the input does not jump, or the output
+    does not answer.
 
     Validity: a jump is over before the mode has moved far, and what the hysteresis does in it is
     over with it. The standard error of a delay without a mode is no less than that of a jump that

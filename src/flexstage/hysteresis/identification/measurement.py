@@ -13,32 +13,23 @@ from flexstage.hysteresis.identification.cycles import (
     Cycles,
     cycles,
     held_samples,
-    input_noise,
 )
 from flexstage.hysteresis.identification.faults import (
     RecordFault,
     butterfly,
     butterfly_text,
     findings_of_record,
+    without_spikes,
 )
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
-from flexstage.hysteresis.identification.spikes import without_spikes
+from flexstage.hysteresis.identification.warm_up import early_text, first_moving, warm_up
 from flexstage.records import Channel, Record, difference_noise
 from flexstage.short_repr import short_repr
 
-#: The memory of what was before a record is wiped out when both ends of the range were reached,
-#: within this share of the range.
-_END = 0.05
-#: At most this share of a record is given to that.
-_LONGEST_WARM_UP = 0.4
 #: A loop narrower than this share of the stroke says nothing about which column leads.
 _NARROW_LOOP = 0.004
 #: An output whose correlation with the input is less than this does not follow it.
 _UNRELATED = 0.1
-#: A change of the input that is less than this share of its range is no motion; ...
-_SMALLEST_MOVE = 0.002
-#: ... samples that are kept of a rest before it.
-_REST = 20
 #: Ranges of a column whose squares and products are numbers.
 _SMALLEST, _LARGEST = 1e-60, 1e60
 
@@ -82,7 +73,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Measurement:
+class IdentificationData:
     """What a model is identified from."""
 
     sections: tuple[Section, ...]
@@ -124,7 +115,7 @@ def measurement(
     output_column: str | int,
     *,
     drift: bool = False,
-) -> Measurement:
+) -> IdentificationData:
     """Prepare records for identification, after checking that they can serve.
 
     Parameters
@@ -140,7 +131,7 @@ def measurement(
 
     Returns
     -------
-    Measurement
+    IdentificationData
         The prepared sections.
 
     Raises
@@ -183,7 +174,7 @@ def measurement(
         sections = tuple(_with_drift(s) for s in sections)
     _require_order(sections, pairs[0][1].name, pairs[0][2].name)
     stroke = max(float(np.ptp(s.y[s.warm_up :])) for s in sections)
-    made = Measurement(
+    made = IdentificationData(
         sections=sections,
         sign=sign,
         input_unit=pairs[0][1].unit,
@@ -218,7 +209,10 @@ def rates_of(rates_hz: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_usable(record: Record, name: str, values: Array, *, gaps: bool = False) -> None:
-    """Refuse a column that cannot be computed with."""
+    """Refuse a column that cannot be computed with.
+
+    With `gaps`, samples may be missing that the record has not, as one of branches or curves.
+    """
     where = f"column '{name}' of {record.source or 'the record'}"
     least = 50
     if gaps and record.numbers is not None and np.isnan(record.numbers).any():
@@ -330,54 +324,6 @@ def without_history(section: Section) -> Section:
     )
 
 
-def first_moving(u: Array) -> int:
-    """Return where an input begins to move, less some samples; 0 where it moves from the start."""
-    noise = input_noise(u)
-    still = np.abs(u - float(np.median(u[:_REST]))) <= max(
-        _SMALLEST_MOVE * float(np.ptp(u)), 6.0 * noise
-    )
-    moves = int(np.argmin(still)) if still[0] and not still.all() else 0
-    # a slow start is a part of the motion: only a rest that is long beside it is left out
-    return max(moves - _REST, 0)
-
-
-def warm_up(u: Array, moves: Cycles) -> int:
-    """Return how many first samples still know what was before the record."""
-    # and a whole cycle after it where there are many: other memory fades there
-    both = _both_ends(u, moves)
-    after = moves.bounds[moves.bounds >= both]
-    more = 1 if after.size > 6 else 0
-    end = int(after[more]) if after.size else both
-    longest = int(_LONGEST_WARM_UP * u.size)
-    if end <= longest:
-        return end
-    return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
-
-
-def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
-    """Say that samples are counted that may know what was before the record."""
-    ends, counts = [], []
-    for u, moves, dt, counted, begin in parts:
-        both = _both_ends(u, moves)
-        if both > counted:
-            ends.append(f"{begin + both * dt:.3g}")
-            counts.append(f"{begin + counted * dt:.3g}")
-    if not ends:
-        return ""
-    return (
-        f"the input reaches both ends of its range no sooner than at {' and '.join(ends)} s, and "
-        f"errors are counted from {' and '.join(counts)} s on: till then readings depend on what "
-        "was before, which is taken to be a cycle over the whole range"
-    )
-
-
-def _both_ends(u: Array, moves: Cycles) -> int:
-    """The sample at which an input has reached both ends of its range."""
-    low, high = moves.range
-    reach = _END * (high - low)
-    return max(int(np.argmax(u >= high - reach)), int(np.argmax(u <= low + reach)))
-
-
 def _require_order(sections: Sequence[Section], input_name: str, output_name: str) -> None:
     """Refuse an output that leads: the loop of a drive is always run with the output behind."""
     whole = [s for s in sections if s.measured is None]
@@ -413,7 +359,7 @@ def _loop_areas(section: Section) -> Array:
     return np.array(areas) if areas else np.zeros(1)
 
 
-def _warnings(m: Measurement) -> tuple[str, ...]:
+def _warnings(m: IdentificationData) -> tuple[str, ...]:
     found: list[str] = []
     if not any(s.cycles.has_minor_loops for s in m.sections):
         found.append(

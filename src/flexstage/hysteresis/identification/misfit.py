@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data, Family, behind_chain
-from flexstage.hysteresis.identification.families.folds import folds_of
-from flexstage.hysteresis.identification.heldout_error import rms_standard_error
+from flexstage.hysteresis.identification.families.family import Data, Family, behind_chain, folds_of
 from flexstage.hysteresis.model import HysteresisModel
+
+#: Blocks of neighbouring cycles that are left out in turn, at most.
+_BLOCKS = 10
 
 #: Share of the held-out errors that a band of confidence holds.
 BAND = 0.95
@@ -30,16 +32,22 @@ class Misfit:
     """The offset that is kept: the mean of what the nuisance columns make of the rows in use."""
 
     def at(self, use: tuple[NDArray[np.bool_], ...]) -> Array:
-        """Return what is left at some of the rows."""
+        """Return what is left at some of the rows, of all sections in one."""
         return np.concatenate([e[u] for e, u in zip(self.left, use, strict=True)])
 
     def predicted_at(self, use: tuple[NDArray[np.bool_], ...]) -> list[Array]:
-        """Return the error of the prediction at some of the rows, section by section."""
+        """Return the error of the prediction at some of the rows, section by section.
+
+        Sections without such rows are left out.
+        """
         return [e[u] for e, u in zip(self.predicted, use, strict=True) if u.any()]
 
 
 def misfit(model: HysteresisModel, data: Data) -> Misfit:
-    """Compare a model behind the chain with the output."""
+    """Compare a model behind the chain with the output.
+
+    The nuisance columns are fitted to the rows in use alone; errors are of all rows.
+    """
     sections = data.measurement.sections
     behind = behind_chain([model.simulate(s.u).values[:, None] for s in sections], data)
     errors = [s.y[r.at] - c[:, 0] for c, s, r in zip(behind, sections, data.rows, strict=True)]
@@ -99,7 +107,13 @@ class Folds:
 def cross_validate(
     family: Family, data: Data, start: Array, *, stretches: bool = False
 ) -> Folds | None:
-    """Fit to all cycles but some, and compare with those, in turn."""
+    """Fit to all cycles but some, and compare with those, in turn.
+
+    Rows not in use are left out of all; the search begins where that for all cycles has ended. With
+    `stretches` each part is one stretch, so that time and amplitude are extrapolated where they
+    grow, as on another record; otherwise it is two that are far apart. None of fewer than two
+    cycles.
+    """
     folds = folds_of(data, runs=1) if stretches else folds_of(data)
     if len(folds) < 2:
         return None
@@ -126,3 +140,38 @@ def cross_validate(
         standard_error=rms_standard_error(at_rows, data),
         values=tuple(values),
     )
+
+
+def rms_standard_error(errors: Sequence[Array], data: Data) -> float | None:
+    """Return the standard error of a root mean square, by its scatter between cycles.
+
+    Errors of a model are alike in neighbouring cycles: the jackknife leaves out blocks of them in
+    turn (H. R. Kuensch, Ann. Statist. 17 (1989) 1217). Rows that are not in use are not counted;
+    None of fewer than two cycles.
+    """
+    blocks = folds_of(data, _BLOCKS, runs=1)
+    if len(blocks) < 2:
+        return None
+    parts = [np.concatenate([e[b] for e, b in zip(errors, block, strict=True)]) for block in blocks]
+    squares = np.array([float(np.sum(part**2)) for part in parts])
+    sizes = np.array([part.size for part in parts])
+    without = np.sqrt((squares.sum() - squares) / (sizes.sum() - sizes))
+    many = without.size
+    return _few(many) * float(np.sqrt((many - 1) * np.var(without)))
+
+
+def another_stretch(rms: float, error: float, stretches: Array) -> float:
+    """Return the standard error of what another stretch of cycles of the drive will show.
+
+    The error of the rms is by the scatter between held-out cycles; `stretches` are the rms of
+    stretches that were held out as a whole. These differ by more than their cycles do by chance,
+    and extrapolating to one leaves more.
+    """
+    apart = _few(stretches.size) * float(np.std(stretches, ddof=1))
+    further = float(np.sqrt(np.mean(stretches**2))) - rms
+    return float(np.sqrt(error**2 + apart**2 + further**2))
+
+
+def _few(many: int) -> float:
+    """Factor by which twice an error of few parts covers what the distribution of Student does."""
+    return float(stdtrit(many - 1, 0.975)) / 1.96

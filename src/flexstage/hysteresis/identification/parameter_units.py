@@ -44,6 +44,9 @@ _BACKWARD: Mapping[str, str] = {
 def parameter_unit(kind: str, name: str, input_unit: str, output_unit: str) -> str:
     """Return the unit of a parameter.
 
+    Of a kind that has an exponent it is that for 1. A name may be an element, such as
+    ``weights[3]``; units that nobody has said are called input and output.
+
     Examples
     --------
     >>> parameter_unit("bouc-wen", "gain", "V", "m")

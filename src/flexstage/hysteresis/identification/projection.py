@@ -77,7 +77,7 @@ class Solution:
 def normal_equations(
     columns: Array, nuisance: Array, y: Array, runs: Sequence[slice] = (slice(None),)
 ) -> Normal:
-    """Return the normal equations of some samples."""
+    """Return the normal equations of columns (n, m) and nuisance columns (n, k)."""
     m, size = columns.shape[1], columns.shape[1] + nuisance.shape[1]
     gram, right, square, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
     for run in runs:
@@ -101,7 +101,11 @@ def columns_chosen(normal: Normal, chosen: NDArray[np.intp]) -> Normal:
 
 
 def groups_summed(normal: Normal, factors: Array) -> Normal:
-    """Return the equations of sums of columns that lie in groups, side by side."""
+    """Return the equations of sums of columns that lie in groups, side by side.
+
+    Groups have as many columns each: column j of the sum is that of all columns j times the factor
+    of its group.
+    """
     n, m = normal.columns, normal.columns // factors.size
     summed = np.tensordot(factors, normal.gram[:n].reshape(factors.size, m, -1), axes=1)
     gram = np.empty((m + normal.gram.shape[0] - n,) * 2)
@@ -114,7 +118,10 @@ def groups_summed(normal: Normal, factors: Array) -> Normal:
 
 
 def square_left(normal: Normal, solution: Solution) -> float:
-    """Return the sum of squares that a solution leaves."""
+    """Return the sum of squares that a solution leaves.
+
+    Exact to rounding of the sum of squares of the output.
+    """
     x = np.concatenate((solution.coefficients, solution.nuisance))
     return normal.square - 2.0 * float(normal.right @ x) + float(x @ normal.gram @ x)
 
@@ -126,7 +133,8 @@ def solve(
 
     Free coefficients are eliminated first, then the rest is a problem of non-negative least squares
     (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23), whose optimum is
-    the global one.
+    the global one. Nuisance coefficients are always free. Smoothing is added to the Gram matrix of
+    the others, (m, m).
     """
     m = normal.columns
     gram = normal.gram.copy()

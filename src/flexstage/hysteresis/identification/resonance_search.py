@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.chain.resonance import StageModes
+from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.measurement import Section, without_history
 
 #: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
@@ -48,7 +48,7 @@ def find_resonance(section: Section) -> Resonance | None:
               + \frac{c\,\omega_0^2}{\omega_0^2 - \omega^2 + 2 i \zeta \omega_0 \omega}\right)
 
     and the result is where the same mode is fitted to the samples themselves, which windows of the
-    spectrum do not blunt.
+    spectrum do not blunt. None where the record has no such content, or shows no mode.
     """
     section = without_history(section)
     rate = 1.0 / section.dt

@@ -17,7 +17,7 @@ _INSEPARABLE = 0.98
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
+class ParameterEstimate:
     """A parameter with its uncertainty."""
 
     name: str
@@ -30,7 +30,7 @@ class Estimate:
 
 def estimates(
     fit: Fit, data: Data, left: Misfit, folds: Sequence[Folds], chain: Mapping[str, float]
-) -> tuple[tuple[Estimate, ...], Estimate, tuple[str, ...]]:
+) -> tuple[tuple[ParameterEstimate, ...], ParameterEstimate, tuple[str, ...]]:
     """Return the standard errors of the parameters of a model, and what cannot be told apart.
 
     Errors that are left are alike within a cycle and from one cycle to the next only by chance, so
@@ -38,7 +38,10 @@ def estimates(
     Biometrika 73 (1986) 13), and not that of independent samples, which is many times too small.
     Offsets and chain are fitted along, so that their uncertainty is in it. Where the model was
     fitted without each part of the cycles in turn, the jackknife over those parts counts where it
-    is larger (R. G. Miller, Biometrika 61 (1974) 1).
+    is larger (R. G. Miller, Biometrika 61 (1974) 1). Folds: the fits without parts of the cycles,
+    for each way of dividing them. Chain: how far each value that was found may be off; what the
+    parameters move with it, all others fitted anew, is in their errors. Returned: parameters, the
+    offset, warnings.
     """
     # the columns behind these belong to nothing by themselves
     named = slice(0, len(fit.names))
@@ -64,13 +67,13 @@ def estimates(
         along = bread[named, c] / max(bread[c, c], 1e-300) * scale[c] / scale[named]
         error = np.hypot(error, along * width)
     mean /= scale
-    offset = Estimate(
+    offset = ParameterEstimate(
         name="offset",
         value=left.offset,
         standard_error=float(np.sqrt(max(mean @ covariance @ mean, mean @ plain @ mean))),
     )
     found = tuple(
-        Estimate(name=n, value=float(v), standard_error=float(s))
+        ParameterEstimate(name=n, value=float(v), standard_error=float(s))
         for n, v, s in zip(fit.names, fit.values, error, strict=True)
     )
     return found, offset, _warnings(found, plain[named, named])
@@ -83,7 +86,7 @@ def _jackknife(values: Array) -> Array:
     return few * np.sqrt((many - 1) * np.var(values, axis=0))
 
 
-def _warnings(found: tuple[Estimate, ...], covariance: Array) -> tuple[str, ...]:
+def _warnings(found: tuple[ParameterEstimate, ...], covariance: Array) -> tuple[str, ...]:
     said = [
         f"the record does not determine {e.name}: {e.value:.3g} with a standard error of "
         f"{e.standard_error:.2g}"

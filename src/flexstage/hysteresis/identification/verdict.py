@@ -38,7 +38,11 @@ class Verdict:
 
 
 def verdict(data: Data, error_percent: float, noise_percent: float) -> Verdict:
-    """Compare what the best model leaves with the noise and with what a straight line leaves."""
+    """Compare what the best model leaves with the noise and with what a straight line leaves.
+
+    The error is the rms of what the best model leaves over the stroke [%], held out where there is
+    such a figure; the noise is that of the output [%].
+    """
     m = data.measurement
     percent = 100.0 / m.stroke
     found = list(m.findings)

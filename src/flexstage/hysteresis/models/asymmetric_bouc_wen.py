@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Array, Condition, HysteresisModel, Response, samples
+from flexstage.hysteresis.model import Array, HysteresisModel, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import (
     check_exponent,
     check_numbers,
-    classical_conditions,
     classical_law,
+    classical_properties,
     state_after,
 )
 from flexstage.hysteresis.models.bouc_wen_runs import simulate_runs
@@ -34,7 +34,7 @@ class AsymmetricBoucWen(HysteresisModel):
     -----
     Validity: inputs between the lowest and the highest; the asymmetry is that of the middle line,
     not of the width; minor loops that need not close; no dependence on rate, no creep. Exact to
-    rounding for an input of straight lines.
+    rounding for an input of straight lines. State: last input and h.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class AsymmetricBoucWen(HysteresisModel):
     def input_limits(self) -> tuple[float, float]:
         return self.lowest_input, self.highest_input
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -132,12 +132,12 @@ class AsymmetricBoucWen(HysteresisModel):
             )
         return Response(values=values, state=state_after(_NAME, values[-1], h)), missed
 
-    def conditions(self) -> tuple[Condition, ...]:
-        bounded, dissipative, steepest = classical_conditions(
+    def properties(self) -> tuple[ModelProperty, ...]:
+        bounded, dissipative, steepest = classical_properties(
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )
         least = self._least_slope()
-        invertible = Condition(
+        invertible = ModelProperty(
             name="invertible",
             holds=least > steepest,
             detail=(

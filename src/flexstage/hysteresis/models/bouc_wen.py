@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -19,8 +19,8 @@ from flexstage.hysteresis.model import (
 from flexstage.hysteresis.models.bouc_wen_common import (
     check_exponent,
     check_numbers,
-    classical_conditions,
     classical_law,
+    classical_properties,
     state_after,
 )
 from flexstage.hysteresis.models.bouc_wen_runs import simulate_batch, simulate_runs
@@ -46,7 +46,7 @@ class BoucWen(HysteresisModel):
     -----
     Validity: a loop that is odd about its centre (no asymmetry between up and down), minor loops
     that need not close, no dependence on rate, no creep. Exact to rounding for an input of straight
-    lines: 1e-18 m in a stroke of 60 um.
+    lines: 1e-18 m in a stroke of 60 um. State: last input and h.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class BoucWen(HysteresisModel):
         check_numbers("Bouc-Wen", numbers, ("hysteresis_gain",))
         check_exponent("Bouc-Wen", self.exponent)
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -115,11 +115,11 @@ class BoucWen(HysteresisModel):
         cubic, law, powers = self._compiled()
         return segments_of("Bouc-Wen", u, self._state(state), cubic[0], law, powers)
 
-    def conditions(self) -> tuple[Condition, ...]:
-        bounded, dissipative, steepest = classical_conditions(
+    def properties(self) -> tuple[ModelProperty, ...]:
+        bounded, dissipative, steepest = classical_properties(
             self.hysteresis_gain, self.beta, self.gamma, self.exponent
         )
-        invertible = Condition(
+        invertible = ModelProperty(
             name="invertible",
             holds=self.gain > steepest,
             detail=(
@@ -139,7 +139,10 @@ class BoucWen(HysteresisModel):
 def segments_of(
     model: str, u: ArrayLike, state: Array, gain: float, law: Array, powers: Array
 ) -> Segments:
-    """Return the pieces of y = d u - h between samples for a law with exponent 1."""
+    """Return the pieces of y = d u - h between samples for a law with exponent 1.
+
+    The state is last input and hysteretic displacement; at least two inputs.
+    """
     inputs = samples(u, "input")
     if inputs.size < 2:
         raise ModelError("segments lie between samples: got one sample, give two or more")

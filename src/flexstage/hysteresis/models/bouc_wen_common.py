@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.hysteresis.model import Array, Condition
+from flexstage.hysteresis.model import Array, ModelProperty
 from flexstage.hysteresis.models.bouc_wen_steps import law_of
 
 
@@ -29,7 +29,10 @@ def check_exponent(model: str, exponent: float) -> None:
 
 
 def state_after(model: str, u: float, h: float) -> Array:
-    """Return the state after the last sample."""
+    """Return the state after the last sample.
+
+    A ModelError where h has run away.
+    """
     if not math.isfinite(h):
         raise ModelError(
             f"the hysteretic displacement of {model} grew without limit for this input: "
@@ -44,21 +47,26 @@ def classical_law(A: float, beta: float, gamma: float, n: float) -> Array:
     return law_of(A, n, -math.inf, np.array([[[unloaded] * 2, [loaded] * 2]] * 2))
 
 
-def classical_conditions(
+def classical_properties(
     A: float, beta: float, gamma: float, n: float
-) -> tuple[Condition, Condition, float]:
-    """Return the conditions on the hysteretic part, and its steepest slope dh/du."""
+) -> tuple[ModelProperty, ModelProperty, float]:
+    """Return whether h is bounded and whether it is dissipative, and its steepest slope dh/du.
+
+    Bounded: Ikhouane, Mañosa, Rodellar 2007, Syst. Control Lett. 56:197, classes I and II;
+    dissipative: Erlicher, Point 2004, C. R. Mécanique 332:51. The slope is that just after a
+    reversal from saturation, ``A 2 beta/(beta + gamma)``, or A; infinity where h is not bounded.
+    """
     total = beta + gamma
     holds = total > 0.0 and beta >= 0.0
     limit = (A / total) ** (1.0 / n) if holds else math.inf
     consequence = f"from rest |h| stays below {limit:.6g}" if holds else "h can grow without limit"
-    bounded = Condition(
+    bounded = ModelProperty(
         name="bounded",
         holds=holds,
         detail=f"beta + gamma > 0 and beta >= 0: {total:.6g} and {beta:.6g}; {consequence}",
     )
     passive = abs(gamma) <= beta
-    dissipative = Condition(
+    dissipative = ModelProperty(
         name="dissipative",
         holds=passive,
         detail=(

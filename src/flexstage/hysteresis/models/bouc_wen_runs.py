@@ -66,7 +66,10 @@ def simulate_runs(
     gamma: float,
     out: Array,
 ) -> float:
-    """Write the output run by run, and return the last hysteretic displacement."""
+    """Write the output run by run, and return the last hysteretic displacement.
+
+    A is the slope dh/du at h = 0; `u_last` and h are before the first input.
+    """
     count = u.size
     i = 0
     while i < count:
@@ -99,7 +102,10 @@ def simulate_runs(
 
 @compiled_parallel
 def simulate_batch(u: Array, parameters: Array, out: Array) -> None:
-    """Write the outputs of many models at rest for one input, one model for each core."""
+    """Write the outputs of many models at rest for one input, one model for each core.
+
+    Parameters: gain, hysteresis gain, beta and gamma of each, shape (k, 4).
+    """
     for k in prange(parameters.shape[0]):
         p = parameters[k]
         simulate_runs(u, 0.0, 0.0, p[0], p[1], p[2], p[3], out[k])

@@ -27,7 +27,11 @@ _LEAST_RATE = 1e-5
 
 
 def law_of(A: float, n: float, centre: float, psi: Array) -> Array:
-    """Return the law of a shape function."""
+    """Return the law of a shape function, shape (12,), with A the slope dh/du at h = 0.
+
+    Psi is for (u' < 0, u' > 0) by (unloaded, loaded) by (u below, above the centre), shape (2, 2,
+    2); the centre is minus infinity where it does not change with u.
+    """
     return np.concatenate([[A, n, centre, 0.0], np.ravel(psi)])
 
 
@@ -60,7 +64,10 @@ def _one_side(h: float, s: float, v: float, upper: bool, law: Array, table: Arra
 
 @compiled
 def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
-    """Return the hysteretic displacement after one straight line of the input."""
+    """Return the hysteretic displacement after one straight line of the input.
+
+    Law of `law_of`, table of `power_law.power_table`; not finite where h has run away.
+    """
     if du == 0.0:
         return h
     s = 1.0 if du > 0.0 else -1.0
@@ -82,7 +89,10 @@ def advance(h: float, u: float, du: float, law: Array, table: Array) -> float:
 def simulate_samples(
     u: Array, u_last: float, h: float, cubic: Array, law: Array, table: Array, out: Array
 ) -> float:
-    """Write the output sample by sample, and return the last hysteretic displacement."""
+    """Write the output sample by sample, and return the last hysteretic displacement.
+
+    `cubic` are the coefficients of u, u^2 and u^3 in the output.
+    """
     for i in range(u.size):
         h = advance(h, u_last, u[i] - u_last, law, table)
         u_last = u[i]
@@ -108,7 +118,13 @@ def inverse_samples(
     table: Array,
     out: Array,
 ) -> tuple[int, float, int]:
-    """Write the input that gives each output."""
+    """Write the input that gives each output.
+
+    Limits are lowest and highest input, and the least slope of the cubic between them; psi must not
+    be below zero where h is loaded. Returned: number of samples done, less than all where the
+    output does not rise with the input; the last h; and the first sample that is not reached within
+    the limits, at which the input stops, or -1.
+    """
     unloading, missed = min(law[4], law[5], law[8], law[9]), -1
     for i in range(y.size):
         level = u * (cubic[0] + u * (cubic[1] + u * cubic[2])) - h
@@ -188,7 +204,11 @@ def _slope(v: float, h: float, u: float, s: float, cubic: Array, law: Array) -> 
 
 @compiled
 def law_segments(u: Array, h: float, gain: float, law: Array, table: Array, out: Array) -> tuple:
-    """Write the pieces of the output d u - h between samples, for exponent 1."""
+    """Write the pieces of the output d u - h between samples, for exponent 1.
+
+    Writes start, constant, slope, amplitude and rate of each piece, shape (5, 4 n), from h at the
+    first sample; returns the number of pieces and the last h.
+    """
     m = 0
     for i in range(u.size - 1):
         du = u[i + 1] - u[i]

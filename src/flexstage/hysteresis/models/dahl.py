@@ -11,8 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -38,7 +38,7 @@ class Dahl(HysteresisModel):
     -----
     Validity: a loop that is odd about its centre and of the same width all along once F has come
     near F_c; minor loops that do not close; no dependence on rate, no creep. Exact to rounding
-    for an input of straight lines.
+    for an input of straight lines. State: last input and F.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Dahl(HysteresisModel):
         if self.exponent < 0.0:
             raise ModelError(f"the exponent of Dahl must be at least 0, got {self.exponent}")
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -100,20 +100,20 @@ class Dahl(HysteresisModel):
         law = classical_law(self.stiffness, self.stiffness / self.limit, 0.0, 1.0)
         return segments_of("Dahl", u, self._state(state), self.gain, law, power_table(1.0))
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
         steepest = self.stiffness * 2.0**self.exponent
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=True,
                 detail=f"stiffness, limit above zero; from rest |F| is at most {self.limit:.6g}",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=True,
                 detail="stiffness, limit above zero: F^2/(2 stiffness) never outgrows the work",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=self.gain > steepest,
                 detail=(

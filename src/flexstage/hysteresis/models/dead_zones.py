@@ -12,7 +12,7 @@ from flexstage.hysteresis.models.play_sum import offsets_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Line:
+class PiecewiseLinear:
     """A continuous, piecewise-linear function that is zero at zero."""
 
     knots: Array
@@ -27,19 +27,22 @@ class Line:
         return self.offsets()[j] + self.slopes[j] * given
 
     def offsets(self) -> Array:
-        """Return the constants of the line on each interval."""
+        """Return the values at zero of the straight lines that it is made of, shape (c + 1,)."""
         return offsets_of(np.array(self.knots), self.slopes[None, :].copy())[0]
 
-    def inverse(self) -> "Line":
-        """Return the inverse, again such a line: its knots are the values at the knots."""
+    def inverse(self) -> "PiecewiseLinear":
+        """Return the inverse, again such a line; its knots are the values at the knots.
+
+        A ModelError where a slope is not positive.
+        """
         if np.min(self.slopes) <= 0.0:
             raise ModelError(
                 f"a line has an inverse if all its slopes are positive, got {np.min(self.slopes):g}"
             )
-        return Line(knots=self.at(self.knots), slopes=1.0 / self.slopes)
+        return PiecewiseLinear(knots=self.at(self.knots), slopes=1.0 / self.slopes)
 
 
-def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Line:
+def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> PiecewiseLinear:
     """Return the superposition of one-sided dead zones.
 
     ``S(x) = gain x + sum_i w_i max(x - r_i, 0)`` for positive, ``min(x - r_i, 0)`` for negative
@@ -60,11 +63,11 @@ def dead_zone_line(gain: float, thresholds: ArrayLike, weights: ArrayLike) -> Li
         raise ModelError("a dead zone has a threshold that is not zero, got 0: use the gain there")
     below = np.cumsum(w[r < 0.0][::-1])[::-1]
     above = np.cumsum(w[r > 0.0])
-    return Line(knots=r, slopes=gain + np.concatenate([below, [0.0], above]))
+    return PiecewiseLinear(knots=r, slopes=gain + np.concatenate([below, [0.0], above]))
 
 
-def dead_zones(line: Line) -> tuple[float, Array, Array]:
-    """Return the dead zones whose superposition is a line.
+def dead_zones(line: PiecewiseLinear) -> tuple[float, Array, Array]:
+    """Return gain, thresholds and weights of the dead zones whose superposition is a line.
 
     Notes
     -----

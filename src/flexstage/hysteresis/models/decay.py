@@ -20,7 +20,7 @@ _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12, _C13 = (
 
 @compiled
 def decayed(x: float) -> float:
-    """Return 1 - exp(-x) for x at least zero, without a branch.
+    """Return 1 - exp(-x) for x at least zero, infinity too, to 2.3e-16 of it and without a branch.
 
     ``-x = -k ln 2 + r`` with ``|r| <= ln(2)/2``, and a Taylor polynomial for ``exp(r) - 1``
     (remainder below 1e-17 of r). Loops over it are vectorised, unlike loops over ``math.expm1``.
@@ -52,7 +52,10 @@ def grown(x: float) -> float:
 
 @compiled
 def saturating(start: float, slope: float, rate: float, distance: float) -> float:
-    """Return g after a distance v, where dg/dv = slope - rate g."""
+    """Return g after a distance v, where dg/dv = slope - rate g.
+
+    Below zero of the rate, g runs away.
+    """
     x = rate * distance
     if x == 0.0:
         return start + slope * distance
@@ -61,7 +64,10 @@ def saturating(start: float, slope: float, rate: float, distance: float) -> floa
 
 @compiled
 def distance_to_zero(start: float, slope: float, rate: float) -> float:
-    """Return the distance in which w falls to zero, where dw/dv = -(slope - rate w)."""
+    """Return the distance in which w >= 0 falls to zero, where dw/dv = -(slope - rate w).
+
+    Infinity where it does not.
+    """
     x = -rate * start / slope
     if x <= -1.0:
         return np.inf

@@ -11,8 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -101,7 +101,7 @@ class Duhem(HysteresisModel):
     def input_limits(self) -> tuple[float, float]:
         return self.input_range
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -160,7 +160,13 @@ class Duhem(HysteresisModel):
             state=response.state,
         )
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
+        # With w = y - f(u) and d = f' - g, w' = -alpha |u'| w - u' d. If d is positive and |d'| <=
+        # 2 alpha d, then w^2 / (2 d) is a stored energy, and a closed cycle takes in the integral
+        # of w^2 (alpha |du| / d + d' du / (2 d^2)), which is not negative. The slope is least on
+        # the outermost branches: those that start at an end of the range, after any number of
+        # cycles, and those that start at rest (Coleman and Hodgdon 1986 require the same of the
+        # branches from infinity).
         low, high = self.input_range
         least, largest = self._extremes()
         u = np.linspace(low, high, GRID)
@@ -170,20 +176,20 @@ class Duhem(HysteresisModel):
         margin = float(np.min(2.0 * self.rate * d - np.abs(change)))
         where = f"from {low:g} to {high:g} V"
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=True,
                 detail=f"the rate is {self.rate:g}/V, more than 0, so the output tends to its "
                 f"curve: {where} it is never more than {largest:g} m",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=float(np.min(d)) >= 0.0 and margin >= 0.0,
                 detail=f"the slope of the curve is at least the tangent {where}, the least "
                 f"difference d is {np.min(d):g} m/V; and 2 rate d - |d'| is at least {margin:g}, "
                 f"and should not be negative; else a cycle may give out energy",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=least > 0.0,
                 detail=f"the slope is more than 0 on every outermost branch {where}, it is at "
@@ -236,6 +242,9 @@ class Duhem(HysteresisModel):
 
 def duhem_columns(u: ArrayLike, rate: float, curve: int, tangent: int) -> Array:
     """Return the output of a Duhem model per unit of each of its coefficients.
+
+    `curve` and `tangent` are numbers of coefficients; the columns, shape (n, curve + tangent), are
+    those of the curve first. The rate is alpha [1/V].
 
     Notes
     -----

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -36,7 +36,8 @@ class GeneralisedBoucWen(HysteresisModel):
     Notes
     -----
     Validity: a loop that need not be odd about its centre; minor loops that need not close; no
-    dependence on rate, no creep. Exact to rounding for an input of straight lines.
+    dependence on rate, no creep. Exact to rounding for an input of straight lines. State: last
+    input and h.
 
     Examples
     --------
@@ -71,7 +72,7 @@ class GeneralisedBoucWen(HysteresisModel):
         check_numbers(_NAME, numbers, ("hysteresis_gain",))
         check_exponent(_NAME, self.exponent)
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(2)
 
     def shape_function(self) -> Array:
@@ -126,7 +127,11 @@ class GeneralisedBoucWen(HysteresisModel):
         cubic, law, powers = self._compiled()
         return segments_of(_NAME, u, self._state(state), cubic[0], law, powers)
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
+        # Bounded: psi above zero where h is loaded, and h never beyond where unloading would drive
+        # it off. Dissipative: no step gives energy out of nothing, measured with the energy h^2/(2
+        # A) that h stores (Erlicher, Point 2004, C. R. Mécanique 332:51, for this psi). Invertible:
+        # gain above the steepest dh/du.
         A, psi = self.hysteresis_gain, self.shape_function()
         loaded, unloaded = psi[:, 1].min(), psi[:, 0]
         # The farthest that h gets, as A/|h|^n, and how fast unloading can be there.
@@ -134,7 +139,7 @@ class GeneralisedBoucWen(HysteresisModel):
         steepest = A * max(1.0, 1.0 - unloaded.min() / loaded) if holds else math.inf
         dissipates = bool(loaded >= 0.0 and unloaded.max() <= 0.0)
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=holds,
                 detail=(
@@ -142,7 +147,7 @@ class GeneralisedBoucWen(HysteresisModel):
                     f"{loaded:.6g} at least, and {unloaded.max():.6g} at most"
                 ),
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=dissipates,
                 detail=(
@@ -150,7 +155,7 @@ class GeneralisedBoucWen(HysteresisModel):
                     f"{loaded:.6g} at least, and {unloaded.max():.6g} at most"
                 ),
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=self.gain > steepest,
                 detail=(

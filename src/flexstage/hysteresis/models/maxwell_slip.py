@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
 )
 from flexstage.hysteresis.models import play_sum
-from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.models.dead_zones import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.play import ROUNDING, fixed, play_state, rising
 from flexstage.hysteresis.models.play_model import Sum, least_slope, sampled, segments_of, terms
 
@@ -91,17 +91,17 @@ class GeneralisedMaxwellSlip(HysteresisModel):
                 f"{least:g} V/m: raise the stiffness, or weaken dead zones with negative weights"
             )
 
-    def spring(self) -> Line:
+    def spring(self) -> PiecewiseLinear:
         """Return the voltage of the spring that never slides, straight and bent part together.
 
         Returns
         -------
-        Line
+        PiecewiseLinear
             Voltage [V] of displacement [m].
         """
         return dead_zone_line(self.stiffness, self.dead_zones, self.dead_zone_weights)
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(self.thresholds.size + 2)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -130,23 +130,25 @@ class GeneralisedMaxwellSlip(HysteresisModel):
             state=_outer(given[-1], found.state),
         )
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
+        # a closed cycle takes in the work of the sliders: sum of k_i r_i times the way that slider
+        # i goes
         least = self._least_slope()
         weakest = float(np.min(self.element_stiffness))
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=True,
                 detail=f"the displacement is never more than {1.0 / least:g} m per volt of the "
                 f"largest voltage",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=weakest >= 0.0,
                 detail=f"the stiffness of every element is at least 0, the least is {weakest:g}; "
                 f"else a cycle can give out energy",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=True,
                 detail="the voltage is given by the displacement, as the model is written",

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
 )
-from flexstage.hysteresis.models.dead_zones import Line, dead_zone_line
+from flexstage.hysteresis.models.dead_zones import PiecewiseLinear, dead_zone_line
 from flexstage.hysteresis.models.play import fixed, rising
 from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
@@ -75,18 +75,18 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
         object.__setattr__(self, "dead_zone_weights", weights)
         self.line()
 
-    def line(self) -> Line:
+    def line(self) -> PiecewiseLinear:
         """Return the function S that follows the plays.
 
         Returns
         -------
-        Line
+        PiecewiseLinear
             The superposition of the dead zones [m] of [m].
         """
         return dead_zone_line(1.0, self.dead_zones, self.dead_zone_weights)
 
-    def rest(self) -> Array:
-        return self._plays().rest()
+    def initial_state(self) -> Array:
+        return self._plays().initial_state()
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
         inner = self._plays().simulate(u, state)
@@ -99,23 +99,25 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         return _through(self.line(), self._plays().segments(u, state))
 
-    def conditions(self) -> tuple[Condition, ...]:
-        bounded, dissipative, invertible = self._plays().conditions()
+    def properties(self) -> tuple[ModelProperty, ...]:
+        # a rising S keeps the sense in which each loop is run through, and so the sign of integral
+        # u dy
+        bounded, dissipative, invertible = self._plays().properties()
         slopes = self.line().slopes
         least, most = float(np.min(slopes)), float(np.max(np.abs(slopes)))
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=bounded.holds,
                 detail=f"of H, {bounded.detail}; of S, the slope is at most {most:g}",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=dissipative.holds and least >= 0.0,
                 detail=f"of H, {dissipative.detail}; S does not fall, its slope is at least "
                 f"{least:g}",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=invertible.holds and least > 0.0,
                 detail=f"of H, {invertible.detail}; of S, the slope is at least {least:g}, and "
@@ -127,7 +129,7 @@ class ModifiedPrandtlIshlinskii(HysteresisModel):
         return PrandtlIshlinskii(gain=self.gain, thresholds=self.thresholds, weights=self.weights)
 
 
-def _through(line: Line, pieces: Segments) -> Segments:
+def _through(line: PiecewiseLinear, pieces: Segments) -> Segments:
     """Return straight pieces after a line with kinks: split where they cross one."""
     ends = np.append(pieces.start[1:], pieces.samples - 1.0)
     # A piece that stands still, and a knot that it never meets, give no time: no split.

@@ -20,6 +20,10 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
     ``p = max(u - r, min(u + r, p before))`` for a monotone input (Krasnosel'skii and Pokrovskii
     1983; Brokate and Sprekels 1996, section 2.1).
 
+    Thresholds [V] are not negative and rise, shape (m,); the state is the last input and the
+    outputs before the first sample, shape (m + 1,), zeros where not given. Outputs have the shape
+    (n, m); the last input and the last row are the state after.
+
     Notes
     -----
     Validity: every input that is monotone between samples; no rounding beyond one subtraction.
@@ -39,8 +43,9 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
 def stop_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = None) -> Array:
     """Return the outputs of stops: the input less the play of the same threshold.
 
-    A stop follows its input with slope one until it is at its threshold, and stays there until
-    the input turns back, as a spring with a dry slider does (Brokate and Sprekels 1996, 2.1).
+    A stop follows its input with slope one until it is at its threshold, and stays there until the
+    input turns back, as a spring with a dry slider does (Brokate and Sprekels 1996, 2.1). The state
+    is that of the *plays*, as in `play_columns`.
 
     Notes
     -----
@@ -62,7 +67,8 @@ def play_state(state: Array, thresholds: Array) -> Array:
 
     Two plays with thresholds r and s on one input are never more than ``|r - s|`` apart, and the
     input itself is the play with threshold zero. So plays start to move in the order of their
-    thresholds, on which the stepping relies.
+    thresholds, on which the stepping relies. State: last input and outputs of the plays [V], shape
+    (m + 1,).
     """
     if state.shape != (thresholds.size + 1,) or not np.all(np.isfinite(state)):
         raise ModelError(
@@ -85,7 +91,10 @@ def play_state(state: Array, thresholds: Array) -> Array:
 def rising(
     values: ArrayLike, what: str, *, lowest: float = -np.inf, above: float = -np.inf, least: int = 1
 ) -> Array:
-    """Return a finite, strictly rising sequence of numbers that can no longer be changed."""
+    """Return a finite, strictly rising sequence that can no longer be changed.
+
+    Its first number is at least `lowest` and more than `above`; there are at least `least` of them.
+    """
     array = fixed(values, what, (-1,))
     if array.size < least:
         raise ModelError(f"the {what} must be at least {least}, got {array.size}")
@@ -102,7 +111,10 @@ def rising(
 
 
 def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers of a given shape that can no longer be changed."""
+    """Return finite numbers of a given shape that can no longer be changed.
+
+    A size of -1 in the shape stands for any.
+    """
     array = np.array(values, dtype=np.float64, order="C")
     fits = array.ndim == len(shape) and all(
         want in (-1, got) for want, got in zip(shape, array.shape, strict=True)

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from flexstage.errors import ModelError
 from flexstage.hysteresis.model import (
     Array,
-    Condition,
     HysteresisModel,
+    ModelProperty,
     Response,
     Segments,
     samples,
@@ -33,7 +33,7 @@ class PlayModel(HysteresisModel):
     def _sum(self) -> Sum:
         """Return gain, thresholds (m,), inner knots (c,), slopes and offsets (m, c + 1)."""
 
-    def rest(self) -> Array:
+    def initial_state(self) -> Array:
         return np.zeros(self._sum()[1].size + 1)
 
     def simulate(self, u: ArrayLike, state: ArrayLike | None = None) -> Response:
@@ -42,6 +42,7 @@ class PlayModel(HysteresisModel):
         return Response(values=y, state=after)
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
+        # where the output stands still over a range of inputs, the input stops at its near end
         found, missed = self._inverted(y, state)
         if missed >= 0:
             wanted = samples(y, "output")[missed]
@@ -71,25 +72,28 @@ class PlayModel(HysteresisModel):
         first = self.simulate(given[:1], state)
         return segments_of(given, self._sum(), first.state, backward=False)
 
-    def conditions(self) -> tuple[Condition, ...]:
+    def properties(self) -> tuple[ModelProperty, ...]:
+        # The energy of a closed cycle, integral u dy, is that of the plays, sum of r_i integral
+        # f_i'(p_i) |dp_i| (Brokate and Sprekels 1996, section 2.4), so slopes that are not negative
+        # make it so. The inverse is unique if the slope is positive everywhere.
         gain, thresholds, _, slopes, _ = self._sum()
         steepest = abs(gain) + float(np.sum(np.max(np.abs(slopes), axis=1)))
         lossy = slopes[thresholds > 0.0]
         lowest = float(np.min(lossy)) if lossy.size else 0.0
         least = self._least_slope()
         return (
-            Condition(
+            ModelProperty(
                 name="bounded",
                 holds=True,
                 detail=f"the output is never more than {steepest:g} times the largest input",
             ),
-            Condition(
+            ModelProperty(
                 name="dissipative",
                 holds=lowest >= 0.0,
                 detail=f"every weight of a play is at least 0, the least is {lowest:g}; "
                 f"else a cycle can give out energy",
             ),
-            Condition(
+            ModelProperty(
                 name="invertible",
                 holds=least > 0.0,
                 detail=f"the slope is more than 0 everywhere, it is at least {least:g}; "
@@ -108,7 +112,11 @@ class PlayModel(HysteresisModel):
 
 
 def terms(gain: float, thresholds: Array, knots: Array, slopes: Array) -> Sum:
-    """Return a sum of functions of plays as the kernels take it."""
+    """Return a sum of functions of plays as the kernels take it.
+
+    The gain is that of the input itself. The arrays are copies: kernels would be compiled again for
+    arrays that cannot be written.
+    """
     r, k, s = np.array(thresholds), np.array(knots), np.array(slopes, order="C")
     return gain, r, k, s, play_sum.offsets_of(k, s)
 
@@ -117,6 +125,7 @@ def least_slope(gain: float, thresholds: Array, slopes: Array) -> float:
     """Return a lower bound of the slope of a sum of functions of plays, whatever its memory.
 
     Only the first few plays move, each at its flattest; one with threshold zero always moves.
+    Thresholds (m,) and slopes (m, c + 1); it is the least slope itself if there are no knots.
     """
     sums = gain + np.cumsum(np.min(slopes, axis=1))
     return float(np.min(sums if thresholds[0] == 0.0 else np.append(sums, gain)))
@@ -131,7 +140,11 @@ def sampled(u: ArrayLike) -> Array:
 
 
 def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> Segments:
-    """Return the straight pieces of a sum of functions of plays, or of its inverse."""
+    """Return the straight pieces of a sum of functions of plays, or of its inverse.
+
+    Backward, the samples are of the sum and the pieces of the input of the plays. The state is last
+    input of the plays, and the plays, at the first sample; that of the pieces is theirs too.
+    """
     room = np.empty((4 * values.size, 3))
     after = state.copy()
     count = play_sum.pieces(values, backward, *terms, after, room)

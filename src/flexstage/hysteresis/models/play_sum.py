@@ -21,7 +21,11 @@ ROUNDING = 1e-15
 
 @compiled
 def offsets_of(knots: Array, slopes: Array) -> Array:
-    """Return the constants of piecewise-linear functions that are zero at zero."""
+    """Return the constants of piecewise-linear functions that are zero at zero.
+
+    So that a function is ``offset + slope p`` on each interval; knots (c,), slopes (m, c + 1)
+    below, between and above them.
+    """
     offsets = np.zeros(slopes.shape)
     zero = 0
     while zero < knots.size and knots[zero] <= 0.0:
@@ -86,7 +90,11 @@ def simulate(
     offsets: Array,
     state: Array,
 ) -> Array:
-    """Return the sum for a sequence of inputs, and leave the state after it in its place."""
+    """Return the sum for a sequence of inputs, and leave the state after it in its place.
+
+    The gain is that of the input itself, knots (c,), slopes and offsets (m, c + 1) make the
+    functions of the plays, and the state is last input and plays, shape (m + 1,).
+    """
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
     sums = _sums(p, knots, slopes, offsets, where)
@@ -158,6 +166,9 @@ def invert(
 
     For a frozen memory the sum is a rising, piecewise-linear function of the input; the straight
     pieces are walked through until one of them reaches the wanted sum.
+
+    The number is the first sample that no input reaches, at which the input stops where the sum
+    does, or -1. Arguments as in `simulate`.
     """
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
@@ -203,7 +214,12 @@ def pieces(
     state: Array,
     out: Array,
 ) -> int:
-    """Return the number of straight pieces between the samples, and write as many as fit."""
+    """Return the number of straight pieces between the samples, and write as many as fit.
+
+    Backward, the samples are of the sum and the pieces of the input that gives it; every slope must
+    be positive then. Pieces are start [samples], value there and slope [per sample], shape (k, 3).
+    The rest is as in `simulate`.
+    """
     p = state[1:]
     where = np.zeros(p.size, dtype=np.int64)
     sums = _sums(p, knots, slopes, offsets, where)

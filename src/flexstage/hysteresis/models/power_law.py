@@ -38,7 +38,11 @@ _AT_ZERO, _AT_LOW, _AT_HIGH = 1, 3, 5
 
 @functools.lru_cache(maxsize=256)
 def power_table(n: float) -> Array:
-    """Return the coefficients of the series for an exponent."""
+    """Return the coefficients of the series for an exponent.
+
+    Calls share it: it must not be written into. It is not read for n = 1 and n = 2, whose solutions
+    are closed forms.
+    """
     b = 1.0 / n
     k = np.arange(_TERMS)
     table = np.zeros((_CONSTANTS + 1, _TERMS))
@@ -242,7 +246,11 @@ def _scale(A: float, rate: float, n: float) -> float:
 
 @compiled
 def flow(g: float, v: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return g after a distance v, where dg/dv = A - rate g^n."""
+    """Return g after a distance v, where dg/dv = A - rate g^n; infinity where it ran away.
+
+    A > 0 and n >= 1, with the table of `power_table` for n. A distance below zero follows the
+    motion back, at most to g = 0; with a rate below zero g runs away.
+    """
     if n == 1.0:
         return max(saturating(g, A, rate, v), 0.0)
     G = _scale(A, rate, n)
@@ -299,7 +307,10 @@ def _flow_n(x: float, tau: float, sigma: float, table: Array) -> float:
 
 @compiled
 def time_to_zero(w: float, A: float, rate: float, n: float, table: Array) -> float:
-    """Return the distance in which w falls to zero, where dw/dv = -(A - rate w^n)."""
+    """Return the distance in which w >= 0 falls to zero, where dw/dv = -(A - rate w^n).
+
+    Infinity where it does not.
+    """
     if n == 1.0:
         return distance_to_zero(w, A, rate)
     G = _scale(A, rate, n)

@@ -86,6 +86,9 @@ def preisach_columns(
     """Return the output of a Preisach model per unit of each of its slopes.
 
     A model without gain gives ``preisach_columns(u, thresholds, knots) @ slopes.ravel()``.
+    Thresholds [V], shape (m,), none negative and rising, and knots [V], shape (k,), at least two,
+    as those of the model; columns [V], shape (n, m (k - 1)), play by play. The state is as in
+    `play_columns`.
 
     Notes
     -----
@@ -112,8 +115,9 @@ def preisach_gram(
     """Return the products of all columns of a Preisach model with each other and with others.
 
     The matrix is ``C.T @ C`` with C the columns of `preisach_columns` and then the others. It is
-    formed without C: a function of a play is a sum of its values at the knots times hats, of
-    which two only are not zero.
+    formed without C: a function of a play is a sum of its values at the knots times hats, of which
+    two only are not zero. The others are, say, the measured output, the input and ones, shape (n,
+    q); products have the shape (N, N) with N = m (k - 1) + q. The rest is as in `preisach_columns`.
 
     Notes
     -----

@@ -48,7 +48,7 @@ class OscillatorIdentification:
     """What the record cannot say, and what would."""
 
     def standard_errors(self) -> dict[str, float]:
-        """Return the standard error of everything that was identified."""
+        """Return the standard error of all that was identified, by name, in the unit of each."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
@@ -69,7 +69,10 @@ def identify_oscillator(
     for (variable projection; Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). It is robust, but
     noise in the displacement biases it. From there the second minimises the error of a simulation,
     of which the initial state is a part, by Gauss–Newton steps in a trust region (Branch, Coleman
-    and Li, SIAM J. Sci. Comput. 21, 1999): the maximum likelihood where the noise is white.
+    and Li, SIAM J. Sci. Comput. 21, 1999): the maximum likelihood where the noise is white. The
+    mass [kg] is identified where not given, the exponent where None. Start: beta gamma and beta
+    delta [1/m], times ``alpha**(nu - 1)`` for another exponent than 1; a grid where not given, or
+    where the start leads to no oscillator. A ConvergenceError where no start led to one.
 
     Notes
     -----

@@ -31,6 +31,8 @@ def input_pieces(u: Array, interpolation: Interpolation) -> Array:
     - ``periodic``: the trigonometric polynomial through the samples, which are whole periods.
     - ``linear``: straight lines.
 
+    Returned: shape (n - 1, 14), or (n - 1, 2) for straight lines.
+
     Notes
     -----
     Validity: content up to 0.42 of the sampling rate, to 3e-8 of its amplitude (``band-limited``);

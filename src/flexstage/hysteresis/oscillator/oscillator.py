@@ -107,7 +107,12 @@ class BoucWenOscillator:
         *,
         interpolation: Interpolation = "band-limited",
     ) -> OscillatorResponse:
-        """Return the motion under a sampled force."""
+        """Return the motion under a sampled force.
+
+        Force [N], at least two samples. Initial: displacement [m], velocity [m/s] and hysteretic
+        force [N] at the first sample; at rest where not given. `periodic` is for a record of whole
+        periods; see `input_pieces`. A ModelError too where the motion diverges.
+        """
         force = samples(u, "force")
         pieces = prepared_input(force, sample_rate_hz, interpolation)
         start = _initial(initial)
@@ -134,7 +139,7 @@ def prepared_input(force: Array, sample_rate_hz: float, interpolation: Interpola
 
 
 def parameter_row(model: BoucWenOscillator) -> Array:
-    """Return the parameters as the compiled loops take them."""
+    """Return m, c, k, alpha, beta gamma, beta delta and nu as the compiled loops take them."""
     return np.array([getattr(model, field.name) for field in fields(model)], dtype=np.float64)
 
 

@@ -19,7 +19,8 @@ class EquationError:
 
     ``F u = m F y'' + c F y' + k F y + alpha F h(y; beta gamma, beta delta)`` where h is the
     hysteretic force for alpha = 1, which the displacement determines, and F a low pass that keeps
-    the frequencies at which the mass moves and drops the rest, which is noise.
+    the frequencies at which the mass moves and drops the rest, which is noise. The mass
+    [kg] is None where it is not known.
 
     Notes
     -----
@@ -63,12 +64,15 @@ class EquationError:
         self.scale = self.unit**exponent
 
     def filtered(self, values: Array, derivative: int) -> Array:
-        """Return a derivative of a sequence after the low pass, without its ends."""
+        """Return derivative 0, 1 or 2 of a sequence after the low pass, without its ends."""
         spectrum = np.fft.rfft(values) * self.low_pass * (1j * self.omega) ** derivative
         return np.fft.irfft(spectrum, values.size)[self.inside]
 
     def project(self, x: Array) -> tuple[Array, Array]:
-        """Return the best linear parameters for given nonlinear ones."""
+        """Return the best m (unless known), c, k and alpha, and the error over the force.
+
+        x is beta gamma and beta delta, in parts of the unit of this record.
+        """
         hysteretic = np.empty(self.displacement.size)
         scaled = x * self.scale
         force_of_motion(self.displacement, scaled[0], scaled[1], self.exponent, hysteretic)
@@ -81,7 +85,12 @@ class EquationError:
         return linear, (matrix @ linear - self.target) / size
 
     def search(self, start: tuple[float, float] | None) -> BoucWenOscillator:
-        """Return the oscillator of least error."""
+        """Return the oscillator of least error.
+
+        The start is beta gamma and beta delta for alpha = 1; the best of a grid where None, or
+        where it leads to no oscillator. A ConvergenceError where the best has a mass or a
+        hysteretic stiffness below zero.
+        """
         found = None if start is None else self._from([np.array(start) / self.scale])
         if found is None:
             grid = [np.array([a, b]) for a in GAMMAS for b in DELTAS]
@@ -137,7 +146,7 @@ def force_of_motion(
     """Find the hysteretic force for alpha = 1 along a sampled motion.
 
     ``dh = dy (1 - (beta gamma sign(dy h) + beta delta) |h|**nu)``, from h = 0, by one Runge–Kutta
-    step a sample.
+    step a sample. The force is written in parts of alpha [m].
     """
     h = 0.0
     force[0] = h

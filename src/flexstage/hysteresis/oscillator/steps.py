@@ -22,7 +22,13 @@ def advance(
     tolerance: float,
     motion: Array,
 ) -> int:
-    """Step an oscillator through a record."""
+    """Step an oscillator through a record.
+
+    Pieces of `input_pieces`, parameters of `parameter_row`, the initial displacement, velocity and
+    force. The order is the degree of the series; the tolerance is its largest last term, in parts
+    of its first five: steps are cut to keep it. Writes the motion, shape (n, 3); returns how many
+    samples were reached, fewer than n where the motion diverges.
+    """
     binomials = _binomials(pieces.shape[1])
     powers = np.empty(pieces.shape[1])
     force = np.zeros(max(pieces.shape[1], order + 1))
@@ -59,7 +65,11 @@ def advance_each(
     tolerance: float,
     displacement: Array,
 ) -> None:
-    """Step many oscillators through one record, each on a core."""
+    """Step many oscillators through one record, each on a core.
+
+    As `advance`, a row of parameters and of initial state for each; displacements, shape (m, n),
+    are NaN from where a motion diverges.
+    """
     for i in numba.prange(parameters.shape[0]):
         motion = np.empty((displacement.shape[1], 3))
         done = advance(pieces, interval, parameters[i], initial[i], order, tolerance, motion)

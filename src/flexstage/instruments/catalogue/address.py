@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, make_url
+from sqlalchemy import URL, Connection, Engine, NullPool, StaticPool, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError
 
 from flexstage.errors import RecordError
@@ -17,7 +17,7 @@ _PATIENCE, _ANSWER = 30, 10
 
 
 def default_catalogue() -> str:
-    """Return where the user's catalogue is."""
+    """Return where the user's catalogue is: ``$FLEXSTAGE_CATALOGUE``, else the platform's place."""
     return os.environ.get("FLEXSTAGE_CATALOGUE") or str(_data_folder() / "catalogue.sqlite")
 
 
@@ -32,7 +32,10 @@ def _data_folder() -> Path:
 
 
 def catalogue_engine(address: str) -> Engine:
-    """Return what talks to a catalogue."""
+    """Return what talks to a catalogue; nothing is opened, but the folder of a file is made.
+
+    The address is the path of a file, ``sqlite:///PATH``, or ``postgresql://USER@HOST/DATABASE``.
+    """
     url = _url(address)
     if url.get_backend_name() == "sqlite":
         return _sqlite(url)
@@ -46,6 +49,25 @@ def catalogue_engine(address: str) -> Engine:
         raise RecordError(
             "a catalogue on PostgreSQL needs its driver: pip install 'flexstage[postgresql]'"
         ) from error
+
+
+def address_of(address: str) -> str:
+    """Return an address in full, without its password."""
+    return _url(address).render_as_string(hide_password=True)
+
+
+def is_absent_file(address: str) -> bool:
+    """Return whether a catalogue is a file that is not there."""
+    url = _url(address)
+    return url.get_backend_name() == "sqlite" and not Path(url.database or "").exists()
+
+
+def in_memory() -> Engine:
+    """Return what talks to an empty catalogue that leaves nothing behind."""
+    engine = create_engine("sqlite://", poolclass=StaticPool)
+    event.listen(engine, "connect", _prepare)
+    event.listen(engine, "begin", _begin)
+    return engine
 
 
 def require_address(address: str) -> None:

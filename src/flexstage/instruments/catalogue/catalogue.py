@@ -15,8 +15,13 @@ from flexstage.instruments.catalogue.entries import (
     RunStatus,
     StageEntry,
 )
-from flexstage.instruments.catalogue.rows import (
+from flexstage.instruments.catalogue.tables import (
+    CalibrationRow,
+    ModelRow,
+    RunRow,
+    StageRow,
     calibration_entry,
+    clean,
     fill_run,
     model_entry,
     of_stage,
@@ -25,7 +30,6 @@ from flexstage.instruments.catalogue.rows import (
     stage_entry,
     stage_row,
 )
-from flexstage.instruments.catalogue.tables import Calibration, Model, Run, StageRow, clean
 
 
 class Catalogue(Database):
@@ -33,7 +37,8 @@ class Catalogue(Database):
 
     Several programs may read and write it at once. It holds nothing that the folders of the runs do
     not hold: what could not be entered can be entered later, and a lost catalogue can be made again
-    from the folders, but for calibrations and models.
+    from the folders, but for calibrations and models. Where the database cannot be reached, a
+    method raises `NotConnectedError`.
 
     Examples
     --------
@@ -51,29 +56,13 @@ class Catalogue(Database):
     """
 
     def enter_run(self, entry: RunEntry) -> bool:
-        """Enter a run, or what is new of one that was entered before.
-
-        Parameters
-        ----------
-        entry : RunEntry
-            The run.
-
-        Returns
-        -------
-        bool
-            Whether it was not there before.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached; the run is safe in its folder.
-        """
+        """Enter a run, or what is new of one that was entered before; say whether it is new."""
 
         def work(session: Session) -> bool:
-            row = session.scalar(select(Run).where(Run.identifier == entry.identifier))
+            row = session.scalar(select(RunRow).where(RunRow.identifier == entry.identifier))
             new = row is None
             if row is None:
-                row = Run()
+                row = RunRow()
                 session.add(row)
             with session.no_autoflush:
                 fill_run(session, row, entry)
@@ -84,21 +73,11 @@ class Catalogue(Database):
     def enter_calibration(self, entry: CalibrationEntry) -> None:
         """Enter a calibration; those before it stay.
 
-        Parameters
-        ----------
-        entry : CalibrationEntry
-            The calibration.
-
-        Raises
-        ------
-        RecordError
-            The run that it comes from is not in the catalogue.
-        NotConnectedError
-            The database cannot be reached.
+        The run that it comes from must be in the catalogue.
         """
 
         def work(session: Session) -> None:
-            row = Calibration(
+            row = CalibrationRow(
                 what=entry.what,
                 value=entry.value,
                 unit=entry.unit,
@@ -115,23 +94,13 @@ class Catalogue(Database):
     def enter_model(self, entry: ModelEntry) -> None:
         """Enter a model; one of the same file of the same run is replaced.
 
-        Parameters
-        ----------
-        entry : ModelEntry
-            The model.
-
-        Raises
-        ------
-        RecordError
-            The run that it comes from is not in the catalogue.
-        NotConnectedError
-            The database cannot be reached.
+        The run that it comes from must be in the catalogue.
         """
 
         def work(session: Session) -> None:
             run = run_row(session, entry.run)
-            asked = select(Model).where(Model.file == clean(entry.file))
-            row = session.scalars(asked.where(Model.run == run)).first() or Model()
+            asked = select(ModelRow).where(ModelRow.file == clean(entry.file))
+            row = session.scalars(asked.where(ModelRow.run == run)).first() or ModelRow()
             with session.no_autoflush:
                 row.run = run
                 row.stage = stage_row(session, entry.stage)
@@ -163,82 +132,37 @@ class Catalogue(Database):
     ) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        kind, axis, plan : str, optional
-            Kind of test, axis, plan.
-        status : {"complete", "recovered", "failed"}, optional
-            How they ended.
-        since : datetime.datetime, optional
-            From when on, with its zone.
-        until : datetime.datetime, optional
-            Before when, with its zone.
-        simulated : bool, optional
-            Whether simulations, or none.
-        limit : int, optional
-            How many at most.
-
-        Returns
-        -------
-        list of RunEntry
-            The runs.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
+        They began from `since` on and before `until`, which are times with their zones.
         """
-        asked = select(Run).join(Run.stage)
+        asked = select(RunRow).join(RunRow.stage)
         equal: list[tuple[Any, Any]] = [
             (StageRow.name, stage),
             (StageRow.serial_number, serial_number),
-            (Run.kind, kind),
-            (Run.axis, axis),
-            (Run.plan, plan),
-            (Run.status, status),
-            (Run.simulated, simulated),
+            (RunRow.kind, kind),
+            (RunRow.axis, axis),
+            (RunRow.plan, plan),
+            (RunRow.status, status),
+            (RunRow.simulated, simulated),
         ]
         for column, value in equal:
             if value is not None:
                 asked = asked.where(column == value)
         if since is not None:
-            asked = asked.where(Run.started >= since)
+            asked = asked.where(RunRow.started >= since)
         if until is not None:
-            asked = asked.where(Run.started < until)
-        asked = asked.order_by(Run.started.desc(), Run.id.desc()).limit(limit)
+            asked = asked.where(RunRow.started < until)
+        asked = asked.order_by(RunRow.started.desc(), RunRow.id.desc()).limit(limit)
         return self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
 
     def run(self, identifier: str) -> RunEntry:
-        """Return a run.
-
-        Parameters
-        ----------
-        identifier : str
-            Its identifier, or the beginning of it that no other has.
-
-        Returns
-        -------
-        RunEntry
-            The run.
-
-        Raises
-        ------
-        RecordError
-            There is no such run, or more than one.
-        NotConnectedError
-            The database cannot be reached.
-        """
+        """Return a run by its identifier, or the beginning of it that no other has."""
         wanted = identifier.strip().lower()
         if not wanted or not set(wanted) <= set("0123456789abcdef"):
             raise RecordError(
                 "a run is named by the beginning of its identifier, hexadecimal digits such as "
                 f"3f9a, got '{identifier[:40]}'"
             )
-        asked = select(Run).where(Run.identifier.startswith(wanted)).limit(3)
+        asked = select(RunRow).where(RunRow.identifier.startswith(wanted)).limit(3)
         found = self.read(lambda session: [run_entry(row) for row in session.scalars(asked)])
         if len(found) == 1:
             return found[0]
@@ -262,33 +186,14 @@ class Catalogue(Database):
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        what : str, optional
-            What they are of.
-        at : datetime.datetime, optional
-            Only the one of each that holds at this time: the latest that began before.
-
-        Returns
-        -------
-        list of CalibrationEntry
-            The calibrations.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
+        Of each only the one that holds `at` a time, where given: the latest that began before.
         """
-        asked = of_stage(select(Calibration).join(Calibration.stage), stage, serial_number)
+        asked = of_stage(select(CalibrationRow).join(CalibrationRow.stage), stage, serial_number)
         if what is not None:
-            asked = asked.where(Calibration.what == what)
+            asked = asked.where(CalibrationRow.what == what)
         if at is not None:
-            asked = asked.where(Calibration.valid_from <= at)
-        asked = asked.order_by(Calibration.valid_from.desc(), Calibration.id.desc())
+            asked = asked.where(CalibrationRow.valid_from <= at)
+        asked = asked.order_by(CalibrationRow.valid_from.desc(), CalibrationRow.id.desc())
         found = self.read(
             lambda session: [calibration_entry(row) for row in session.scalars(asked)]
         )
@@ -308,35 +213,13 @@ class Catalogue(Database):
         axis: str | None = None,
         run: str | None = None,
     ) -> list[ModelEntry]:
-        """Return models, the latest first.
-
-        Parameters
-        ----------
-        stage : str, optional
-            Name of the stage.
-        serial_number : str, optional
-            Its serial number.
-        kind, axis : str, optional
-            Which model, and of which axis.
-        run : str, optional
-            Identifier of the run that they come from.
-
-        Returns
-        -------
-        list of ModelEntry
-            The models.
-
-        Raises
-        ------
-        NotConnectedError
-            The database cannot be reached.
-        """
-        asked = of_stage(select(Model).join(Model.stage), stage, serial_number)
+        """Return models, the latest first; `run` is the identifier of the one they come from."""
+        asked = of_stage(select(ModelRow).join(ModelRow.stage), stage, serial_number)
         if kind is not None:
-            asked = asked.where(Model.kind == kind)
+            asked = asked.where(ModelRow.kind == kind)
         if axis is not None:
-            asked = asked.where(Model.axis == axis)
+            asked = asked.where(ModelRow.axis == axis)
         if run is not None:
-            asked = asked.where(Model.run.has(Run.identifier == run))
-        asked = asked.order_by(Model.created.desc(), Model.id.desc())
+            asked = asked.where(ModelRow.run.has(RunRow.identifier == run))
+        asked = asked.order_by(ModelRow.created.desc(), ModelRow.id.desc())
         return self.read(lambda session: [model_entry(row) for row in session.scalars(asked)])

@@ -37,17 +37,17 @@ class RunEntry:
     started: datetime
     """Date and time of its start, with its zone."""
     plan: str = ""
-    """The plan, its step, which kind of test, and the axis that moves."""
+    """The plan."""
     step: str = ""
-    """The plan, its step, which kind of test, and the axis that moves."""
+    """Its step."""
     kind: str = ""
-    """The plan, its step, which kind of test, and the axis that moves."""
+    """Which kind of test it is."""
     axis: str = ""
-    """The plan, its step, which kind of test, and the axis that moves."""
+    """The axis that moves."""
     operator: str = ""
-    """Who made it, and what they say about it."""
+    """Who made it."""
     note: str = ""
-    """Who made it, and what they say about it."""
+    """What they say about it."""
     version: str = ""
     """Version of flexstage."""
     instrument: str = ""
@@ -91,13 +91,7 @@ class RunEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationEntry:
-    """A value that was found for a stage, with its uncertainty.
-
-    Raises
-    ------
-    RecordError
-        A number is not finite, the uncertainty is negative, or the time has no zone.
-    """
+    """A value that was found for a stage, with its uncertainty."""
 
     what: str
     """What it is of: ``gain of sensor x``."""

@@ -26,7 +26,10 @@ class Entered:
 
 
 def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str, ...]]:
-    """Return the runs whose files a folder holds."""
+    """Return the runs whose files a folder holds, and what could not be read and why.
+
+    A run of which there is only a stream has failed.
+    """
     place = RunFolder.open(folder)
     entries: list[RunEntry] = []
     problems: list[str] = []
@@ -41,24 +44,9 @@ def folder_entries(folder: str | Path) -> tuple[tuple[RunEntry, ...], tuple[str,
 
 
 def enter_folder(folder: str | Path, address: str | None = None) -> Entered:
-    """Enter all runs of a folder; a catalogue that fails is told and raises nothing.
+    """Enter all runs of a folder in a catalogue, the user's own where no address is given.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The folder of a run.
-    address : str, optional
-        The catalogue; the user's own where not given.
-
-    Returns
-    -------
-    Entered
-        What was entered, and what could not be.
-
-    Raises
-    ------
-    RecordError
-        There is no such folder.
+    A catalogue that fails is told in the problems and raises nothing.
     """
     entries, problems = folder_entries(folder)
     new = 0

@@ -106,7 +106,7 @@ LATEST = len(STEPS)
 
 
 def schema_version(connection: Connection) -> int:
-    """Return the version of a database."""
+    """Return the version of a database: the steps that it has taken, 0 for an empty one."""
     tables = set(inspect(connection).get_table_names())
     if "schema_version" not in tables:
         if {"runs", "stages", "models", "calibrations"} & tables:
@@ -118,7 +118,7 @@ def schema_version(connection: Connection) -> int:
 
 
 def migrate(connection: Connection, steps: Sequence[Step] = STEPS) -> int:
-    """Lead a database to the last version, within the transaction of the connection."""
+    """Lead a database to the last version, in the transaction; return the version that it had."""
     if connection.dialect.name == "postgresql":
         # two programs that open a new database at once: the second waits, and finds it done
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})

@@ -1,16 +1,35 @@
-"""The tables of a catalogue, as classes."""
+"""The tables of a catalogue, as classes; their rows from entries, and entries from rows."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, cast
 
-from sqlalchemy import JSON, BigInteger, DateTime, ForeignKey, Index, Text, UniqueConstraint
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    ForeignKey,
+    Index,
+    Select,
+    Text,
+    UniqueConstraint,
+    select,
+)
 from sqlalchemy.engine import Dialect
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, relationship
 from sqlalchemy.types import TypeDecorator
+
+from flexstage.errors import RecordError
+from flexstage.instruments.catalogue.entries import (
+    CalibrationEntry,
+    ModelEntry,
+    RunEntry,
+    StageEntry,
+)
 
 
 class UtcTime(TypeDecorator[datetime]):
-    """A date and time in UTC, also where a database knows no zones."""
+    """A date and time in UTC, also where a database knows no zones and keeps it without one."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
@@ -41,7 +60,7 @@ class CleanText(TypeDecorator[str]):
 
 
 def clean(text: str) -> str:
-    """Return a text that every database takes."""
+    """Return a text that every database takes: ``?`` for halves of letters, no zeros."""
     return text.replace("\0", "").encode("utf-8", "replace").decode("utf-8")
 
 
@@ -62,7 +81,7 @@ class StageRow(Base):
     hash: Mapped[str] = mapped_column(CleanText)
 
 
-class Run(Base):
+class RunRow(Base):
     """A run."""
 
     __tablename__ = "runs"
@@ -92,7 +111,7 @@ class Run(Base):
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
 
 
-class Calibration(Base):
+class CalibrationRow(Base):
     """A calibration."""
 
     __tablename__ = "calibrations"
@@ -107,10 +126,10 @@ class Calibration(Base):
     valid_from: Mapped[datetime] = mapped_column(UtcTime)
     note: Mapped[str] = mapped_column(CleanText)
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
-    run: Mapped[Run | None] = relationship(lazy="joined")
+    run: Mapped[RunRow | None] = relationship(lazy="joined")
 
 
-class Model(Base):
+class ModelRow(Base):
     """A model."""
 
     __tablename__ = "models"
@@ -125,4 +144,110 @@ class Model(Base):
     created: Mapped[datetime] = mapped_column(UtcTime)
     sha256: Mapped[str] = mapped_column(CleanText)
     stage: Mapped[StageRow] = relationship(lazy="joined", innerjoin=True)
-    run: Mapped[Run | None] = relationship(lazy="joined")
+    run: Mapped[RunRow | None] = relationship(lazy="joined")
+
+
+_STAGE_FIELDS = ("name", "serial_number", "design", "hash")
+_RUN_FIELDS = (
+    "identifier",
+    "started",
+    "plan",
+    "step",
+    "kind",
+    "axis",
+    "operator",
+    "note",
+    "version",
+    "instrument",
+    "simulated",
+    "folder",
+    "file",
+    "sha256",
+    "status",
+    "samples",
+    "sample_rate_hz",
+    "lost",
+)
+
+
+def fill_run(session: Session, row: RunRow, entry: RunEntry) -> None:
+    """Give the row of a run what its entry says."""
+    row.stage = stage_row(session, entry.stage)
+    for name in _RUN_FIELDS:
+        setattr(row, name, getattr(entry, name))
+    # whole numbers of any size, which no database has
+    row.seed = None if entry.seed is None else str(entry.seed)
+
+
+def of_stage(asked: Select[Any], stage: str | None, serial_number: str | None) -> Select[Any]:
+    """Narrow a question to a stage."""
+    if stage is not None:
+        asked = asked.where(StageRow.name == stage)
+    if serial_number is not None:
+        asked = asked.where(StageRow.serial_number == serial_number)
+    return asked
+
+
+def stage_row(session: Session, entry: StageEntry) -> StageRow:
+    """Return the row of a stage, a new one where there is none."""
+    asked = select(StageRow)
+    for name in _STAGE_FIELDS:
+        asked = asked.where(getattr(StageRow, name) == getattr(entry, name))
+    row = session.scalars(asked).first()
+    if row is None:
+        row = StageRow(**{name: getattr(entry, name) for name in _STAGE_FIELDS})
+        session.add(row)
+    return row
+
+
+def run_row(session: Session, identifier: str) -> RunRow | None:
+    """Return the row of a run; None where the identifier is empty."""
+    if not identifier:
+        return None
+    row = session.scalar(select(RunRow).where(RunRow.identifier == identifier))
+    if row is None:
+        raise RecordError(
+            f"run {identifier[:40]} is not in the catalogue: enter it first, with 'flexstage runs "
+            "add FOLDER'"
+        )
+    return row
+
+
+def stage_entry(row: StageRow) -> StageEntry:
+    """Return the entry of a stage."""
+    return StageEntry(**{name: getattr(row, name) for name in _STAGE_FIELDS})
+
+
+def run_entry(row: RunRow) -> RunEntry:
+    """Return the entry of a run."""
+    fields: Mapping[str, Any] = {name: getattr(row, name) for name in _RUN_FIELDS}
+    seed = None if row.seed is None else int(row.seed)
+    return RunEntry(**fields, seed=seed, stage=stage_entry(row.stage))
+
+
+def calibration_entry(row: CalibrationRow) -> CalibrationEntry:
+    """Return the entry of a calibration."""
+    return CalibrationEntry(
+        what=row.what,
+        value=row.value,
+        unit=row.unit,
+        standard_uncertainty=row.standard_uncertainty,
+        valid_from=row.valid_from,
+        stage=stage_entry(row.stage),
+        run=row.run.identifier if row.run else "",
+        note=row.note,
+    )
+
+
+def model_entry(row: ModelRow) -> ModelEntry:
+    """Return the entry of a model."""
+    return ModelEntry(
+        kind=row.kind,
+        file=row.file,
+        stage=stage_entry(row.stage),
+        created=row.created,
+        axis=row.axis,
+        figures=cast(Mapping[str, float], row.figures),
+        run=row.run.identifier if row.run else "",
+        sha256=row.sha256,
+    )

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.checks import check_position, check_voltage
-from flexstage.instruments.gcs.core import Core
-from flexstage.instruments.gcs.tuning import Tuning
+from flexstage.instruments.gcs.connection import Connection
+from flexstage.instruments.gcs.tuning import ServoTuning
 from flexstage.instruments.gcs.units import VOLTS, WireUnit
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.protocol import Capability
+from flexstage.instruments.protocol import Capability, MotionAxis
 from flexstage.instruments.servo import ServoSettings
 
 #: Time in which an amplifier makes the largest step that is commanded at once [s].
@@ -41,65 +41,60 @@ class AxisFacts:
     """What it can do."""
 
 
-class PiAxis:
+class PiAxis(MotionAxis):
     """An axis of a controller; positions and voltages are checked before any command leaves.
 
-    Notes
-    -----
+    Its voltage is set in steps that the amplifier makes within 0.1 ms each. A link that is lost
+    while it waits is answered by a stop, over a second link if there can be one.
+
     Validity: voltages are commanded by ``SVA``, which counts in volts at the drive only where the
     controller is set so. The first motion of each axis begins with a step of 1 V at most, whose
     effect is read back, and is given up where it is another one.
     """
 
-    def __init__(self, core: Core, facts: AxisFacts) -> None:
-        self._core, self.facts = core, facts
-        self._client = core.client
-        self._tuning = Tuning(core, facts.identifier)
+    def __init__(self, connection: Connection, facts: AxisFacts) -> None:
+        self._connection, self.facts = connection, facts
+        self._client = connection.client
+        self._tuning = ServoTuning(connection, facts.identifier)
         self._volts_seen = facts.output is None
         self._target: float | None = None
-        self._stops = core.client.stops
+        self._stops = connection.client.stops
 
     @property
     def name(self) -> str:
-        """Its name at the stage."""
         return self.facts.name
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """What it can do."""
         return self.facts.capabilities
 
     @property
     def limits(self) -> AxisLimits:
-        """What may be commanded: the narrower of the stage's limits and the controller's."""
         return self.facts.limits
 
     @property
     def closed_loop(self) -> bool:
-        """Whether its position control is on."""
-        if not self._core.profile.knows("SVO?"):
+        if not self._connection.profile.knows("SVO?"):
             return Capability.CLOSED_LOOP in self.capabilities
         return bool(self._client.ask_values("SVO?", [self.facts.identifier])[0])
 
     def set_closed_loop(self, on: bool) -> None:
-        """Switch its position control on or off."""
         self._require(Capability.CLOSED_LOOP)
         axis = self.facts.identifier
-        if self._core.servo.get(axis) == on and self.closed_loop == on:
+        if self._connection.servo.get(axis) == on and self.closed_loop == on:
             return
-        self._core.drives_back()
-        self._core.servo.pop(axis, None)
-        self._core.tell(f"SVO {axis} {int(on)}")
+        self._connection.drives_back()
+        self._connection.servo.pop(axis, None)
+        self._connection.tell(f"SVO {axis} {int(on)}")
         if self.closed_loop != on:
             raise ControllerError(
                 f"the position control of axis '{self.name}' was switched {_on(on)} and is "
                 f"{_on(not on)}: look at the controller's own messages"
             )
-        self._core.servo[axis] = on
+        self._connection.servo[axis] = on
         self._target = None
 
     def position(self) -> float:
-        """Return what its sensor reads."""
         value = self._client.ask_values("POS?", [self.facts.identifier])[0]
         if not math.isfinite(value):
             raise ControllerError(
@@ -109,7 +104,6 @@ class PiAxis:
         return value * self.facts.unit.factor
 
     def voltage(self) -> float:
-        """Return the voltage at its drive."""
         value = self._client.ask_values("VOL?", [self._output()])[0]
         if not math.isfinite(value):
             raise ControllerError(
@@ -118,46 +112,42 @@ class PiAxis:
         return value
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Move to a position."""
         check_position(self.limits, position, self.name)
         self._require(Capability.CLOSED_LOOP)
-        self._core.drives_back()
+        self._connection.drives_back()
         text = self.facts.unit.text(position, self.limits.position)
         self._stops, self._target = self._client.stops, None
-        self._core.tell(f"MOV {self.facts.identifier} {text}")
+        self._connection.tell(f"MOV {self.facts.identifier} {text}")
         self._target = float(text)
         if wait:
             self.wait()
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage in open loop, in steps that the amplifier makes within 0.1 ms each."""
         check_voltage(self.limits, voltage, self.name)
         self._require(Capability.OPEN_LOOP)
-        if self._core.servo.get(self.facts.identifier):
+        if self._connection.servo.get(self.facts.identifier):
             raise ControllerError(
                 f"axis '{self.name}' is under position control, which sets its voltage: switch it "
                 "off first"
             )
-        self._core.drives_back()
+        self._connection.drives_back()
         self._target, self._stops = None, self._client.stops
         here = begin = self.voltage()
         while here != voltage:
             here = self._next(here, voltage, first=not self._volts_seen and here == begin)
             self._refuse_stopped()
             text = VOLTS.text(here, self.limits.voltage)
-            self._core.tell(f"SVA {self.facts.identifier} {text}")
+            self._connection.tell(f"SVA {self.facts.identifier} {text}")
             if not self._volts_seen:
                 self._see_volts(begin, here, ended=here == voltage)
 
     def moving(self) -> bool:
-        """Say whether it moves."""
-        if self._core.profile.knows("#5"):
+        if self._connection.profile.knows("#5"):
             return bool(self._client.ask_whole("\x05", base=16) >> self.facts.index & 1)
         return not self._client.ask_values("ONT?", [self.facts.identifier])[0]
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until it stands, and in closed loop until it is on target."""
-        patience = self._core.patience(timeout)
+        patience = self._connection.patience(timeout)
         try:
             closed = self.closed_loop
             while not self._arrived(closed):
@@ -170,7 +160,7 @@ class PiAxis:
                         f"{timeout:g} s and was stopped{off}: look whether it is free to move, and "
                         "at the settings of its control"
                     )
-                self._core.between_questions()
+                self._connection.between_questions()
         except (KeyboardInterrupt, NotConnectedError):
             self._client.stop()
             raise
@@ -190,17 +180,15 @@ class PiAxis:
         return False
 
     def servo(self) -> ServoSettings:
-        """Return the settings of its position control."""
         self._require(Capability.SERVO_TUNING)
         return self._tuning.read()
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Change the settings of its position control."""
         self._require(Capability.SERVO_TUNING)
         self._tuning.write(settings)
 
     def _arrived(self, closed: bool) -> bool:
-        if closed and self._core.profile.knows("ONT?"):
+        if closed and self._connection.profile.knows("ONT?"):
             return bool(self._client.ask_values("ONT?", [self.facts.identifier])[0])
         return not self.moving()
 
@@ -214,11 +202,11 @@ class PiAxis:
     def _check_target(self) -> None:
         """See that the axis came to where it was sent, and not to where somebody else sent it."""
         target, self._target = self._target, None
-        if target is None or not self._core.profile.knows("MOV?"):
+        if target is None or not self._connection.profile.knows("MOV?"):
             return
         present = self._client.ask_values("MOV?", [self.facts.identifier])[0]
         if not abs(present - target) <= 1e-6 * max(1.0, abs(target)):
-            self._core.check_state()
+            self._connection.check_state()
             raise ControllerError(
                 f"axis '{self.name}' was sent to {target:g} and its target is {present:g} now (in "
                 "units of the controller): it was stopped, or somebody else commands it"
@@ -238,7 +226,7 @@ class PiAxis:
         if abs(here - begin) < 0.9 * _FIRST_STEP:
             return  # too small a step to tell
         allowed = _VOLT_TOLERANCE + _VOLT_SHARE * abs(here - begin)
-        patience = self._core.patience(_VOLT_TIME)
+        patience = self._connection.patience(_VOLT_TIME)
         while not abs((there := self.voltage()) - here) <= allowed:
             if patience.over():
                 raise ControllerError(
@@ -246,7 +234,7 @@ class PiAxis:
                     "its drive: the controller counts its open-loop commands in another unit than "
                     "volts, or the amplifier is off; nothing more was sent"
                 )
-            self._core.between_questions()
+            self._connection.between_questions()
         self._volts_seen = ended
 
     def _output(self) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from flexstage.errors import ModelError, NotConnectedError
-from flexstage.instruments.gcs.transport import NoAnswerError
+from flexstage.instruments.gcs.transport import NoAnswerError, Transport
 
 #: Pause between two looks at an object that returns at once when nothing has come [s].
 _PAUSE = 2e-3
@@ -28,12 +28,12 @@ def is_gateway(value: object) -> bool:
     return all(callable(getattr(value, name, None)) for name in ("send", "read"))
 
 
-class GatewayLink:
+class GatewayLink(Transport):
     """A link by an object that sends and reads texts.
 
     `flush`, `close` and `connected` are used where the object has them. An object that waits in
     `read` waits as long as it has been told elsewhere; what it raises on a time-out is taken for
-    nothing.
+    nothing. Its `send` gets a text with the line feed at its end.
     """
 
     def __init__(
@@ -56,11 +56,9 @@ class GatewayLink:
 
     @property
     def name(self) -> str:
-        """What kind of object it is."""
         return f"gateway {type(self._gateway).__name__}"
 
     def send(self, data: bytes) -> None:
-        """Send bytes, as text."""
         self._check()
         try:
             self._gateway.send(data.decode("latin-1"))
@@ -68,7 +66,6 @@ class GatewayLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come."""
         end = self._clock() + timeout
         while True:
             self._check()
@@ -87,7 +84,6 @@ class GatewayLink:
             self._sleep(_PAUSE)
 
     def close(self) -> None:
-        """Close the object where it can be closed."""
         if not self._closed:
             self._closed = True
             close = getattr(self._gateway, "close", None)

@@ -10,7 +10,7 @@ from flexstage.instruments.protocol import Identity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
+class TransferLimits:
     """How much is sent and asked for at once."""
 
     line_limit: int = 256
@@ -22,7 +22,7 @@ class Wire:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
+class ControllerProfile:
     """What a controller says of itself."""
 
     identity: Identity
@@ -32,21 +32,22 @@ class Profile:
     parameters: Mapping[int, str] = field(default_factory=dict)
     """What its parameters are called, by number."""
     record_options: Mapping[int, str] = field(default_factory=dict)
-    """What its recorder records and what starts it, by number."""
+    """What its recorder records, by number."""
     trigger_options: Mapping[int, str] = field(default_factory=dict)
-    """What its recorder records and what starts it, by number."""
+    """What starts its recorder, by number."""
 
     def knows(self, *commands: str) -> bool:
-        """Say whether the controller knows commands."""
+        """Say whether the controller knows all of these commands."""
         return self.commands.issuperset(commands)
 
     def parameter(self, pattern: str) -> int | None:
-        """Return the number of the parameter that is called so.
+        """Return the lowest number of a parameter whose name the expression fits, in any case.
 
         Examples
         --------
         >>> who = Identity(vendor="", model="")
-        >>> about = Profile(identity=who, commands=frozenset(), parameters={7: "Table Rate"})
+        >>> known = {7: "Table Rate"}
+        >>> about = ControllerProfile(identity=who, commands=frozenset(), parameters=known)
         >>> about.parameter("^table"), about.parameter("speed")
         (7, None)
         """
@@ -61,14 +62,17 @@ class Profile:
         return _find_first(self.trigger_options, patterns)
 
 
-def read_profile(client: GcsClient) -> Profile:
-    """Ask a controller what it can do; nothing is changed by it."""
+def read_profile(client: GcsClient) -> ControllerProfile:
+    """Ask a controller what it can do; nothing is changed by it.
+
+    By ``HLP?`` always, ``HPA?`` and ``HDR?`` where it knows them.
+    """
     commands = _commands(client.ask("HLP?"))
     parameters = _parameters(client.ask("HPA?")) if "HPA?" in commands else {}
     options: tuple[dict[int, str], dict[int, str]] = ({}, {})
     if "HDR?" in commands:
         options = _recorder_options(client.ask("HDR?"))
-    return Profile(
+    return ControllerProfile(
         identity=parse_identity(client.identity),
         commands=commands,
         parameters=parameters,
@@ -78,7 +82,7 @@ def read_profile(client: GcsClient) -> Profile:
 
 
 def parse_identity(text: str) -> Identity:
-    """Read the answer to ``*IDN?``.
+    """Read the answer to ``*IDN?``: vendor, model, serial number, firmware, between commas.
 
     Examples
     --------

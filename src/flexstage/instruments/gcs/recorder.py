@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.gcs.arrays import parse_array
 from flexstage.instruments.gcs.axis import PiAxis
-from flexstage.instruments.gcs.core import Core
+from flexstage.instruments.gcs.connection import Connection
 from flexstage.instruments.gcs.profile import describe
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.gcs.replies import parse_array
+from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 
 #: How options are called that record a kind of signal, the best first.
@@ -47,12 +47,16 @@ class ChannelFacts:
     """SI value of one unit of the wire."""
 
 
-class PiRecorder:
-    """Records in tables of the controller."""
+class PiRecorder(Recorder):
+    """Records in tables of the controller, each of `capacity` samples.
+
+    The highest rate is that of its loop. Nothing is available while it waits for its start,
+    whatever older records hold.
+    """
 
     def __init__(
         self,
-        core: Core,
+        connection: Connection,
         axes: dict[str, PiAxis],
         channels: dict[int, ChannelFacts],
         *,
@@ -60,7 +64,7 @@ class PiRecorder:
         capacity: int,
         tables: int,
     ) -> None:
-        self._core, self._axes, self._channels = core, axes, channels
+        self._connection, self._axes, self._channels = connection, axes, channels
         self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
         self._chosen: tuple[Signal, ...] = ()
         self._factors: tuple[float, ...] = ()
@@ -70,21 +74,17 @@ class PiRecorder:
 
     @property
     def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]; slower ones are whole parts of it."""
         return self._base
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples of a signal."""
         return self._capacity
 
     @property
     def signals(self) -> int:
-        """Largest number of signals at once."""
         return self._tables
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record."""
         if not 1 <= len(signals) <= self._tables:
             raise LimitError(
                 f"the recorder has {self._tables} tables, got {len(signals)} signals: record them "
@@ -100,36 +100,34 @@ class PiRecorder:
         told = [self._source(signal) for signal in signals]
         divider = max(1, round(self._base / rate_hz))
         for table, (source, option, _) in enumerate(told, 1):
-            self._core.tell(f"DRC {table} {source} {option}")
-        if 0 in self._core.profile.record_options:
+            self._connection.tell(f"DRC {table} {source} {option}")
+        if 0 in self._connection.profile.record_options:
             # what a table recorded before, also for others, would be in the way
             for table in range(len(told) + 1, self._used + 1):
-                self._core.tell(f"DRC {table} 0 0")
+                self._connection.tell(f"DRC {table} 0 0")
             self._used = len(told)
-        self._core.divider = None
-        self._core.tell(f"RTR {divider}")
-        self._core.divider = divider
+        self._connection.divider = None
+        self._connection.tell(f"RTR {divider}")
+        self._connection.divider = divider
         self._chosen, self._factors = tuple(signals), tuple(t[2] for t in told)
         self._samples, self._rate, self._waiting = samples, self._base / divider, True
         return self._rate
 
     def arm(self) -> None:
-        """Start with the next waveform or blow."""
         self._require_choice()
-        option = self._core.profile.trigger_option(*_WITH_WAVE)
+        option = self._connection.profile.trigger_option(*_WITH_WAVE)
         self._waiting = True
-        self._core.tell(f"DRT 0 {1 if option is None else option} 0")
+        self._connection.tell(f"DRT 0 {1 if option is None else option} 0")
 
     def start(self) -> None:
-        """Start now."""
         self._require_choice()
-        option = self._core.profile.trigger_option(*_AT_ONCE)
+        option = self._connection.profile.trigger_option(*_AT_ONCE)
         if option is None:
             raise ModelError(
                 "the recorder of this controller cannot be started by itself: it starts with "
-                f"{describe(self._core.profile.trigger_options)}"
+                f"{describe(self._connection.profile.trigger_options)}"
             )
-        self._core.tell(f"DRT 0 {option} 0")
+        self._connection.tell(f"DRT 0 {option} 0")
         self._waiting = False
 
     def triggered(self) -> None:
@@ -137,23 +135,21 @@ class PiRecorder:
         self._waiting = False
 
     def available(self) -> int:
-        """Return the number of samples of each signal that are there."""
         if self._waiting or not self._chosen:
             return 0
         tables = [str(t) for t in range(1, len(self._chosen) + 1)]
-        counts = self._core.client.ask_values("DRL?", tables)
+        counts = self._connection.client.ask_values("DRL?", tables)
         return min(self._samples, int(min(counts)))
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples ``first`` to ``first + count - 1``, counted from 0."""
         if first < 0 or count < 2 or first + count > self._samples:
             raise ModelError(
                 f"the record has samples 0 to {self._samples - 1}, and two or more are read at "
                 f"once, got {count} from {first}"
             )
         parts = []
-        for start in range(first, first + count, self._core.wire.rows):
-            rows = min(self._core.wire.rows, first + count - start)
+        for start in range(first, first + count, self._connection.transfer.rows):
+            rows = min(self._connection.transfer.rows, first + count - start)
             parts.append(self._portion(start, rows))
         values = np.concatenate(parts, axis=1)
         return Record(
@@ -162,18 +158,18 @@ class PiRecorder:
                 for s, row, factor in zip(self._chosen, values, self._factors, strict=True)
             ),
             time=np.arange(first, first + count) / self._rate,
-            source=self._core.client.identity,
+            source=self._connection.client.identity,
         )
 
     def _portion(self, start: int, rows: int) -> np.ndarray:
         width = len(self._chosen)
         tables = " ".join(str(t) for t in range(1, width + 1))
         question = f"DRR? {start + 1} {rows} {tables}"
-        array = parse_array(self._core.client.ask(question), width, rows, question)
+        array = parse_array(self._connection.client.ask(question), width, rows, question)
         if array.sample_time is not None:
             told = array.sample_time * self._rate
             if not abs(told - 1.0) <= _RATE_TOLERANCE:
-                self._core.check_state()
+                self._connection.check_state()
                 raise ControllerError(
                     f"the recorder was set to {1.0 / self._rate:.6g} s from sample to sample, and "
                     f"sends {array.sample_time:.6g} s: this is not the record that was asked for"
@@ -184,11 +180,11 @@ class PiRecorder:
         """Return source, option and SI value of one unit of a signal."""
         option = None
         if signal.kind in _OPTIONS:
-            option = self._core.profile.record_option(*_OPTIONS[signal.kind])
+            option = self._connection.profile.record_option(*_OPTIONS[signal.kind])
         if option is None:
             raise ModelError(
                 f"the recorder of this controller knows nothing of the kind '{signal.kind}': it "
-                f"records {describe(self._core.profile.record_options)}"
+                f"records {describe(self._connection.profile.record_options)}"
             )
         if signal.kind == "channel":
             channel = self._channel(signal.source)
@@ -197,7 +193,7 @@ class PiRecorder:
             axis = self._axis(signal.source)
             unit, factor = "m", axis.facts.unit.factor
             if signal.kind in _PLAIN:
-                said = _BRACKETS.search(self._core.profile.record_options[option])
+                said = _BRACKETS.search(self._connection.profile.record_options[option])
                 unit, factor = said[1] if said else _PLAIN[signal.kind], 1.0
             source = axis.facts.identifier
             if signal.kind == "voltage":

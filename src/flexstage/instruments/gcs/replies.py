@@ -1,15 +1,20 @@
-r"""Reading what a GCS controller answers: where a reply ends, and what its lines say.
+r"""Reading what a GCS controller answers: where a reply ends, what its lines and arrays say.
 
 Each line of a reply but the last ends with a space and a line feed, the last with a line feed
-alone.
+alone. An array is a heading of keys, then rows of numbers.
 """
 
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.errors import ControllerError
 
+_KEY = re.compile(r"#\s*([A-Z_]+[0-9]*)\s*=\s*(.*)")
 # "nan" in the ways in which firmware prints it
 _NO_NUMBER = re.compile(r"[+-]?(?:nan(?:\([^)]*\))?|\d*\.?#(?:QNAN|IND|SNAN)\w*)", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)(?:inf(?:inity)?|\d*\.?#INF\w*)", re.IGNORECASE)
@@ -18,7 +23,7 @@ _SHOWN = 60
 
 
 def take_lines(buffer: bytearray) -> list[str]:
-    r"""Take the whole lines from the beginning of what has come.
+    r"""Take the whole lines away from the beginning of what has come, without their line feeds.
 
     Examples
     --------
@@ -34,6 +39,8 @@ def take_lines(buffer: bytearray) -> list[str]:
 
 def number(text: str, what: str) -> float:
     """Read a number; what stands for none, such as ``nan``, is returned as such.
+
+    Here and below, `what` is the question, for sentences.
 
     Examples
     --------
@@ -68,7 +75,7 @@ def whole_number(text: str, what: str) -> int:
 
 
 def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[str]:
-    """Read lines of the form ``name=value``, one for each name, in any order.
+    """Read lines of the form ``name=value``, in any order; return the values in that of the names.
 
     Examples
     --------
@@ -84,6 +91,66 @@ def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[s
     if set(found) != set(names):
         raise ControllerError(_not_an_answer(lines, names, what))
     return [found[name] for name in names]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GcsArray:
+    """Columns of numbers."""
+
+    columns: NDArray[np.float64]
+    """The numbers, shape (columns, rows)."""
+    sample_time: float | None = None
+    """Time from row to row [s]; None where the heading does not say."""
+
+
+def parse_array(lines: Sequence[str], width: int, rows: int, what: str) -> GcsArray:
+    """Read an array of as many rows and columns (`width`) as `what` asked for.
+
+    Numbers are ``nan`` where a sensor gave that.
+
+    Examples
+    --------
+    >>> text = "# DIM = 2|# SAMPLE_TIME = 0.002|# NDATA = 1|# END_HEADER|0.5 -1.25"
+    >>> array = parse_array(text.split("|"), 2, 1, "DRR?")
+    >>> array.columns.tolist(), array.sample_time
+    ([[0.5], [-1.25]], 0.002)
+    """
+    keys: dict[str, str] = {}
+    body = 0
+    while body < len(lines) and lines[body].startswith("#"):
+        found = _KEY.match(lines[body].strip())
+        if found:
+            keys[found[1]] = found[2].strip()
+        body += 1
+    interval = number(keys["SAMPLE_TIME"], what) if "SAMPLE_TIME" in keys else None
+    values = _columns(lines[body:], keys.get("SEPARATOR", "32"), what)
+    if values.shape != (rows, width):
+        raise ControllerError(
+            f"'{what}' asked for {rows} rows of {width} columns, and {values.shape[0]} rows of "
+            f"{values.shape[1]} came: the answer was cut, or is that to something else"
+        )
+    return GcsArray(columns=np.ascontiguousarray(values.T), sample_time=interval)
+
+
+def _columns(lines: Sequence[str], separator: str, what: str) -> NDArray[np.float64]:
+    divided = {"32": None, "9": "\t", "44": ",", "59": ";"}
+    if separator not in divided:
+        raise ControllerError(
+            f"the columns of the answer to '{what}' are divided by character {excerpt(separator)}, "
+            "and space, tab, comma or semicolon is known"
+        )
+    words = [line.split(divided[separator]) for line in lines]
+    if len({len(row) for row in words}) > 1:
+        raise ControllerError(
+            f"the rows of the answer to '{what}' differ in length: the answer was cut"
+        )
+    try:
+        # "1_000" and digits of other scripts are numbers to Python
+        plain = not any("_" in line or not line.isascii() for line in lines)
+        rows = [[float(word) if plain else number(word, what) for word in row] for row in words]
+    except ValueError:
+        rows = [[number(word, what) for word in row] for row in words]
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
 def excerpt(text: str) -> str:

@@ -4,7 +4,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.gcs.transport import NoAnswerError
+from flexstage.instruments.gcs.transport import NoAnswerError, Transport
 
 if TYPE_CHECKING:
     import serial
@@ -13,8 +13,11 @@ if TYPE_CHECKING:
 DEFAULT_BAUD = 115200
 
 
-class SerialLink:
-    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake."""
+class SerialLink(Transport):
+    """A serial port with a controller at it: 8 bits, no parity, 1 stop bit, no handshake.
+
+    `baud` is its rate [bit/s], `timeout` the longest time for handing a command to it [s].
+    """
 
     def __init__(self, port: str, *, baud: int = DEFAULT_BAUD, timeout: float = 5.0) -> None:
         import serial
@@ -32,11 +35,9 @@ class SerialLink:
 
     @property
     def name(self) -> str:
-        """The port."""
         return self._port
 
     def send(self, data: bytes) -> None:
-        """Send bytes."""
         port = self._open()
         try:
             port.write(data)
@@ -44,7 +45,6 @@ class SerialLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come."""
         port = self._open()
         try:
             port.timeout = timeout
@@ -59,7 +59,6 @@ class SerialLink:
         return data
 
     def close(self) -> None:
-        """Close the port."""
         port, self._serial = self._serial, None
         if port is not None:
             with contextlib.suppress(OSError):

@@ -6,7 +6,7 @@ import select
 import socket
 
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.gcs.transport import NoAnswerError
+from flexstage.instruments.gcs.transport import NoAnswerError, Transport
 
 #: The port at which PI's controllers listen.
 DEFAULT_PORT = 50000
@@ -17,8 +17,11 @@ _PIECE = 65536
 _QUIETLY = getattr(socket, "MSG_NOSIGNAL", 0)
 
 
-class TcpLink:
-    """A TCP connection to a controller."""
+class TcpLink(Transport):
+    """A TCP connection to a controller.
+
+    `timeout` is the longest time for connecting, and for handing a command to the network [s].
+    """
 
     def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
         self._host, self._port, self._timeout = host, port, timeout
@@ -35,11 +38,9 @@ class TcpLink:
 
     @property
     def name(self) -> str:
-        """Host and port."""
         return f"{self._host}:{self._port}"
 
     def send(self, data: bytes) -> None:
-        """Send bytes."""
         link = self._open()
         try:
             link.sendall(data, _QUIETLY)
@@ -47,7 +48,6 @@ class TcpLink:
             raise self._lost(error) from error
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come."""
         link = self._open()
         try:
             # the time-out of the socket is that of sending, which another thread may be doing
@@ -67,7 +67,6 @@ class TcpLink:
         return TcpLink(self._host, self._port, timeout=self._timeout)
 
     def close(self) -> None:
-        """End the connection."""
         link, self._socket = self._socket, None
         if link is not None:
             with contextlib.suppress(OSError):  # it may be gone already

@@ -26,7 +26,7 @@ class Transport(Protocol):
         ...
 
     def receive(self, timeout: float) -> bytes:
-        """Return what has come, one byte at least.
+        """Return what has come, one byte at least, within a time [s].
 
         `NoAnswerError` where nothing came in the time, `NotConnectedError` where the link is gone.
         """
@@ -46,7 +46,7 @@ class OpensAnother(Protocol):
         ...
 
 
-class Session(Protocol):
+class InProcessSession(Protocol):
     """A conversation with a simulated controller in the same process, which answers at once."""
 
     def send(self, data: bytes) -> None:
@@ -58,7 +58,7 @@ class Session(Protocol):
         ...
 
 
-class InProcess:
+class InProcess(Transport):
     r"""A link in memory, to a simulated controller.
 
     Examples
@@ -72,22 +72,19 @@ class InProcess:
     b'POS? 1\n'
     """
 
-    def __init__(self, session: Session, *, name: str = "simulated controller") -> None:
-        self._session: Session | None = session
+    def __init__(self, session: InProcessSession, *, name: str = "simulated controller") -> None:
+        self._session: InProcessSession | None = session
         self._first = session
         self._name = name
 
     @property
     def name(self) -> str:
-        """Where it leads."""
         return self._name
 
     def send(self, data: bytes) -> None:
-        """Hand bytes over."""
         self._open().send(data)
 
     def receive(self, timeout: float) -> bytes:
-        """Return what the other side has said."""
         try:
             data = self._open().receive(timeout)
         except TimeoutError:
@@ -102,16 +99,15 @@ class InProcess:
         another = getattr(self._first, "another", None)
         if not callable(another):
             raise NotConnectedError(f"there can be no second conversation with {self._name}")
-        return InProcess(cast("Session", another()), name=self._name)
+        return InProcess(cast("InProcessSession", another()), name=self._name)
 
     def close(self) -> None:
-        """End the conversation."""
         session, self._session = self._session, None
         close = getattr(session, "close", None)
         if callable(close):
             close()
 
-    def _open(self) -> Session:
+    def _open(self) -> InProcessSession:
         session = self._session
         if session is None:
             raise NotConnectedError(f"the link to {self._name} is closed: connect again")

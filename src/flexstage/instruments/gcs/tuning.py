@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.gcs.core import Core
-from flexstage.instruments.gcs.profile import Profile
+from flexstage.instruments.gcs.connection import Connection
+from flexstage.instruments.gcs.profile import ControllerProfile
 from flexstage.instruments.servo import Notch, ServoSettings
 
 _PROPORTIONAL = r"servo loop p-term.*\[V/um\]"
@@ -27,8 +27,8 @@ class _Slot:
     bandwidth: int
 
 
-def tunable(profile: Profile) -> bool:
-    """Say whether a controller's gains can be told in SI."""
+def tunable(profile: ControllerProfile) -> bool:
+    """Say whether a controller names its gains with their units: others are never set."""
     return (
         profile.knows("SPA", "SPA?")
         and profile.parameter(_PROPORTIONAL) is not None
@@ -36,17 +36,15 @@ def tunable(profile: Profile) -> bool:
     )
 
 
-class Tuning:
+class ServoTuning:
     """Settings of the position control of one axis.
 
-    Notes
-    -----
     A notch is sent as frequency, gain at it, and bandwidth, that is twice the damping ratio of its
     poles. Validity: only for controllers whose parameters say so in their names.
     """
 
-    def __init__(self, core: Core, axis: str) -> None:
-        self._core, self._axis = core, axis
+    def __init__(self, connection: Connection, axis: str) -> None:
+        self._connection, self._axis = connection, axis
 
     def read(self) -> ServoSettings:
         """Read the settings."""
@@ -62,7 +60,7 @@ class Tuning:
                         pole_damping=0.5 * width,
                     )
                 )
-        lowpass = self._core.profile.parameter(_LOWPASS)
+        lowpass = self._connection.profile.parameter(_LOWPASS)
         corner = self._number(lowpass) if lowpass is not None else 0.0
         return ServoSettings(
             proportional=self._number(self._known(_PROPORTIONAL)) / _MICRO,
@@ -79,14 +77,14 @@ class Tuning:
         ]
         filters = [*self._notches(settings), *self._lowpass(settings)]
         whole = self._line([*filters, *gains])
-        if len(whole) <= self._core.wire.line_limit:
-            self._core.tell(whole)
+        if len(whole) <= self._connection.transfer.line_limit:
+            self._connection.tell(whole)
             return
         # between two lines the loop must not run with new gains and old filters
-        self._core.tell(self._line([(key, 0.0) for key, _ in gains]))
+        self._connection.tell(self._line([(key, 0.0) for key, _ in gains]))
         for line in self._lines(filters):
-            self._core.tell(line)
-        self._core.tell(self._line(gains))
+            self._connection.tell(line)
+        self._connection.tell(self._line(gains))
 
     def _notches(self, settings: ServoSettings) -> Iterator[tuple[int, float]]:
         slots = list(self._slots())
@@ -103,14 +101,14 @@ class Tuning:
             yield slot.frequency, 0.0
 
     def _lowpass(self, settings: ServoSettings) -> Iterator[tuple[int, float]]:
-        key = self._core.profile.parameter(_LOWPASS)
+        key = self._connection.profile.parameter(_LOWPASS)
         if key is not None:
             yield key, settings.lowpass_hz or 0.0
         elif settings.lowpass_hz is not None:
             raise ModelError("the controller has no low-pass in its control: leave it out")
 
     def _slots(self) -> Iterator[_Slot]:
-        profile = self._core.profile
+        profile = self._connection.profile
         count = sum(
             bool(re.search(r"notch frequency \d+", name, re.IGNORECASE))
             for name in profile.parameters.values()
@@ -121,7 +119,7 @@ class Tuning:
                 yield _Slot(*(key for key in keys if key is not None))
 
     def _known(self, pattern: str) -> int:
-        key = self._core.profile.parameter(pattern)
+        key = self._connection.profile.parameter(pattern)
         if key is None:
             raise ModelError(
                 "the controller does not report the unit of its control gains, so they cannot be "
@@ -130,7 +128,7 @@ class Tuning:
         return key
 
     def _number(self, key: int) -> float:
-        text = self._core.read_parameter(self._axis, key)
+        text = self._connection.read_parameter(self._axis, key)
         try:
             return float(text)
         except ValueError:
@@ -144,7 +142,7 @@ class Tuning:
     def _lines(self, pairs: list[tuple[int, float]]) -> Iterator[str]:
         part: list[tuple[int, float]] = []
         for pair in pairs:
-            if part and len(self._line([*part, pair])) > self._core.wire.line_limit:
+            if part and len(self._line([*part, pair])) > self._connection.transfer.line_limit:
                 yield self._line(part)
                 part = []
             part.append(pair)

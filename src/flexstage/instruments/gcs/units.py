@@ -46,11 +46,11 @@ class WireUnit:
     """Digits behind the point that are sent."""
 
     def text(self, value: float, bounds: Range | None = None) -> str:
-        """Return a value as it is sent."""
+        """Return a value [SI] as it is sent; rounding does not leave the bounds."""
         return self.texts(np.array([value]), bounds)[0]
 
     def texts(self, values: NDArray[np.float64], bounds: Range | None = None) -> list[str]:
-        """Return values as they are sent."""
+        """Return values [SI], shape (n,), as they are sent: no exponents, no zeros at the end."""
         scale = 10.0**self.decimals
         steps = np.round(np.asarray(values, dtype=np.float64) / self.factor * scale)
         if bounds is not None:
@@ -68,7 +68,7 @@ VOLTS = WireUnit(factor=1.0, decimals=6)
 
 
 def axis_unit(text: str, axis: str, name: str) -> WireUnit:
-    """Return the unit in which an axis counts.
+    """Return the unit in which an axis counts by its answer to ``PUN?``, down to a picometre.
 
     Examples
     --------

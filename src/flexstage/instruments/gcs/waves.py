@@ -7,12 +7,12 @@ import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.checks import check_waveform
-from flexstage.instruments.gcs.arrays import parse_array
 from flexstage.instruments.gcs.axis import PiAxis
-from flexstage.instruments.gcs.core import Core
+from flexstage.instruments.gcs.connection import Connection
+from flexstage.instruments.gcs.replies import parse_array
 from flexstage.instruments.gcs.units import VOLTS, WireUnit
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.protocol import Capability
+from flexstage.instruments.protocol import Capability, WaveGenerator
 from flexstage.instruments.waveform import Waveform
 
 #: Samples that are read back at each of the places that are looked at.
@@ -33,19 +33,18 @@ class _Table:
     unit: WireUnit
 
 
-class PiWaves:
+class PiWaves(WaveGenerator):
     """Runs tables of points.
 
-    Notes
-    -----
     Axis number i of the controller gets table i, and its feedforward table number of axes + i. The
     tables are written point by point; a few points are read back, so that a controller that
-    understood them otherwise shows before anything moves.
+    understood them otherwise shows before anything moves. The highest rate is that of the loop;
+    `capacity` counts the samples of all tables. `on_start` is called when a waveform starts.
     """
 
     def __init__(
         self,
-        core: Core,
+        connection: Connection,
         axes: Mapping[str, PiAxis],
         *,
         base_rate_hz: float,
@@ -53,70 +52,66 @@ class PiWaves:
         tables: int,
         on_start: Callable[[], None],
     ) -> None:
-        self._core, self._axes = core, axes
+        self._connection, self._axes = connection, axes
         self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
         self._on_start = on_start
-        self._feedforward = core.profile.parameter(r"feed-?forward wave table")
+        self._feedforward = connection.profile.parameter(r"feed-?forward wave table")
         self._loaded: Waveform | None = None
         self._sent: tuple[_Table, ...] = ()
 
     @property
     def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]."""
         return self._base
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples over all tables."""
         return self._capacity
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits, then write it to the tables."""
         self._check(waveform, feedforward)
         divider = self._divider(waveform.sample_rate_hz)
         tables = self._made(waveform, 0)
         if feedforward is not None:
             tables += self._made(feedforward, self._count)
         self._loaded, self._sent = None, ()
-        self._core.tell(f"WTR 0 {divider} 1")
-        if self._core.profile.knows("WOS"):
+        self._connection.tell(f"WTR 0 {divider} 1")
+        if self._connection.profile.knows("WOS"):
             # a generator may have an offset from an earlier user
             ids = [str(self._index(name) + 1) for name in waveform.values]
-            self._core.tell("WOS " + " ".join(f"{g} 0" for g in ids))
+            self._connection.tell("WOS " + " ".join(f"{g} 0" for g in ids))
         for table in tables:
-            for line in point_lines(table.number, table.texts, self._core.wire.line_limit):
-                self._core.tell(line)
+            for line in point_lines(
+                table.number, table.texts, self._connection.transfer.line_limit
+            ):
+                self._connection.tell(line)
         for table in tables:
             self._read_back(table)
         self._choose(waveform, feedforward)
         self._loaded, self._sent = waveform, tables
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded."""
         waveform = self._loaded
         if waveform is None:
             raise ControllerError("no waveform was loaded: load one before it is started")
-        self._core.check_state()
+        self._connection.check_state()
         check_waveform(self._limits, waveform, cycles=cycles)
         for name in waveform.values:
             self._check_start(waveform, name)
         generators = [str(self._index(name) + 1) for name in waveform.values]
-        self._core.drives_back()
-        self._core.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
-        self._core.tell("WGO " + " ".join(f"{g} 1" for g in generators))
+        self._connection.drives_back()
+        self._connection.tell("WGC " + " ".join(f"{g} {cycles}" for g in generators))
+        self._connection.tell("WGO " + " ".join(f"{g} 1" for g in generators))
         self._on_start()
 
     def running(self) -> bool:
-        """Say whether a waveform runs."""
-        if self._core.profile.knows("#9"):
-            return bool(self._core.client.ask_whole("\x09", base=16))
+        if self._connection.profile.knows("#9"):
+            return bool(self._connection.client.ask_whole("\x09", base=16))
         names = [str(i + 1) for i in range(self._count)]
-        return any(int(v) & 1 for v in self._core.client.ask_values("WGO?", names))
+        return any(int(v) & 1 for v in self._connection.client.ask_values("WGO?", names))
 
     def stop(self) -> None:
-        """Stop the waveform where it is."""
         names = self._axes if self._loaded is None else self._loaded.values
-        self._core.tell("WGO " + " ".join(f"{self._index(name) + 1} 0" for name in names))
+        self._connection.tell("WGO " + " ".join(f"{self._index(name) + 1} 0" for name in names))
 
     @property
     def _limits(self) -> dict[str, AxisLimits]:
@@ -188,7 +183,7 @@ class PiWaves:
 
     def _choose(self, waveform: Waveform, feedforward: Waveform | None) -> None:
         places = {name: self._index(name) + 1 for name in waveform.values}
-        self._core.tell("WSL " + " ".join(f"{i} {i}" for i in places.values()))
+        self._connection.tell("WSL " + " ".join(f"{i} {i}" for i in places.values()))
         if self._feedforward is None:
             return
         with_it = () if feedforward is None else feedforward.values
@@ -198,18 +193,18 @@ class PiWaves:
                 continue
             table = self._count + place if name in with_it else 0
             identifier = self._axes[name].facts.identifier
-            self._core.tell(f"SPA {identifier} 0x{self._feedforward:08X} {table}")
+            self._connection.tell(f"SPA {identifier} 0x{self._feedforward:08X} {table}")
 
     def _read_back(self, table: _Table) -> None:
         """Compare the beginning, the extreme and the end of a table with what was sent."""
-        if not self._core.profile.knows("GWD?"):
+        if not self._connection.profile.knows("GWD?"):
             return
         sent = np.array([float(text) for text in table.texts])
         places = {0, int(np.argmax(np.abs(sent))), sent.size - 1}
         for place in sorted({min(p, max(sent.size - _LOOK, 0)) for p in places}):
             rows = min(_LOOK, sent.size - place)
             question = f"GWD? {place + 1} {rows} {table.number}"
-            lines = self._core.client.ask(question)
+            lines = self._connection.client.ask(question)
             held = parse_array(lines, 1, rows, question).columns[0]
             wanted = sent[place : place + rows]
             # it may print ten digits, or be of single precision
@@ -224,8 +219,8 @@ class PiWaves:
                 )
 
     def _forget(self, table: int) -> None:
-        if self._core.profile.knows("WCL"):
-            self._core.tell(f"WCL {table}")
+        if self._connection.profile.knows("WCL"):
+            self._connection.tell(f"WCL {table}")
 
     def _check_start(self, waveform: Waveform, name: str) -> None:
         axis = self._axes[name]
@@ -248,14 +243,16 @@ class PiWaves:
         check_waveform(self._limits, one, start={name: here}, tolerance=_START * span)
 
     def _target(self, axis: PiAxis) -> float:
-        if not self._core.profile.knows("MOV?"):
+        if not self._connection.profile.knows("MOV?"):
             return axis.position()
-        value = self._core.client.ask_values("MOV?", [axis.facts.identifier])[0]
+        value = self._connection.client.ask_values("MOV?", [axis.facts.identifier])[0]
         return value * axis.facts.unit.factor
 
 
 def point_lines(table: int, texts: Sequence[str], limit: int) -> list[str]:
-    """Return the commands that write points to a table.
+    """Return the commands, of `limit` characters at most, that write points to a table.
+
+    The first replaces what is in the table, the others append.
 
     Examples
     --------

@@ -10,13 +10,13 @@ from flexstage.instruments.ni.backend import NiBackend
 from flexstage.instruments.ni.outputs import NiOutputs
 from flexstage.instruments.ni.recorder import NiRecorder
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
-from flexstage.instruments.protocol import Capability, Identity
+from flexstage.instruments.protocol import Capability, Identity, Instrument, MotionAxis
 from flexstage.instruments.ramp import to_safe
 from flexstage.instruments.servo import ServoSettings
 from flexstage.stage import Stage
 
 
-class NiAxis:
+class NiAxis(MotionAxis):
     """An axis whose drive an analogue output commands, without position control."""
 
     def __init__(self, owner: "NiAcquisition", drive: DriveOutput, limits: AxisLimits) -> None:
@@ -24,60 +24,47 @@ class NiAxis:
 
     @property
     def name(self) -> str:
-        """Name of the axis of the stage."""
         return self._drive.axis
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """Voltages only."""
         return frozenset({Capability.OPEN_LOOP})
 
     @property
     def limits(self) -> AxisLimits:
-        """The narrower of the stage's limits and of what output and amplifier can give."""
         return self._limits
 
     @property
     def closed_loop(self) -> bool:
-        """False."""
         return False
 
     def set_closed_loop(self, on: bool) -> None:
-        """Refuse position control."""
         if on:
             raise self._not_able()
 
     def position(self) -> float:
-        """Return what its sensor reads."""
         return self._owner.channel(self._owner.setup.number(self._drive.sensor))
 
     def voltage(self) -> float:
-        """Return what was given to its drive."""
         return self._owner.outputs.voltage(self.name)
 
     def move_to(self, position: float, *, wait: bool = True) -> None:
-        """Refuse to move to a position."""
         del position, wait
         raise self._not_able()
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage of its drive, by a ramp where a step would pass the slew limit."""
         self._owner.outputs.set_voltage(self.name, voltage)
 
     def moving(self) -> bool:
-        """Say whether a waveform or a ramp runs."""
         return self._owner.waves.running()
 
     def wait(self, timeout: float = 30.0) -> None:
-        """Wait until nothing runs; stop it on time-out."""
         self._owner.wait(timeout)
 
     def servo(self) -> ServoSettings:
-        """Refuse settings of a position control."""
         raise self._not_able()
 
     def set_servo(self, settings: ServoSettings) -> None:
-        """Refuse settings of a position control."""
         del settings
         raise self._not_able()
 
@@ -88,7 +75,7 @@ class NiAxis:
         )
 
 
-class NiAcquisition:
+class NiAcquisition(Instrument):
     """An NI card, the sensors and drives wired to it, and the stage that they belong to.
 
     Inputs and outputs share one clock. The first sensor is sampled at the instant at which the
@@ -96,7 +83,8 @@ class NiAcquisition:
     card's clock later; where a multiplexer leads the inputs to one converter, each further sensor
     is sampled one conversion later, which `settings` says. Connecting moves nothing; the outputs
     are read back where the card can. `close` leads the drives to their safe voltages, unless the
-    setup says not to, since a card goes on giving what it gave.
+    setup says not to, since a card goes on giving what it gave. `limits` are further ones by axis,
+    at the drive, beside those of the stage, the card and the amplifier.
 
     Validity: open loop; the sensors have no filter against aliasing but their own; the voltages
     of a record are those that were commanded and not measured.
@@ -134,28 +122,23 @@ class NiAcquisition:
 
     @property
     def identity(self) -> Identity:
-        """What card it is."""
         return self._identity
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """Records and sensors; voltages and waveforms where there are drives."""
         drives = {Capability.OPEN_LOOP, Capability.WAVE_GENERATOR} if self._axes else set()
         return frozenset({Capability.DATA_RECORDER, Capability.CHANNELS} | drives)
 
     @property
     def axes(self) -> Mapping[str, NiAxis]:
-        """Its axes, by the names of the stage's."""
         return self._axes
 
     @property
     def recorder(self) -> NiRecorder:
-        """Its recorder."""
         return self._recorder
 
     @property
     def waves(self) -> NiOutputs:
-        """Its generator of waveforms; `ModelError` where no drive is wired."""
         if not self._axes:
             raise ModelError(
                 f"no drive is wired to card '{self.setup.device}', so that it runs no waveforms: "
@@ -164,7 +147,6 @@ class NiAcquisition:
         return self.outputs
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now."""
         if not 1 <= number <= len(self.setup.inputs):
             raise ModelError(
                 f"card '{self.setup.device}' has the sensors 1 to {len(self.setup.inputs)}, got "
@@ -178,14 +160,12 @@ class NiAcquisition:
         return float(sensor.reading(self._backend.read_now([sensor])[0]))
 
     def strike(self, axis: str) -> None:
-        """Refuse a blow."""
         raise ModelError(
             f"an NI card does not strike axis '{axis}': wire the hammer to an input, record now, "
             "and strike by hand"
         )
 
     def pause(self, seconds: float) -> None:
-        """Let time pass."""
         self._backend.pause(seconds)
 
     def wait(self, timeout: float = 30.0) -> None:
@@ -199,11 +179,9 @@ class NiAcquisition:
             waited += 0.01
 
     def stop(self) -> None:
-        """Stop all motion, from any thread; the drives keep their voltages."""
         self.outputs.stop()
 
     def settings(self) -> Mapping[str, str]:
-        """Return what is wired, and by what driver, as text for the record."""
         found = {"driver": self._card.note, "output rate": f"{self.setup.output_rate_hz:g} Hz"}
         for k, s in enumerate(self.setup.inputs):
             low, high = s.voltage_range
@@ -220,7 +198,6 @@ class NiAcquisition:
         return found
 
     def close(self) -> None:
-        """Lead the drives to their safe voltages, where the setup wants it, and end the link."""
         if self._closed:
             return
         self._closed = True

@@ -36,8 +36,9 @@ def open_address(
     """Connect to an NI card; nothing moves by it.
 
     The address is ``ni://CARD?OPTIONS``. For each axis there is an option with the output of its
-    drive and the input of its sensor (``x=ao0,ai0``); an axis of the stage that is not named
-    gets those of its number. ``roll=ai2`` is a further sensor, without a drive.
+    drive and the input of its sensor (``x=ao0,ai0``), which `axes` can give too
+    (``{"x": "ao0,ai0"}``); an axis of the stage that is not named gets those of its number.
+    ``roll=ai2`` is a further sensor, without a drive.
 
     Of sensors: ``sensitivity=10um/V`` (a real card needs it), ``offset=1.3um`` at 0 V,
     ``range=5V`` for plus and minus 5 V or ``range=0V:10V``, ``terminal=rse`` (or ``nrse``,
@@ -48,7 +49,8 @@ def open_address(
 
     ``rate=20kHz`` is how often outputs change, ``simulated=1`` asks for a simulated card and
     ``seed=3`` for its noise. A card is also simulated where there is no driver for a real one: its
-    identity, its settings and the notes of every record say so.
+    identity, its settings and the notes of every record say so. A `setup` says what is wired
+    instead of the options.
 
     Examples
     --------
@@ -82,7 +84,9 @@ def setup_of_address(
     axes: Mapping[str, str] | None = None,
     simulated: bool = False,
 ) -> NiSetup:
-    """Return what an address says is wired.
+    """Return what an address, as of `open_address`, says is wired.
+
+    A simulated card needs no sensitivity and no gain of an amplifier.
 
     Examples
     --------

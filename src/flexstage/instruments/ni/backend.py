@@ -26,11 +26,11 @@ class CardInfo:
     """
 
     vendor: str
-    """Which card it is."""
+    """Who made it."""
     model: str
     """Which card it is."""
     serial_number: str = ""
-    """Which card it is."""
+    """Its serial number; empty where it has none."""
     simulated: bool
     """Whether there is no hardware behind it, so that nothing it gives was measured."""
     note: str
@@ -45,11 +45,11 @@ class CardInfo:
     """Whether each input has a converter of its own; else they share one by a multiplexer."""
 
     def largest_rate_hz(self, inputs: int) -> float:
-        """Return the largest rate at which inputs, and the outputs in use, go together."""
+        """Return the largest rate at which so many inputs, and the outputs in use, go together."""
         return min(self._input_rate_hz(inputs), self.output_rate_hz)
 
     def rate_limit(self, inputs: int) -> str:
-        """Return that rate as text, with what it is limited by."""
+        """Return the same rate as text, with what it is limited by."""
         rate = self.largest_rate_hz(inputs)
         if rate < self._input_rate_hz(inputs):
             return f"{rate:.6g} Hz (limit of its outputs)"
@@ -87,7 +87,7 @@ class InputTask(Protocol):
         ...
 
     def read(self, count: int) -> Array:
-        """Return the oldest samples that were not read."""
+        """Return the oldest samples that were not read [V], shape (channels, count)."""
         ...
 
     def close(self) -> None:
@@ -126,23 +126,26 @@ class NiBackend(Protocol):
     """A driver of NI cards."""
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Ask the driver about a card."""
+        """Ask the driver about a card, and whether its outputs can take the clock of its inputs."""
         ...
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now."""
+        """Return what stands at inputs now [V], shape (channels,)."""
         ...
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now."""
+        """Put out voltages now [V], shape (channels,)."""
         ...
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Measure what outputs give, by the internal channels of the card."""
+        """Measure what outputs give, by internal channels of the card [V], shape (channels,).
+
+        Not a number where the card has none; refused while the inputs are in use.
+        """
         ...
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> InputTask:
-        """Prepare inputs."""
+        """Prepare inputs; `buffer` samples of each are kept until they are read."""
         ...
 
     def open_output(
@@ -153,7 +156,11 @@ class NiBackend(Protocol):
         *,
         clock: InputTask | None,
     ) -> OutputTask:
-        """Prepare outputs."""
+        """Prepare outputs for voltages [V], shape (channels, n).
+
+        They take the clock of the inputs, and their own of `rate_hz` where there are none. Inputs
+        that start later put out the first sample with their own first one.
+        """
         ...
 
     def pause(self, seconds: float) -> None:

@@ -11,10 +11,36 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.ni.backend import CardInfo, InputTask
-from flexstage.instruments.ni.daqmx_codes import GONE, NOT_SUPPORTED, SENTENCES
+from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
+#: Numbers of errors by which a card is gone, or was never there.
+GONE = {-200220, -201003, -201401, -89130}
+#: Numbers of errors by which a card, or a task, does not have a property.
+NOT_SUPPORTED = {-200197, -200452}
+#: Numbers of errors by which a signal cannot be led from one part of a card to another.
+NO_ROUTE = {-89136, -89139, -89140, -200368}
+#: What the numbers of the errors that come most often mean for the user.
+SENTENCES = {
+    -200220: "there is no such card: look up its name in NI MAX",
+    -201003: "the card cannot be reached: look at its cable and power",
+    -200279: "samples were overwritten before they were read: record more slowly or fewer sensors",
+    -200222: "samples came faster than they were read: record more slowly or fewer sensors",
+    -200290: "the outputs ran out of samples: run the waveform more slowly",
+    -200621: "the outputs ran out of samples: run the waveform more slowly",
+    -50103: "another program or task uses the same channels of the card: end it first",
+    -200284: "the samples did not come in time: look whether the clock of the card runs",
+    -200019: "the card cannot convert so fast: record more slowly or fewer sensors",
+    -200081: "the card cannot sample all inputs at this rate: record more slowly or fewer sensors",
+    -200077: "the card does not take one of the settings, such as a range or a rate",
+    -200170: "the card has no such channel: look up its channels in NI MAX",
+    -200561: "a voltage is outside the range of the output",
+    **dict.fromkeys(
+        NO_ROUTE,
+        "the outputs of this card cannot take the clock of its inputs: use a card of the M or X "
+        "series",
+    ),
+}
 _TIMEOUT = 10.0
 _WIDEST = 10.0  # range in which outputs are read back [V]
 #: Categories of the driver whose cards lead the clock of their inputs to their outputs.
@@ -22,7 +48,7 @@ _FAMILIES = ("M_SERIES_DAQ", "X_SERIES_DAQ", "S_SERIES_DAQ", "E_SERIES_DAQ", "MI
 
 
 def driver_found() -> str:
-    """Say why NI-DAQmx cannot be used here."""
+    """Say why NI-DAQmx cannot be used here; empty where it can."""
     try:
         import nidaqmx
         from nidaqmx.errors import DaqNotFoundError, DaqNotSupportedError, Error
@@ -39,7 +65,7 @@ def driver_found() -> str:
     return ""
 
 
-class DaqmxBackend:
+class DaqmxBackend(NiBackend):
     """NI cards by NI-DAQmx.
 
     Inputs are sampled without end into a buffer and read from there. Outputs take the sample
@@ -71,7 +97,6 @@ class DaqmxBackend:
         self._ni: Any = library
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Ask the driver about a card."""
         note = f"NI-DAQmx by nidaqmx {getattr(self._ni, '__version__', '')}".strip()
         with self._sentences(setup.device):
             card = self._ni.system.Device(setup.device)
@@ -107,7 +132,6 @@ class DaqmxBackend:
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now."""
         data = np.zeros(len(inputs))
         with self._sentences("the inputs"), self._task() as task:
             self._add_inputs(task, inputs)
@@ -116,7 +140,6 @@ class DaqmxBackend:
         return data
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now."""
         with self._sentences("the outputs"), self._task() as task:
             self._add_outputs(task, outputs)
             writer = self._ni.stream_writers.AnalogMultiChannelWriter(
@@ -125,7 +148,6 @@ class DaqmxBackend:
             writer.write_one_sample(np.ascontiguousarray(volts, dtype=np.float64), timeout=_TIMEOUT)
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Measure what outputs give, by the internal channels of the card."""
         unknown, data = np.full(len(outputs), np.nan), np.zeros(len(outputs))
         device = _device(outputs[0].channel)
         with self._sentences("the inputs"), self._task() as task:
@@ -146,7 +168,6 @@ class DaqmxBackend:
         return data
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        """Prepare inputs."""
         continuous = self._ni.constants.AcquisitionType.CONTINUOUS
         with self._sentences("the inputs"):
             task = self._ni.Task()
@@ -166,7 +187,6 @@ class DaqmxBackend:
         *,
         clock: InputTask | None,
     ) -> "_Output":
-        """Prepare outputs."""
         constants = self._ni.constants
         device = clock.device if isinstance(clock, _Input) else ""
         if volts.shape[1] == 1:  # a finite task has two samples at least
@@ -191,11 +211,10 @@ class DaqmxBackend:
                 return _Output(self, task)
 
     def pause(self, seconds: float) -> None:
-        """Let time pass."""
         time.sleep(seconds)
 
     def close(self) -> None:
-        """Do nothing: tasks are closed one by one."""
+        pass  # tasks are closed one by one
 
     def _add_inputs(self, task: Any, inputs: Sequence[SensorInput]) -> None:
         for sensor in inputs:

@@ -13,14 +13,22 @@ from flexstage.instruments.checks import check_voltage, check_waveform
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.ni.backend import InputTask, NiBackend, OutputTask
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup
+from flexstage.instruments.protocol import WaveGenerator
 from flexstage.instruments.waveform import Waveform
 
 _LARGEST = 20_000_000  # samples of all drives in memory
 _AGREES = 0.02  # by which an output that is read back may differ from what it was set to [V]
 
 
-class NiOutputs:
-    """The drives of a card, and the generator of their waveforms."""
+class NiOutputs(WaveGenerator):
+    """The drives of a card, and the generator of their waveforms.
+
+    `clock` returns the input task whose clock the outputs go with, and whether it has started; None
+    where nothing is recorded. `told` is told the voltages by axis [V], shape (n,), that are put out
+    from now on, and whether they begin with the first sample of the record. `asked` is called with
+    every question whether something runs, and `freed` ends a record, so that the inputs can read
+    the outputs back.
+    """
 
     def __init__(
         self,
@@ -50,16 +58,13 @@ class NiOutputs:
 
     @property
     def base_rate_hz(self) -> float:
-        """How often the outputs change [Hz]; waveforms are joined by straight lines."""
         return self._setup.output_rate_hz
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples of all drives together."""
         return _LARGEST
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
-        """Check a waveform whole against the limits and keep it."""
         if waveform.quantity != "voltage" or feedforward is not None:
             raise ModelError(
                 f"card '{self._setup.device}' has no position control: give voltages, without "
@@ -69,7 +74,6 @@ class NiOutputs:
         self._loaded = waveform
 
     def start(self, cycles: int = 1) -> None:
-        """Run the waveform that was loaded; an armed recorder starts with it."""
         wave = self._loaded
         if wave is None:
             raise ControllerError("no waveform was loaded: load one first")
@@ -82,7 +86,6 @@ class NiOutputs:
         self._put(lambda rate: _sampled(wave, cycles, rate))
 
     def running(self) -> bool:
-        """Say whether a waveform or a ramp runs."""
         running = self.busy()
         self._asked()
         return running
@@ -98,7 +101,6 @@ class NiOutputs:
             return True
 
     def stop(self) -> None:
-        """Stop where it is; the drives keep their voltages. From any thread; never raises."""
         self._stopped = True
         task = self._task
         with suppress(ControllerError, NotConnectedError):
@@ -110,7 +112,7 @@ class NiOutputs:
     # single voltages ----------------------------------------------------------------------------
 
     def voltage(self, axis: str) -> float:
-        """Return the voltage that was given to a drive.
+        """Return the voltage that was given to a drive [V]; not a number where it is not known.
 
         After a stop it is read back from the card, which ends a record that still runs.
         """
@@ -123,7 +125,7 @@ class NiOutputs:
             return self._standing[axis]
 
     def set_voltage(self, axis: str, voltage: float) -> None:
-        """Set the voltage of a drive, by a ramp where a step would pass the slew limit."""
+        """Set the voltage of a drive [V], by a ramp where a step would pass the slew limit."""
         limits = self._limits[axis]
         check_voltage(limits, voltage, axis)
         if self.running():

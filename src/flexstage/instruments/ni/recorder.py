@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import NiSetup
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record
 
 Numbers = NDArray[np.int64]
@@ -19,12 +19,13 @@ _SIGNALS, _CAPACITY = 64, 20_000_000
 _BUFFER_TIME = 10.0  # how long the driver keeps samples that are not read [s]
 
 
-class NiRecorder:
+class NiRecorder(Recorder):
     """Records sensors and voltages of a card.
 
     Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
     the outputs, which share the clock, change often enough; the samples between are left out
-    without a filter.
+    without a filter. `busy` says whether outputs go with the clock of the record, which may then
+    not end.
     """
 
     def __init__(
@@ -52,21 +53,17 @@ class NiRecorder:
 
     @property
     def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]."""
         return self._card.largest_rate_hz(len(self._setup.inputs))
 
     @property
     def capacity(self) -> int:
-        """Largest number of samples of a signal."""
         return _CAPACITY // len(self._setup.inputs)
 
     @property
     def signals(self) -> int:
-        """Largest number of signals at once."""
         return _SIGNALS
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        """Choose what to record."""
         for signal in signals:
             self._source(signal)
         if not 1 <= samples <= self.capacity:
@@ -82,22 +79,18 @@ class NiRecorder:
         return self._rate
 
     def arm(self) -> None:
-        """Start with the next waveform."""
         self._open()
 
     def start(self) -> None:
-        """Start now."""
         self._open().start()
         self._started = True
 
     def available(self) -> int:
-        """Return the number of samples that are there."""
         self.drain()
         self.rest()
         return min(-(-self._ticks // self._divider), self._samples)
 
     def read(self, first: int, count: int) -> Record:
-        """Return samples."""
         if first < 0 or count < 2 or first + count > self.available():
             raise ModelError(
                 f"samples {first} to {first + count - 1} are asked for, 2 at least, and "
@@ -118,13 +111,16 @@ class NiRecorder:
     # with the outputs -----------------------------------------------------------------------------
 
     def clock(self) -> tuple[InputTask, bool] | None:
-        """Return the clock of a record that waits or runs."""
+        """Return the clock of a record that waits or runs, and whether it has started."""
         if self._task is None:
             return None
         return self._task, self._started
 
     def given(self, voltages: Mapping[str, Array], first: bool) -> None:
-        """Keep what is put out from now on."""
+        """Keep the voltages by axis [V], shape (n,), that are put out from now on.
+
+        They go with the clock of the record, and where they are its `first`, it starts with them.
+        """
         self._standing.update({axis: values[-1:] for axis, values in voltages.items()})
         if self._task is None:
             return

@@ -20,6 +20,7 @@ class SensorInput:
 
     Examples
     --------
+    >>> import numpy as np
     >>> sensor = SensorInput(channel="Dev1/ai0", name="x", gain=-2.5e-5, offset=1.1e-4)
     >>> round(float(sensor.reading(np.array(1.3))) * 1e6, 6)
     77.5
@@ -49,7 +50,7 @@ class SensorInput:
         _require_rise(self.voltage_range, f"sensor '{self.name}'")
 
     def reading(self, volts: Array) -> Array:
-        """Return what the sensor reads."""
+        """Return what the sensor reads [m, rad, N] at voltages [V] of the input, any shape."""
         return self.gain * volts + self.offset
 
 
@@ -61,6 +62,7 @@ class DriveOutput:
 
     Examples
     --------
+    >>> import numpy as np
     >>> drive = DriveOutput(channel="Dev1/ao0", axis="x", sensor="x", gain=15.0)
     >>> drive.drive_range, float(drive.output(np.array(120.0)))
     ((-150.0, 150.0), 8.0)
@@ -110,11 +112,11 @@ class DriveOutput:
         return self.gain * low + self.offset, self.gain * high + self.offset
 
     def output(self, voltage: Array) -> Array:
-        """Return what the card must give."""
+        """Return what the card must give [V] for voltages at the drive [V], any shape."""
         return (voltage - self.offset) / self.gain
 
     def voltage(self, output: Array) -> Array:
-        """Return what the drive gets."""
+        """Return what the drive gets [V] for voltages of the card [V], any shape."""
         return self.gain * output + self.offset
 
 
@@ -153,7 +155,7 @@ class NiSetup:
             )
 
     def number(self, sensor: str) -> int:
-        """Return the number of a sensor."""
+        """Return the number of a sensor, from 1."""
         names = [s.name for s in self.inputs]
         if sensor not in names:
             raise ModelError(

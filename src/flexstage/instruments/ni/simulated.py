@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError
-from flexstage.instruments.ni.backend import CardInfo, InputTask
+from flexstage.instruments.ni.backend import CardInfo, InputTask, NiBackend
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 
 _CALL = 1e-4  # what a call takes [s]
@@ -16,7 +16,7 @@ _RATE = 250e3  # of all inputs together, and of the outputs [Hz]
 _SETTLING = 10e-6  # that the driver leaves beside each conversion where there is time [s]
 
 
-class SimulatedBackend:
+class SimulatedBackend(NiBackend):
     r"""A simulated card with a stage that has no dynamics and no hysteresis.
 
     .. math:: v_i(t) = a_i + \sum_j g_{ij} u_j(t) + e
@@ -24,6 +24,11 @@ class SimulatedBackend:
     An output changes at an edge of its clock, and an input that is sampled at the same edge still
     sees what was before, as it is with a card. Inputs are converted one after the other, unless
     `simultaneous`.
+
+    `wiring` is the change of each input by outputs [V/V]: ``{"Dev1/ai0": {"Dev1/ao0": 0.7}}``.
+    `at_rest` is what inputs read with all outputs at 0 V [V], `noise` their standard deviation [V],
+    `standing` what outputs give when the program begins [V]; they can be read back if they are
+    `readable`. `note` says why there is no card.
 
     Validity: for trying a program without a card; nothing of the stage is in it. Time passes by
     `pause` and a little by each call.
@@ -51,7 +56,6 @@ class SimulatedBackend:
         self.now = 0.0
 
     def describe(self, setup: NiSetup) -> CardInfo:
-        """Return what a simulated card is."""
         return CardInfo(
             vendor="flexstage",
             model=f"simulated card {setup.device}",
@@ -64,14 +68,12 @@ class SimulatedBackend:
         )
 
     def read_now(self, inputs: Sequence[SensorInput]) -> Array:
-        """Return what stands at inputs now."""
         self._call()
         if self._input is not None and self._input.begin <= self.now:
             raise ControllerError("the inputs are reserved by a record", -50103)
         return self.read_at(inputs, np.array([self.now]))[:, 0]
 
     def write_now(self, outputs: Sequence[DriveOutput], volts: Array) -> None:
-        """Put out voltages now."""
         self._call()
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
@@ -81,7 +83,6 @@ class SimulatedBackend:
             self._standing[drive.channel] = float(value)
 
     def read_outputs(self, outputs: Sequence[DriveOutput]) -> Array:
-        """Return what outputs give."""
         self._call()
         if not self._readable:
             return np.full(len(outputs), np.nan)
@@ -91,7 +92,6 @@ class SimulatedBackend:
         return np.array([self._given(d.channel, now)[0] for d in outputs])
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
-        """Prepare inputs."""
         # a timebase of 100 MHz is divided by a whole number
         kept = 1e8 / max(math.floor(1e8 / rate_hz * (1.0 + 1e-12)), 1)
         self._input = _Input(self, inputs, kept, buffer)
@@ -105,7 +105,6 @@ class SimulatedBackend:
         *,
         clock: InputTask | None,
     ) -> "_Output":
-        """Prepare outputs."""
         if self._output is not None:
             raise ControllerError("the outputs are reserved by a waveform", -50103)
         source = clock if isinstance(clock, _Input) else None
@@ -113,15 +112,17 @@ class SimulatedBackend:
         return self._output
 
     def pause(self, seconds: float) -> None:
-        """Let simulated time pass."""
         self.now += seconds
 
     def close(self) -> None:
-        """Give all free."""
         self._input = self._output = None
 
     def read_at(self, inputs: Sequence[SensorInput], time: Array, interval: float = 0.0) -> Array:
-        """Return what inputs see at some times, the output that changes then not yet counted."""
+        """Return what inputs see at rising times of the first [V], shape (channels, n), clipped.
+
+        Each further input is converted an `interval` later [s]. An output that changes at one of
+        the times is not yet counted.
+        """
         out = np.empty((len(inputs), time.size))
         for k, sensor in enumerate(inputs):
             out[k] = self._at_rest.get(sensor.channel, 0.0)

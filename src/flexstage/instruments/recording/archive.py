@@ -18,7 +18,7 @@ from flexstage.instruments.recording.scan import Scan, chunks, scan
 
 
 def archived(stream: Path, target: Path) -> Path:
-    """Write what is whole in a stream as an HDF5 file, and read it back.
+    """Write what is whole in a stream as a new HDF5 file, and read it back; the stream stays.
 
     A dataset for each channel, with its ``unit`` and ``name``; the sample rate, or times where
     samples are missing; what is known of the run. The file appears under its name when all of it is

@@ -18,7 +18,10 @@ _LONGEST = 1000
 
 
 def run_attributes(head: StreamHead, complete: bool, lost: Sequence[str]) -> dict[str, str]:
-    """Return what a record of a run says about it."""
+    """Return what a record of a run says about it: all as JSON (``run``), and lines of text.
+
+    `lost` says in words what was lost, or came twice.
+    """
     lines = {k: _line(v) for k, v in head.metadata.texts().items()}
     lines[_ENDING] = "complete" if complete else "recovered"
     if lost:

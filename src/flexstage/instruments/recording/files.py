@@ -21,7 +21,11 @@ def sync_folder(folder: Path) -> None:
 
 
 def locked(file: IO[Any]) -> bool:
-    """Mark an open file as being written, until it is closed or the program ends."""
+    """Mark an open file as being written, until it is closed or the program ends; say if it could.
+
+    Windows needs no mark, as it lets nobody remove an open file; some network file systems know
+    none.
+    """
     if sys.platform == "win32":
         return False
     import fcntl
@@ -34,7 +38,7 @@ def locked(file: IO[Any]) -> bool:
 
 
 def in_use(path: Path) -> bool:
-    """Say whether another program is writing a file, as far as the system tells."""
+    """Say whether a file is marked by `locked`, as far as the system tells."""
     if sys.platform == "win32":
         return False
     import fcntl

@@ -33,7 +33,7 @@ class RunFolder:
     def create(
         cls, root: str | Path, stage: str, slug: str = "", *, when: datetime | None = None
     ) -> Self:
-        """Make a folder that was not there before.
+        """Make a folder that was not there before, named by time in UTC, stage and slug.
 
         Examples
         --------
@@ -85,7 +85,7 @@ class RunFolder:
         return self.path / "report"
 
     def stream(self, name: str) -> Path:
-        """Return where the stream of a measurement is written."""
+        """Return where the stream of a measurement is written; its HDF5 file will be beside it."""
         word = _slug(name)
         if not word:
             raise RecordError(f"'{name}' has no letter that the name of a file can have")
@@ -130,7 +130,7 @@ class RunFolder:
                 draft.unlink(missing_ok=True)
 
     def read_state(self) -> dict[str, Any]:
-        """Return the state."""
+        """Return the state; empty where none was written."""
         try:
             state = json.loads(self.state_file.read_text("utf-8"))
         except FileNotFoundError:

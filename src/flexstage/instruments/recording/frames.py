@@ -55,13 +55,13 @@ class FrameHead:
     rows: int
     """Samples of each channel."""
     previous: int
-    """Checksums of the frame before, and of this one."""
+    """Checksum of the frame before."""
     checksum: int
-    """Checksums of the frame before, and of this one."""
+    """Its own checksum."""
 
     @classmethod
     def read(cls, data: bytes) -> "FrameHead | None":
-        """Return the head of a frame, or None where there cannot be one."""
+        """Return the head of a frame, not yet checked, or None where there cannot be one."""
         if len(data) < FRAME.size or not data.startswith(MARKS):
             return None
         mark, number, first, rows, previous, checksum = FRAME.unpack_from(data)
@@ -75,7 +75,10 @@ class FrameHead:
         )
 
     def proves(self, payload: bytes, salt: int) -> bool:
-        """Say whether the checksum is that of this head and these samples."""
+        """Say whether the checksum is that of this head and these samples.
+
+        `salt` is the checksum of the stream's head, which it begins with.
+        """
         begun = _BEFORE_CHECKSUM.pack(self.mark, self.number, self.first, self.rows, self.previous)
         return zlib.crc32(payload, zlib.crc32(begun, salt)) == self.checksum
 
@@ -104,7 +107,7 @@ class StreamHead:
 
     @classmethod
     def read(cls, data: bytes) -> "tuple[StreamHead, int, int] | None":
-        """Return a head, its checksum and its size, or None where there is no whole one."""
+        """Return a head, its checksum and its size [bytes], or None where there is no whole one."""
         if len(data) < _PREAMBLE.size or not data.startswith(HEAD):
             return None
         _, version, length = _PREAMBLE.unpack_from(data)
@@ -185,7 +188,7 @@ def _require_si(name: str, unit: str) -> None:
 
 
 def head_bytes(head: StreamHead) -> tuple[bytes, int]:
-    """Return a head with its copy, and its checksum."""
+    """Return a head with its copy, and the checksum that those of all frames begin with."""
     text = json.dumps(head.plain(), allow_nan=False).encode("ascii")
     if len(text) > LARGEST_HEAD:
         raise RecordError(
@@ -201,7 +204,10 @@ def head_bytes(head: StreamHead) -> tuple[bytes, int]:
 def frame_bytes(
     mark: bytes, number: int, first: int, columns: Sequence[Array], previous: int, salt: int
 ) -> tuple[bytes, int]:
-    """Return a frame, and its checksum."""
+    """Return a frame of columns of contiguous doubles, and its checksum.
+
+    `previous` is the checksum of the frame before, `salt` that of the stream's head.
+    """
     rows = columns[0].size if columns else 0
     begun = _BEFORE_CHECKSUM.pack(mark, number, first, rows, previous)
     checksum = zlib.crc32(begun, salt)
@@ -212,5 +218,5 @@ def frame_bytes(
 
 
 def columns_of(payload: bytes, channels: int) -> Array:
-    """Return the samples of a frame."""
+    """Return the samples of a frame, shape (channels, n)."""
     return np.frombuffer(payload, dtype="<f8").reshape(channels, -1)

@@ -25,12 +25,6 @@ def new_identifier() -> str:
 class RunMetadata:
     """What is written at the head of a run, so that its file tells all of it alone.
 
-    Raises
-    ------
-    RecordError
-        A field is of another type, the start is no time with its zone, or the identifier is not
-        one.
-
     Examples
     --------
     >>> about = RunMetadata(stage="vgtu-piezo", instrument=Identity(vendor="v", model="m"))
@@ -55,13 +49,13 @@ class RunMetadata:
     axis: str = ""
     """The axis that moves."""
     plan: str = ""
-    """The plan and its step."""
+    """The plan."""
     step: str = ""
-    """The plan and its step."""
+    """Its step."""
     operator: str = ""
-    """Who made it, and what they say about it."""
+    """Who made it."""
     note: str = ""
-    """Who made it, and what they say about it."""
+    """What they say about it."""
     seed: int | None = None
     """Seed of a simulation, or of a designed command."""
     version: str = flexstage.__version__
@@ -93,13 +87,7 @@ class RunMetadata:
             self.start_time()
 
     def begun(self) -> "RunMetadata":
-        """Return the same with the start and the identifier of a run that begins now.
-
-        Returns
-        -------
-        RunMetadata
-            What was given stays.
-        """
+        """Return the same with a start, now, and an identifier, where it has none."""
         return replace(
             self,
             started=self.started or utc_now(),
@@ -107,18 +95,7 @@ class RunMetadata:
         )
 
     def start_time(self) -> datetime.datetime:
-        """Return the date and time of the start.
-
-        Returns
-        -------
-        datetime.datetime
-            The time, in UTC.
-
-        Raises
-        ------
-        RecordError
-            `started` is no time, or has no zone.
-        """
+        """Return the date and time of the start, in UTC."""
         try:
             time = datetime.datetime.fromisoformat(self.started)
         except ValueError as error:
@@ -134,34 +111,12 @@ class RunMetadata:
         return time.astimezone(datetime.UTC)
 
     def plain(self) -> dict[str, Any]:
-        """Return everything as plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Texts, numbers and dicts by the names of the fields.
-        """
+        """Return everything as plain data for JSON, by the names of the fields."""
         return {**asdict(self), "settings": dict(self.settings)}
 
     @classmethod
     def from_plain(cls, plain: Any) -> "RunMetadata":
-        """Return what `plain` wrote; names that this version does not know are left out.
-
-        Parameters
-        ----------
-        plain : Any
-            What a file holds.
-
-        Returns
-        -------
-        RunMetadata
-            The same as was written.
-
-        Raises
-        ------
-        RecordError
-            It is something else.
-        """
+        """Return what `plain` wrote; names that this version does not know are left out."""
         try:
             known = {f.name for f in fields(cls)}
             words = {k: v for k, v in plain.items() if k in known}
@@ -175,13 +130,7 @@ class RunMetadata:
             ) from error
 
     def texts(self) -> dict[str, str]:
-        """Return what a reader of the file looks for first, as one line of text each.
-
-        Returns
-        -------
-        dict
-            Texts by name, empty ones left out.
-        """
+        """Return what a reader of the file looks for first, as lines of text; no empty ones."""
         told = self.instrument
         device = " ".join(w for w in (told.vendor, told.model, told.serial_number) if w)
         lines = {f.name: getattr(self, f.name) for f in fields(self) if f.type is str}

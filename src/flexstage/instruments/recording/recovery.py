@@ -18,7 +18,9 @@ class Lost:
     """Samples that a stream does not hold, or holds twice."""
 
     kind: str
-    """Whether they were written and cannot be read, were never given, or were given twice."""
+    """``damage`` where they were written and cannot be read, ``gap`` where they were never given,
+    ``overlap`` where they were given twice.
+    """
     first: int
     """Number of the first of them."""
     count: int
@@ -36,7 +38,7 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recovery:
+class StreamRecovery:
     """What a stream still holds."""
 
     head: StreamHead
@@ -67,35 +69,20 @@ class Recovery:
         return self.damaged_bytes > self.tail_bytes
 
 
-def examine(path: str | Path) -> Recovery:
+def examine(path: str | Path) -> StreamRecovery:
     """Say what a stream still holds."""
     return recovery_of(_scanned(Path(path)))
 
 
-def recover(path: str | Path) -> tuple[Record, Recovery]:
-    """Read all that is whole in a stream.
+def recover(path: str | Path) -> tuple[Record, StreamRecovery]:
+    """Read all that is whole in a stream, and say what is safe, and what was lost.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The stream; it is not changed.
-
-    Returns
-    -------
-    Record
-        The samples at their times; where some are missing the times have a gap.
-    Recovery
-        What is safe, and what was lost.
+    The stream is not changed. Where samples are missing the times of the record have a gap.
 
     Validity
     --------
     A chunk counts only if its checksum (CRC-32, begun with that of the stream's head) is right: of
     damaged chunks one in 4e9 would pass. A chunk is lost whole.
-
-    Raises
-    ------
-    RecordError
-        The file cannot be read, is no stream, or holds fewer than two samples.
     """
     file = Path(path)
     found = _scanned(file)
@@ -136,14 +123,14 @@ def _scanned(path: Path) -> Scan:
         raise RecordError(f"'{path}' cannot be read: {error.strerror or error}") from error
 
 
-def recovery_of(found: Scan) -> Recovery:
+def recovery_of(found: Scan) -> StreamRecovery:
     """Say what a stream still holds that was looked through."""
     lost = tuple(_lost(found))
     samples = _safe(found)
     damaged = sum(size for _, size in found.damaged)
     tail = next((s for at, s in found.damaged if at + s == found.size), 0)
     ended = found.expected is not None
-    return Recovery(
+    return StreamRecovery(
         head=found.head,
         samples=samples,
         ended=ended,

@@ -179,10 +179,11 @@ def _summary(
 
 
 def chunks(path: Path, found: Scan, *, most: int = _BLOCK) -> Iterator[tuple[int, Array]]:
-    """Give the samples of a stream, each once, with rising numbers.
+    """Give the samples of a stream, each once: number of the first, shape (channels, n).
 
     Where samples were given twice, the ones that were written first count. Chunks that follow one
-    another are given together, as files take few large pieces sooner than many small ones.
+    another are given together, up to about `most` bytes, as files take few large pieces sooner than
+    many small ones.
     """
     gathered: list[Array] = []
     start = following = 0

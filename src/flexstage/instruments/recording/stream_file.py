@@ -14,7 +14,7 @@ from flexstage.instruments.recording.frames import StreamHead, frame_bytes, head
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class StreamPosition:
     """How far a stream is written."""
 
     size: int
@@ -28,21 +28,24 @@ class Place:
 
 
 class StreamFile:
-    """A new file with the head of a stream, to which frames are added."""
+    """A new file with the head of a stream, to which frames are added.
+
+    `opener` opens a file for writing bytes, without a buffer. What fails later is an `OSError`.
+    """
 
     def __init__(
         self, path: Path, head: StreamHead, opener: Callable[[Path], Any] | None = None
     ) -> None:
         first, self._salt = head_bytes(head)
         self._file = _opened(path, opener or _new_file, first)
-        self.at = self.safe = Place(size=len(first))
+        self.at = self.safe = StreamPosition(size=len(first))
 
     def append(self, mark: bytes, first: int, columns: list[Array]) -> None:
-        """Write a frame."""
+        """Write a frame of a kind; where that fails, `cut` removes what there is of it."""
         at = self.at
         data, checksum = frame_bytes(mark, at.number, first, columns, at.checksum, self._salt)
         _write_all(self._file, data)
-        self.at = Place(
+        self.at = StreamPosition(
             size=at.size + len(data),
             number=at.number + 1,
             checksum=checksum,

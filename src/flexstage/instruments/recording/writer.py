@@ -3,16 +3,16 @@
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.instruments.recording.chunk import Irregularity, checked_chunk
 from flexstage.instruments.recording.frames import (
     END,
     LARGEST_PAYLOAD,
@@ -26,6 +26,26 @@ from flexstage.instruments.recording.stream_file import StreamFile
 STREAM_SUFFIX = ".stream"
 # so much may wait for the disk at most, whatever the clock says [bytes]
 _MOST_UNSYNCED = 8 * 2**20
+# the number of the first sample, and samples of each channel
+_Chunk = tuple[int, list[Array]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Irregularity:
+    """Samples that do not follow the ones before."""
+
+    kind: str
+    """``gap`` where samples are missing, ``overlap`` where they come again."""
+    first: int
+    """Number of the first sample that is missing, or that comes again."""
+    count: int
+    """How many."""
+
+    def __str__(self) -> str:
+        last = self.first + self.count - 1
+        if self.kind == "gap":
+            return f"samples {self.first} to {last} were never given"
+        return f"samples {self.first} to {last} were given twice; the first ones count"
 
 
 class RunWriter:
@@ -38,28 +58,11 @@ class RunWriter:
 
     As a context manager it closes the stream; where the block failed it leaves it for `recover`.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The stream, whose name ends in ``.stream``; it must not exist, and its folder must.
-    channels : sequence of (str, str)
-        Name and SI unit of each channel.
-    sample_rate_hz : float
-        Samples in a second [Hz].
-    metadata : RunMetadata
-        What is known of the run; start and identifier are given to it where they are empty.
-    sync : float, optional
-        The longest time that samples wait until they are forced to the disk [s]; 0 for no time at
-        all, None to leave it to the operating system.
-    clock : callable
-        Returns the time in seconds.
-    opener : callable
-        Opens a new file for writing bytes, without a buffer.
-
-    Raises
-    ------
-    RecordError
-        The file exists, or cannot be made; a channel, the rate or a text is impossible.
+    The name of the stream ends in ``.stream``; it must not exist, and its folder must. `channels`
+    are the name and SI unit of each. The metadata get a start and an identifier where they have
+    none. `sync` is the longest time that samples wait until they are forced to the disk [s]: 0 for
+    no time at all, None to leave it to the operating system. `opener` opens a new file for writing
+    bytes, without a buffer.
 
     Validity
     --------
@@ -129,20 +132,11 @@ class RunWriter:
         )
 
     def append(self, first: int, columns: Mapping[str, ArrayLike]) -> Irregularity | None:
-        """Write the samples of a chunk behind those before.
+        """Write the samples of a chunk, in SI units by channel, behind those before.
 
-        Parameters
-        ----------
-        first : int
-            Number of the first of them, counted from the start of the run.
-        columns : Mapping
-            Samples of every channel in SI units by its name, each of shape (n,).
-
-        Returns
-        -------
-        Irregularity or None
-            The gap or overlap, where the chunk does not follow the one before; it is kept in the
-            stream and in `irregularities`.
+        `first` is the number of the first of them, counted from the start of the run. Where it does
+        not follow the chunk before, the gap or overlap is returned, and kept in the stream and in
+        `irregularities`.
 
         Raises
         ------
@@ -153,7 +147,7 @@ class RunWriter:
         """
         if self._state == "closed":
             raise RecordError(f"'{self.path}' is closed: nothing can be added to it")
-        values = checked_chunk(self._names, first, columns)
+        values = _checked(self._names, first, columns)
         if values[0].size == 0:
             return None
         irregularity = self._compared(first, values[0].size)
@@ -170,13 +164,7 @@ class RunWriter:
         return irregularity
 
     def sync(self) -> None:
-        """Force what was appended to the disk.
-
-        Raises
-        ------
-        RecordError
-            The disk fails; the samples since the last sync are kept in `unsaved`.
-        """
+        """Force what was appended to the disk; where that fails, it is kept in `unsaved`."""
         if self._state == "open":
             try:
                 self._sync()
@@ -187,23 +175,14 @@ class RunWriter:
         """End the stream, turn it into an HDF5 file beside it, and remove the stream.
 
         The stream is removed only when every sample was read back from the HDF5 file and is the
-        same, bit by bit; it stays where samples were given twice, as the file holds them once.
-
-        Returns
-        -------
-        pathlib.Path
-            The HDF5 file, which `flexstage.records.read_record` reads.
+        same, bit by bit; it stays where samples were given twice, as the file holds them once, and
+        where there are fewer than two samples or the file cannot be written: `recover` reads it.
+        `flexstage.records.read_record` reads the file, which is returned.
 
         Validity
         --------
         The file is forced to the disk, but what is read back may come from the system's memory: a
         disk that keeps other bytes than it was given is found later, by the hash of the catalogue.
-
-        Raises
-        ------
-        RecordError
-            The stream has fewer than two samples, or the file cannot be written: the stream stays,
-            and `recover` reads it.
         """
         from flexstage.instruments.recording.archive import archived
 
@@ -238,21 +217,7 @@ class RunWriter:
     def rescue(self, path: str | Path) -> "RunWriter":
         """Write what could not be saved into another stream, as on another disk.
 
-        Parameters
-        ----------
-        path : str or pathlib.Path
-            The new stream; it must not exist.
-
-        Returns
-        -------
-        RunWriter
-            A writer that holds the unsaved chunks, to be continued or closed: another run, whose
-            note names this one.
-
-        Raises
-        ------
-        RecordError
-            It cannot be written either.
+        Return its writer, to be continued or closed: another run, whose note names this one.
         """
         about = self.head.metadata
         note = f"{about.note} (continues run {about.identifier})".strip()
@@ -317,7 +282,7 @@ class RunWriter:
         self._unsynced.clear()
         self._synced_at = self._clock()
 
-    def _fail(self, error: OSError, chunk: "_Chunk | None") -> None:
+    def _fail(self, error: OSError, chunk: _Chunk | None) -> None:
         """Keep in memory what is not on disk, cut off the frame that is not whole, and tell."""
         self._state = "failed"
         self._file.cut()
@@ -363,4 +328,30 @@ class RunWriter:
         self._file.close()
 
 
-_Chunk = tuple[int, list[Array]]
+def _checked(names: Sequence[str], first: int, columns: Mapping[str, ArrayLike]) -> list[Array]:
+    """Return a copy of the samples of each channel, in the order of the run, if they fit to it."""
+    whole = isinstance(first, (int, np.integer)) and not isinstance(first, bool)
+    # times are doubles, which count no further
+    if not whole or not 0 <= first < 2**53:
+        raise RecordError(f"the first sample must be a whole number from 0, got {first!r}")
+    if set(columns) != set(names) or len(columns) != len(names):
+        raise RecordError(
+            f"a chunk must have the channels {', '.join(names)}, got "
+            f"{', '.join(map(str, columns)) or 'none'}"
+        )
+    values: list[Array] = []
+    for name in names:
+        v = np.asarray(columns[name])
+        if v.dtype.kind not in "buif" or v.ndim != 1:
+            raise RecordError(
+                f"channel '{name}' must be a row of numbers, got {v.dtype} of shape {v.shape}"
+            )
+        # a copy, as a chunk may wait in memory while the caller fills the array anew
+        values.append(np.array(v, dtype="<f8", order="C"))
+    sizes = {v.size for v in values}
+    if len(sizes) > 1:
+        raise RecordError(
+            "the channels of a chunk must have equally many samples, got "
+            + ", ".join(f"{n}: {v.size}" for n, v in zip(names, values, strict=True))
+        )
+    return values

@@ -21,6 +21,9 @@ _ALONG = 1e-9  # of a direction, less is across
 def draw_bench(stage: Stage) -> "Figure":
     """Draw the stage with its drives and a sensor in front of each probe.
 
+    A sketch: outlines, drives and probes where the stage has them; a sensor stands outside the
+    outline on the line of its probe.
+
     Examples
     --------
     >>> from flexstage.designs import design

@@ -32,7 +32,11 @@ def draw_bode(
     conditions: Collection[str] | None = None,
     size: tuple[float, float] = (5.1, 5.0),
 ) -> "Figure":
-    """Draw the response of an axis to its drive: a column for each condition of the drives."""
+    """Draw the response of an axis to its drive: a column for each condition of the drives.
+
+    Published natural frequencies are dashed lines where the drives are removed, which is what they
+    belong to. All conditions are drawn where None; `size` is that of a column [inch].
+    """
     port = next((a for a in analysis.axes if a.axis == axis), None)
     shown = [
         r

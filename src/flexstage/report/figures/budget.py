@@ -25,7 +25,11 @@ def draw_budget(
     unit: str = "",
     factor: float = 1.0,
 ) -> "Figure":
-    """Draw the Monte Carlo trials with both intervals, and the shares of the influences."""
+    """Draw the Monte Carlo trials with both intervals, and the shares of the influences.
+
+    The density of the first order, normal or Student, stands over the histogram. `factor` is how
+    many of the drawn unit one of the result's is.
+    """
     count = min(len(propagated.lines), _LINES + 1)
     figure = new_figure(9.6, max(3.4, 1.3 + 0.28 * count))
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))

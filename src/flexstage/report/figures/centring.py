@@ -36,7 +36,13 @@ def draw_polar(
     angles: Sequence[Array],
     labels: Sequence[str] | None = None,
 ) -> "Figure":
-    """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics."""
+    """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics.
+
+    One record, or several one after the other: before and after, all in rad or all in m; angles of
+    the samples [rad]. Errors stand about a dashed circle of none, outwards where the scale reads
+    more; harmonics with their 95 % intervals. Labels are before, after, or before and numbers where
+    not given.
+    """
     if not fits or len(fits) != len(angles) or len({f.unit for f in fits}) > 1:
         raise ModelError("a polar plot needs one fit or more, of one unit, each with its angles")
     names = _labels(len(fits)) if labels is None else list(labels)

@@ -16,7 +16,11 @@ _UM = 1e6
 
 
 def draw_compensation(experiments: Mapping[str, AxisExperiment]) -> "Figure":
-    """Draw the experiment of identification and compensation, a row for each axis."""
+    """Draw the experiment of identification and compensation, a row for each axis.
+
+    Simulated and modelled loop, with their difference; the loop over the reference without and with
+    the inverse; and the difference from the reference over time.
+    """
     figure = new_figure(10.6, 3.5 * len(experiments))
     grid = figure.add_gridspec(
         2 * len(experiments), 3, width_ratios=(1.0, 1.0, 1.15),

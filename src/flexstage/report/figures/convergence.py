@@ -22,7 +22,10 @@ _MARKS = "osD^vP"
 
 
 def changes(refinement: "Refinement", quantity: str, axis: str) -> tuple[Array, Array]:
-    """Return how far a quantity was from its value on the last mesh."""
+    """Return unknowns of each mesh but the last, and how far from the last a quantity was [1].
+
+    The difference is a relative magnitude.
+    """
     key = (quantity, axis)
     last = refinement.steps[-1].values[key]
     steps = [s for s in refinement.steps[:-1] if key in s.values]
@@ -33,7 +36,12 @@ def changes(refinement: "Refinement", quantity: str, axis: str) -> tuple[Array, 
 
 
 def draw_convergence(refinement: "Refinement") -> "Figure":
-    """Draw how frequencies, ratios and stress settled."""
+    """Draw how frequencies, ratios and stress settled.
+
+    A diagram for each quantity, a line for each axis: the relative difference to the last mesh
+    against unknowns. An open mark over the last mesh is the estimate of what its value lacks; the
+    level line is the accuracy that was asked for.
+    """
     quantities = [q for q in dict.fromkeys((*_SHOWN, refinement.quantity)) if _axes(refinement, q)]
     figure = new_figure(3.4 * max(len(quantities), 1) + 0.4, 3.4)
     grid = figure.subplots(1, max(len(quantities), 1), sharex=True, sharey=True, squeeze=False)[0]

@@ -18,7 +18,10 @@ _CHANNELS = 4
 
 
 def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
-    """Draw a free decay, the damped sines that were fitted to it, and what they leave."""
+    """Draw a free decay, the damped sines that were fitted to it, and what they leave.
+
+    Of the first four channels; the record gives their units.
+    """
     names = fit.channels[:_CHANNELS]
     figure = new_figure(8.6, 1.2 + 2.6 * len(names))
     panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))

@@ -1,9 +1,9 @@
 """The drawing of a stage: bodies, hinges, drives and probes, with a key of their names."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
-from flexstage.report.figures.key import COLUMN_WIDTH, Entry, arrange, draw_key
 from flexstage.report.figures.labels import Placer
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import (
@@ -30,10 +30,32 @@ _MM = 1e3
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
 #: Longer side of the drawing itself [inch], with a key beside it and alone.
 _LONGEST, _ALONE = 7.2, 4.2
+#: Width of a column of the key, and height of a row [inch].
+_COLUMN, _ROW = 1.45, 0.155
+_LONGEST_NAME = 15
+_MOST_COLUMNS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Entry:
+    """A row of the key."""
+
+    kind: Literal["heading", "disc", "number", "arrow", "swatch", "gap"]
+    """``heading``, ``disc`` (a number in a disc), ``number``, ``arrow``, ``swatch`` or ``gap``."""
+    text: str = ""
+    """The name."""
+    mark: str = ""
+    """The number that stands in the drawing."""
+    detail: str = ""
+    """What stands at the right end of the row."""
+    colour: str = INK
+    """Colour of the mark."""
 
 
 def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     """Draw a stage to scale, in millimetres.
+
+    With `key`, bodies and hinges are numbered, and the names of everything stand beside it.
 
     Examples
     --------
@@ -52,11 +74,11 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     tall = max(height, 3.4)
     width = max(width, 2.5)
     if key:
-        columns = arrange(_entries(stage, shapes), tall)
-        key_width = len(columns) * COLUMN_WIDTH
+        columns = _arrange(_entries(stage, shapes), tall)
+        key_width = len(columns) * _COLUMN
         figure = new_figure(width + key_width + 0.7, tall + 0.8)
         axes, beside = figure.subplots(1, 2, width_ratios=(width, key_width))
-        draw_key(beside, columns, tall)
+        _draw_key(beside, columns, tall)
     else:
         figure = new_figure(width + 0.7, height + 0.8)
         axes = figure.subplots()
@@ -230,16 +252,16 @@ def _halo() -> dict[str, Any]:
     }
 
 
-def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:
-    gap = Entry(kind="gap")
-    entries = [Entry(kind="heading", text="Bodies")]
+def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[_Entry]:
+    gap = _Entry(kind="gap")
+    entries = [_Entry(kind="heading", text="Bodies")]
     entries += [
-        Entry(kind="disc", mark=str(number), text=shape.body.name)
+        _Entry(kind="disc", mark=str(number), text=shape.body.name)
         for number, shape in enumerate(shapes, start=1)
     ]
-    entries += [gap, Entry(kind="heading", text="Hinges", detail="neck, mm")]
+    entries += [gap, _Entry(kind="heading", text="Hinges", detail="neck, mm")]
     entries += [
-        Entry(
+        _Entry(
             kind="number",
             mark=str(number),
             text=hinge.name,
@@ -253,12 +275,12 @@ def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:
         ("Probes", stage.probes, _PROBE),
     ):
         if things:
-            entries += [gap, Entry(kind="heading", text=noun)]
-            entries += [Entry(kind="arrow", text=thing.name, colour=colour) for thing in things]
+            entries += [gap, _Entry(kind="heading", text=noun)]
+            entries += [_Entry(kind="arrow", text=thing.name, colour=colour) for thing in things]
     used = {fill_of(stage, body.name) for body in stage.bodies}
-    entries += [gap, Entry(kind="heading", text="Colours")]
+    entries += [gap, _Entry(kind="heading", text="Colours")]
     entries += [
-        Entry(kind="swatch", text=text, colour=colour)
+        _Entry(kind="swatch", text=text, colour=colour)
         for colour, text in (
             (FIXED, "fixed"),
             (PLATFORM, "platform"),
@@ -268,3 +290,64 @@ def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[Entry]:
         if colour in used
     ]
     return entries
+
+
+def _arrange(entries: list[_Entry], height: float) -> list[list[_Entry]]:
+    """Break a key into columns of so many inches; the last row says how many were left out."""
+    fit = max(int(height / _ROW), 8)
+    columns = min(math.ceil(len(entries) / fit), _MOST_COLUMNS)
+    if len(entries) > columns * fit:
+        left_out = len(entries) - columns * fit + 1
+        entries = [*entries[: columns * fit - 1], _Entry(kind="gap", text=f"… and {left_out} more")]
+    out: list[list[_Entry]] = [[]]
+    for entry in entries:
+        alone = entry.kind == "heading" and len(out[-1]) == fit - 1
+        if len(out[-1]) == fit or (alone and len(out) < columns):
+            out.append([])
+        if out[-1] or entry.kind != "gap" or entry.text:
+            out[-1].append(entry)
+    return out
+
+
+def _draw_key(axes: "Axes", columns: list[list[_Entry]], height: float) -> None:
+    """Write the key on axes of its own, so many inches high, whose frame is taken off."""
+    axes.set_axis_off()
+    axes.set(xlim=(0.0, len(columns) * _COLUMN), ylim=(-height, 0.0))
+    for number, column in enumerate(columns):
+        left = number * _COLUMN
+        for row, entry in enumerate(column):
+            _draw_row(axes, entry, left, -(row + 0.6) * _ROW)
+
+
+def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    def write(x: float, text: str, **style: Any) -> None:
+        usual = {"va": "center_baseline", "fontsize": 7, "color": INK, "parse_math": False}
+        # no row leaves its column, and measuring it takes long
+        axes.text(x, y, text, None, in_layout=False, **(usual | style))
+
+    at = left + 0.14
+    if entry.detail:
+        write(left + _COLUMN - 0.18, entry.detail, ha="right", color=MUTED)
+    if entry.kind == "heading":
+        write(left, entry.text, fontsize=7.5, fontweight="bold")
+        return
+    if entry.kind == "gap":
+        write(left + 0.3, entry.text, color=MUTED)
+        return
+    if entry.kind == "disc":
+        box = {"boxstyle": "round,pad=0.16", "facecolor": INK, "edgecolor": "none"}
+        write(at, entry.mark, ha="center", fontsize=5.5, color=PAPER, bbox=box)
+    elif entry.kind == "number":
+        write(at, entry.mark, ha="center", fontsize=6.5, color=entry.colour, fontweight="bold")
+    elif entry.kind == "arrow":
+        arrow = {"arrowstyle": "-|>", "color": entry.colour, "linewidth": 1.2}
+        axes.annotate("", xy=(at + 0.13, y), xytext=(at - 0.13, y), arrowprops=arrow)
+    else:
+        corner = (at - 0.11, y - 0.045)
+        look = {"facecolor": entry.colour, "edgecolor": INK, "linewidth": 0.4}
+        axes.add_patch(Rectangle(corner, 0.22, 0.09, **look))
+    longest = _LONGEST_NAME - 3 if entry.detail else _LONGEST_NAME
+    name = entry.text if len(entry.text) <= longest else f"{entry.text[: longest - 1]}…"
+    write(left + 0.34, name)

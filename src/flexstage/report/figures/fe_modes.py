@@ -29,10 +29,13 @@ _IN_PLANE, _OUT_OF_PLANE = "viridis", "RdBu_r"
 
 
 def out_of_plane(model: "StageModel", q: Array) -> bool:
-    """Tell whether a mode is one of motion out of the plane."""
-    # the coordinates of the two halves do not mix, and have unit mass
-    energy = [float((q[half.basis.any(axis=0)] ** 2).sum()) for half in model.halves]
-    out = sum(e for e, half in zip(energy, model.halves, strict=True) if half.out_of_plane)
+    """Tell whether more than half of a mode's kinetic energy is motion out of the plane.
+
+    `q` are the coordinates of the model, shape (r,).
+    """
+    # the coordinates of the two problems do not mix, and have unit mass
+    energy = [float((q[problem.basis.any(axis=0)] ** 2).sum()) for problem in model.problems]
+    out = sum(e for e, problem in zip(energy, model.problems, strict=True) if problem.out_of_plane)
     return out > 0.5 * sum(energy)
 
 
@@ -43,7 +46,12 @@ def draw_fe_modes(
     drives: DriveCondition = "removed",
     most: int = _MOST,
 ) -> "Figure":
-    """Draw the lowest modes of a finite-element model."""
+    """Draw the lowest modes of a finite-element model.
+
+    On the deformed shape the magnitude of the displacement as a part of the largest; of a mode out
+    of the plane the displacement out of it, with its sign, on the middle plane, which such a mode
+    leaves as it is. A thin line shows the stage at rest.
+    """
     from flexstage.fem.sampling import Sampler
 
     found = analysis.modes[drives]

@@ -21,7 +21,11 @@ _RESOLUTION = 2000.0
 
 
 class Bands:
-    """Colours of a field, in bands of equal, round width."""
+    """Colours of a field, in bands of equal, round width.
+
+    From low to high at least; what lies beyond has the colour of its end. `count` is the largest
+    number of bands, `clear` the part of the scale at its low end over which colour sets in [1].
+    """
 
     def __init__(
         self, low: float, high: float, colours: str, *, count: int = 14, clear: float = 0.0
@@ -46,7 +50,11 @@ class Bands:
 def fill(
     axes: "Axes", points: Array, triangles: Integers, values: Array, loops: Loops, bands: Bands
 ) -> None:
-    """Fill triangles with the bands of a field, as a picture of pixels."""
+    """Fill triangles with the bands of a field, as a picture of pixels.
+
+    Points [m] have shape (n, 2), triangles (m, 3), values (n,); the loops bound them. What lies
+    outside the limits of the axes, which are set, is left out.
+    """
     from matplotlib.patches import PathPatch
     from matplotlib.tri import Triangulation
 
@@ -72,7 +80,7 @@ def fill(
 
 
 def trace(axes: "Axes", points: Array, loops: Loops, **look: Any) -> None:
-    """Draw the outline."""
+    """Draw closed lines of corners [m], shape (n, 2), within the limits of the axes."""
     from matplotlib.collections import LineCollection
 
     lines = _lines(axes, points * _MM, loops)
@@ -117,14 +125,17 @@ def _thinned(axes: "Axes", line: Array) -> Array:
 
 
 def window(points: Array, margin: float) -> tuple[float, float, float, float]:
-    """Return the rectangle about points."""
+    """Return smallest x and y, largest x and y of points, with room about them.
+
+    The room is a part of the larger side [1].
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     room = margin * float((high - low).max())
     return (*map(float, low - room), *map(float, high + room))  # type: ignore[return-value]
 
 
 def frame(axes: "Axes", sight: tuple[float, float, float, float], *, ticks: bool) -> None:
-    """Set what axes show."""
+    """Set what axes show: smallest x and y, largest x and y [m]; with ticks or without."""
     x0, y0, x1, y1 = (_MM * v for v in sight)
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
     axes.set_aspect("equal")
@@ -136,7 +147,9 @@ def frame(axes: "Axes", sight: tuple[float, float, float, float], *, ticks: bool
 
 
 def place(figure: "Figure", left: float, top: float, width: float, height: float) -> "Axes":
-    """Add axes at a place that is measured from the upper left corner.
+    """Add axes at a place that is measured from the upper left corner [inch].
+
+    Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
 
     Pictures keep their proportions and stand in rows, which an automatic layout does not settle.
     """

@@ -28,7 +28,11 @@ _POINTS = 3000
 
 
 def draw_following(step: VerifiedStep) -> "Figure":
-    """Draw how a reference was followed in each way."""
+    """Draw how a reference was followed in each way.
+
+    Output over reference; output less reference over time, without the open loop where there is
+    another way; and the error of each trial where something was learned.
+    """
     learned = [run for run in step.runs if len(run.errors) > 1]
     figure = new_figure(10.6, 3.4)
     grid = figure.subplots(
@@ -95,7 +99,7 @@ def _trials(axes: "Axes", run: FollowedRun) -> None:
 
 
 def draw_drive_fit(step: IdentifiedStep) -> "Figure":
-    """Draw a record and the model that was identified from it."""
+    """Draw a record and the model identified from it, over voltage, and its rest over time."""
     figure = new_figure(10.6, 3.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     at = _thin(step.time.size)

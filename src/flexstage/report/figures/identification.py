@@ -25,7 +25,11 @@ _SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
 def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
-    """Draw measured and modelled loop of each record, and what the model leaves over time."""
+    """Draw measured and modelled loop of each record, and what the model leaves over time.
+
+    The first four records. Cycles that are drawn in the loop are shaded over time; the noise of the
+    output is a band. Names are numbers from 1 where not given.
+    """
     sections = found.measurement.sections
     called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
     shown = min(len(sections), _RECORDS)
@@ -54,7 +58,10 @@ def _short(name: str) -> str:
 
 
 def scale(unit: str) -> tuple[str, float]:
-    """Return the unit that a quantity is drawn in, and how many of it one SI unit is."""
+    """Return the unit that a quantity is drawn in, and how many of it one SI unit is.
+
+    The unit stands in brackets with a space before it; empty where nobody has said.
+    """
     name, factor = _SCALES.get(unit, (unit, 1.0))
     return (f" [{name}]" if name else "", factor)
 

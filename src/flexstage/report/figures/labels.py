@@ -10,24 +10,30 @@ _UP = np.tile(np.sin(np.pi / 8.0 * np.arange(16)), 6)
 
 
 class Placer:
-    """Keeps track of what is taken, and gives each new label the best free place."""
+    """Keeps track of what is taken, and gives each new label the best free place.
+
+    Labels stay within the bounds: smallest x and y, largest x and y.
+    """
 
     def __init__(self, bounds: tuple[float, float, float, float]) -> None:
         self._bounds = bounds
         self._taken: list[tuple[float, float, float, float]] = []
 
     def take(self, x: float, y: float, width: float, height: float) -> None:
-        """Mark a rectangle as taken."""
+        """Mark a rectangle about a centre as taken."""
         self._taken.append((x - width / 2, y - height / 2, x + width / 2, y + height / 2))
 
     def is_free(self, x: float, y: float, width: float, height: float) -> bool:
-        """Say whether a rectangle touches nothing that is taken."""
+        """Say whether a rectangle about a centre touches nothing that is taken."""
         return bool(self._overlap(np.array([[x, y]]), width, height)[0] == 0.0)
 
     def place(
         self, x: float, y: float, width: float, height: float, *, nearest: float
     ) -> tuple[float, float]:
-        """Find a place for a label near a point, and take it."""
+        """Find a place for a label near a point, and take it; returns its centre.
+
+        `nearest` is the smallest distance between the point and the edge of the label.
+        """
         # the label's own half size in each direction, then the gap
         with np.errstate(divide="ignore"):
             reach = np.minimum(0.5 * width / abs(_ALONG), 0.5 * height / abs(_UP))

@@ -23,7 +23,10 @@ _BAND = 1.959964
 
 
 def draw_response(response: MeasuredResponse, *, fit: MeasuredResponse | None = None) -> "Figure":
-    """Draw magnitude, phase and coherence of a measured response."""
+    """Draw magnitude, phase and coherence of a measured response.
+
+    The first six curves, with 95 % bands where the variance is known; `fit` is drawn as a line.
+    """
     coherent = response.coherence is not None
     figure = new_figure(8.6, 5.6 if coherent else 4.6)
     rows = 3 if coherent else 2
@@ -65,7 +68,10 @@ def draw_response(response: MeasuredResponse, *, fit: MeasuredResponse | None = 
 
 
 def shown_lines(values: Array) -> NDArray[np.intp]:
-    """The lines that a curve of many is drawn with: the ends of its range, piece by piece."""
+    """The lines that a curve of many is drawn with: the ends of its range, piece by piece.
+
+    Numbers that rise; all of them where there are few.
+    """
     count = values.size
     if count <= _POINTS:
         return np.arange(count)

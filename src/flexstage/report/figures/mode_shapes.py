@@ -22,7 +22,10 @@ _SHOWN = 0.03
 def mode_motion(
     system: MechanicalSystem, shape: NDArray[np.float64], stage: Stage
 ) -> dict[str, tuple[float, float, float]]:
-    """Return the motion of every body in a mode, scaled so that the largest displacement is 1."""
+    """Return the motion of every body in a mode, scaled so that the largest displacement is 1.
+
+    Displacement x, y of the body's centre [1] and rotation [1/m] by body.
+    """
     ports = {port.name: port for port in system.bodies}
     motion: dict[str, tuple[float, float, float]] = {}
     largest = 0.0
@@ -41,7 +44,10 @@ def mode_motion(
 
 
 def body_symbols(stage: Stage) -> str:
-    """Return every body once, as an SVG symbol that the cards refer to."""
+    """Return every body once, as SVG symbols that the cards refer to.
+
+    The element takes no room.
+    """
     paths = "".join(
         f'<path id="body-{i}" vector-effect="non-scaling-stroke" d="{shape.svg_path(_MM)}"/>'
         for i, shape in enumerate(body_shapes(stage))

@@ -27,7 +27,10 @@ def draw_motion_error(
     line: Line = "least_squares",
     legend: bool = True,
 ) -> "Figure":
-    """Draw a measured error over the stroke, forward and backward, with its 95 % band."""
+    """Draw a measured error over the stroke, forward and backward, with its 95 % band.
+
+    `line` is the straight line of the mean of both runs that is taken off; labels are without unit.
+    """
     x = curve.grid()
     off = line_weights(x, line)
     mean = curve.rows(x, "mean")
@@ -68,7 +71,10 @@ def draw_motion_error(
 
 
 def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
-    """Draw the area that a stage reached, with corners, sides and diagonals."""
+    """Draw the area that a stage reached, with corners, sides and diagonals, in micrometres.
+
+    The title is the area where not given.
+    """
     figure = new_figure(5.0, 4.7)
     axes = figure.subplots()
     dress(axes)

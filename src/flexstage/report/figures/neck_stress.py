@@ -34,7 +34,7 @@ _OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room a
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Neck:
+class StressedNeck:
     """A neck that stands for those like it."""
 
     hinge: Hinge
@@ -47,8 +47,11 @@ class Neck:
     """Number of hinges of the same profile and stress, itself included."""
 
 
-def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck, ...]:
-    """Return the most stressed necks, one for all of the same profile and stress."""
+def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[StressedNeck, ...]:
+    """Return the most stressed necks, worst first, one for all of the same profile and stress.
+
+    The drive of the axis is at full stroke; none where no hinge bears stress.
+    """
     stress = analysis.hinge_stress[axis]
     hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
     largest = max(stress.values(), default=0.0)
@@ -71,14 +74,17 @@ def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Neck,
         else:
             groups.append([(i, hinge)])
     return tuple(
-        Neck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
+        StressedNeck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
         for g in groups[:most]
         if stress[g[0][1].name] > 0.01 * largest
     )
 
 
 def neck_sampler(model: "StageModel") -> "Sampler":
-    """Return what reads the fields of a model, finely enough for a picture of a neck."""
+    """Return what reads the fields of a model, finely enough for a picture of a neck.
+
+    In the plane, or on the middle plane of a solid.
+    """
     from flexstage.fem.sampling import Sampler
 
     return Sampler(model=model, divisions=_DIVISIONS)
@@ -87,7 +93,13 @@ def neck_sampler(model: "StageModel") -> "Sampler":
 def draw_neck_stress(
     model: "StageModel", analysis: Analysis, axis: str, *, sampler: "Sampler | None" = None
 ) -> "Figure":
-    """Draw the stress of the whole stage and about its most stressed necks."""
+    """Draw the stress of the whole stage and about its most stressed necks.
+
+    The drive of the axis is at full stroke, the others removed. The equivalent stress of von Mises,
+    in three dimensions on the middle plane, on the shape that is deformed by a factor that each
+    title tells; a neck stays in the middle of its picture. The ring marks where the surface of the
+    notch bears most. Several figures of one model may share its sampler.
+    """
     result = next((a for a in analysis.axes if a.axis == axis), None)
     if result is None:
         raise ModelError(f"the analysis has no axis '{axis}'")
@@ -155,7 +167,7 @@ def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) 
     return factor
 
 
-def _letters(axes: "Axes", sample: "Sample", necks: Sequence[Neck], factor: float) -> None:
+def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], factor: float) -> None:
     """Name the necks that have a picture of their own."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     size = 0.045 * max(x1 - x0, y1 - y0)
@@ -193,7 +205,7 @@ def _neck(
     sampler: "Sampler",
     sample: "Sample",
     bands: Bands,
-    neck: Neck,
+    neck: StressedNeck,
     peak: Array,
     letter: str,
 ) -> None:

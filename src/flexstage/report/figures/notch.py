@@ -13,7 +13,7 @@ _MM = 1e3
 
 
 def draw_notch(profile: Profile) -> "Figure":
-    """Draw the contour of a notch to scale, in millimetres."""
+    """Draw the contour of a notch to scale, in millimetres, with the neck in the middle."""
     half = 0.5 * profile.neck_thickness
     right = [(x * _MM, depth * _MM) for x, depth in notch_contour(profile)]
     edge = [(-x, depth) for x, depth in reversed(right)] + right

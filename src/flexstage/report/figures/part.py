@@ -107,7 +107,11 @@ def _within(corners: Array, x: Array, y: Array) -> tuple[NDArray[np.bool_], Arra
 
 
 def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()) -> "Figure":
-    """Draw a part from four sides, each face named where most of it is seen."""
+    """Draw a part from four sides, each face named where most of it is seen.
+
+    Faces of the names that are held and moved are set off by colour. Those between two solids, and
+    others that are seen from nowhere, are listed below.
+    """
     surface = part_surface(part)
     outer = np.array([len(f.bodies) == 1 for f in part.faces])
     shown = PartSurface(

@@ -18,7 +18,10 @@ _POINTS = 6000
 
 
 def draw_prediction(found: Prediction, model: DriveModel, band: float | None = None) -> "Figure":
-    """Draw the measured and the predicted loop, and the error as predicted over time."""
+    """Draw the measured and the predicted loop, and the error as predicted over time.
+
+    `band` is half the width of the model's band of confidence, over the stroke [%].
+    """
     figure = new_figure(9.6, 3.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     at = _thin(np.arange(found.warm_up, found.time.size))

@@ -21,7 +21,11 @@ def draw_resonance(
     frequency_hz: Estimate | None = None,
     published_hz: float | None = None,
 ) -> "Figure":
-    """Draw the magnitude of a response with its strongest mode."""
+    """Draw the magnitude of a response with its strongest mode.
+
+    The output that the first input moves most, its fit, and the natural frequency with all that is
+    uncertain in it [Hz]; a published one is an upright line. `label` is what the points are.
+    """
     output = strongest_output(fit)
     one = fit.fitted[0].measured
     f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
@@ -48,6 +52,6 @@ def draw_resonance(
 
 
 def strongest_output(fit: ModalFit) -> int:
-    """Return the output that the first input moves most."""
+    """Return the number of the output that the first input moves most."""
     measured = fit.fitted[0].measured.response[:, :, 0]
     return int(np.argmax(np.abs(measured).max(axis=0)))

@@ -34,7 +34,7 @@ class BodyShape:
     """Distance of that point from the nearest edge [m]."""
 
     def path(self, scale: float = 1e3) -> "Path":
-        """Return it as a path for drawing."""
+        """Return all loops as one path; `scale` is drawing units in a metre [1/m]."""
         from matplotlib.path import Path
 
         return Path.make_compound_path(
@@ -42,7 +42,10 @@ class BodyShape:
         )
 
     def svg_path(self, scale: float = 1e3) -> str:
-        """Return it as the ``d`` of an SVG path; y points down there."""
+        """Return all loops as the ``d`` of an SVG path; y points down there.
+
+        `scale` is drawing units in a metre [1/m]; two decimals are written.
+        """
         parts = []
         for loop in self.loops:
             corners = [f"{x * scale:.2f} {-y * scale:.2f}" for x, y in loop]
@@ -57,7 +60,7 @@ def body_shapes(stage: Stage) -> tuple[BodyShape, ...]:
 
 
 def extent(shapes: tuple[BodyShape, ...]) -> tuple[float, float, float, float]:
-    """Return the rectangle about all bodies."""
+    """Return smallest x and y, largest x and y of all bodies [m]."""
     points = np.vstack([loop for shape in shapes for loop in shape.loops])
     return (*map(float, points.min(axis=0)), *map(float, points.max(axis=0)))  # type: ignore[return-value]
 
@@ -104,7 +107,10 @@ def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
 
 
 def notch_contour(profile: Profile) -> list[tuple[float, float]]:
-    """Return the contour of a notch as a polygon."""
+    """Return the contour of a notch from the neck to the root, arcs as chords.
+
+    Distance from the neck, and depth [m].
+    """
     vertices = profile.contour()
     points: list[tuple[float, float]] = []
     for start, end in itertools.pairwise(vertices):

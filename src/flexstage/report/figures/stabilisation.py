@@ -22,7 +22,11 @@ _POINTS = 1500
 
 
 def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
-    """Draw the poles of each order over the magnitude of the response."""
+    """Draw the poles of each order over the magnitude of the response.
+
+    Marks say what is stable; the magnitude is the root mean square of all outputs and inputs, modes
+    of the fit are upright lines. `number` counts the responses that were fitted together.
+    """
     diagram = fit.stabilisation
     if diagram is None or not 0 <= number < len(fit.fitted):
         raise ModelError(f"there is no stabilisation diagram of response {number}")
@@ -75,7 +79,10 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
 def draw_modal_fit(
     fit: ModalFit, number: int = 0, *, output: int = 0, input_number: int = 0
 ) -> "Figure":
-    """Draw a measured response, its fit with the 95 % band, and what the fit leaves."""
+    """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
+
+    `number` counts the responses that were fitted together, the others its outputs and inputs.
+    """
     if not 0 <= number < len(fit.fitted):
         raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
     one = fit.fitted[number]

@@ -25,6 +25,9 @@ _SHOWN = 0.02
 def exaggeration(size: float, motion: float) -> float:
     """Return a round factor by which motion is drawn larger than it is.
 
+    It is 1, 2 or 5 times a power of ten; 1 where nothing moves. Size of what is drawn and largest
+    displacement in one unit.
+
     Examples
     --------
     >>> exaggeration(0.2, 65e-6)
@@ -38,7 +41,10 @@ def exaggeration(size: float, motion: float) -> float:
 
 
 def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
-    """Draw the stage with one drive at full stroke and the others removed."""
+    """Draw the stage with one drive at full stroke and the others removed.
+
+    Motion is magnified by the factor in the title; the place at rest is a thin line.
+    """
     result = next((a for a in analysis.axes if a.axis == axis), None)
     if result is None:
         raise ModelError(f"the analysis has no axis '{axis}'")

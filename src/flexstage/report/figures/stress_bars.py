@@ -18,7 +18,10 @@ _MOST = 48  # bars beyond this are too thin to read
 
 
 def draw_stress(analysis: Analysis) -> "Figure":
-    """Draw a bar for every hinge and axis, the most stressed hinge first."""
+    """Draw a bar for every hinge and axis, the most stressed hinge first.
+
+    Hinges carry the numbers of the drawing.
+    """
     from matplotlib.patches import Patch
 
     stress = {axis: values for axis, values in analysis.hinge_stress.items() if values}

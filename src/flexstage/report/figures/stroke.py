@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError
-from flexstage.lumped.stroke import StrokePath
+from flexstage.lumped.large_displacement import StrokePath
 from flexstage.report.figures.style import CYCLE, INK, dress, new_figure
 from flexstage.report.quantities import number
 
@@ -17,7 +17,10 @@ _NOTHING = 1e-13
 
 
 def draw_stroke(path: StrokePath, axis: str) -> "Figure":
-    """Draw how far an axis is from the straight line of its first-order model."""
+    """Draw how far an axis is from the straight line of its first-order model.
+
+    Deviation along the axis, across it, and rotation, over the elongation of the drive.
+    """
     if path.displacement.size < 3:
         raise ModelError("a path needs at least three states to be drawn")
     x = path.displacement

@@ -58,7 +58,7 @@ _SETTINGS: dict[str, Any] = {
 
 
 def css_name(colour: str) -> str:
-    """Return the CSS variable that a colour becomes in a page."""
+    """Return the CSS variable that a colour of this module becomes in a page."""
     return _VARIABLES[colour]
 
 
@@ -68,7 +68,7 @@ def css_variables() -> str:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Start a figure that no global state knows of."""
+    """Start a figure of a size [inch] that no global state knows of."""
     return _figure_class()(figsize=(width, height), facecolor=PAPER, layout="constrained")
 
 
@@ -101,7 +101,7 @@ def dress(axes: "Axes", *, grid: bool = True) -> None:
 
 
 def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
-    """Put a title over axes, at the left."""
+    """Put a title over axes, at the left, in type of a size [pt]."""
     # a dollar sign in a name is no formula
     axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
 
@@ -125,7 +125,7 @@ def encode(figure: "Figure", kind: str) -> bytes:
 
 
 def svg_text(figure: "Figure") -> str:
-    """Turn a figure into one SVG element."""
+    """Turn a figure into one SVG element with its own colours and size."""
     text = encode(figure, "svg").decode("utf-8")
     return text[text.index("<svg") :]
 
@@ -135,6 +135,9 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
 
     Neutral colours become CSS variables, names of parts are made unique in the page, and what only
     a file of its own needs is left out.
+
+    `name` is unique in the page and stands before every id; `title` is for readers who do not see
+    the figure.
     """
     text = svg_text(figure)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

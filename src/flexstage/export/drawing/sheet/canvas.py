@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from html import escape
 from typing import Literal, NamedTuple
 
+from flexstage.export.svg_elements import LetterWidths, attributes
 from flexstage.stage import Loop
 
 Pair = tuple[float, float]
@@ -14,20 +15,27 @@ THICK, MEDIUM, THIN = 0.5, 0.25, 0.18
 
 #: Height of the box of a line of text, in font sizes; and how far it reaches below the baseline.
 _RISE, _FALL = 0.78, 0.24
-_NARROW, _WIDE = set("iljtfrI.,:;'|!()[]/ -"), set("mwMW%@")
+_WIDTHS = LetterWidths(
+    narrow_letters=frozenset("iljtfrI.,:;'|!()[]/ -"),
+    wide_letters=frozenset("mwMW%@"),
+    narrow=0.42,
+    wide=1.0,
+    digit=0.65,
+    other=0.72,
+)
 
 
 class Box(NamedTuple):
     """A rectangle on the sheet, y downwards [mm]."""
 
     left: float
-    """Its edges [mm]."""
+    """Its left edge [mm]."""
     top: float
-    """Its edges [mm]."""
+    """Its upper edge [mm]."""
     right: float
-    """Its edges [mm]."""
+    """Its right edge [mm]."""
     bottom: float
-    """Its edges [mm]."""
+    """Its lower edge [mm]."""
 
     def meets(self, other: "Box", gap: float = 0.0) -> bool:
         """Tell whether two boxes overlap, or come nearer than a gap."""
@@ -40,16 +48,14 @@ class Box(NamedTuple):
 
 
 def text_width(text: str, size: float) -> float:
-    """Return about how wide a line of text is in a sans-serif face, rather too much.
+    """Return about how wide a line of text is in a sans-serif face [mm], rather too much.
 
     Examples
     --------
     >>> round(text_width("R1.5", 2.8), 2)
     6.83
     """
-    return size * sum(
-        0.42 if c in _NARROW else 1.0 if c in _WIDE else 0.65 if c.isdigit() else 0.72 for c in text
-    )
+    return _WIDTHS.of(text, size)
 
 
 class Canvas:
@@ -63,21 +69,19 @@ class Canvas:
     def line(
         self, a: Pair, b: Pair, width: float = THIN, *, colour: str = "#000", dash: str = ""
     ) -> None:
-        """Draw a straight line."""
-        dashed = f' stroke-dasharray="{dash}"' if dash else ""
-        self._parts.append(
-            f'<line x1="{_n(a[0])}" y1="{_n(a[1])}" x2="{_n(b[0])}" y2="{_n(b[1])}" '
-            f'stroke="{colour}" stroke-width="{width}"{dashed}/>'
-        )
+        """Draw a straight line; `dash` has lengths of dashes and gaps [mm], spaces between."""
+        (x1, y1), (x2, y2) = a, b
+        ends = attributes(x1=_n(x1), y1=_n(y1), x2=_n(x2), y2=_n(y2))
+        style = attributes(stroke=colour, stroke_width=str(width), stroke_dasharray=dash or None)
+        self._parts.append(f"<line{ends}{style}/>")
 
     def circle(
         self, centre: Pair, radius: float, width: float = THIN, *, fill: str = "none"
     ) -> None:
         """Draw a circle."""
-        self._parts.append(
-            f'<circle cx="{_n(centre[0])}" cy="{_n(centre[1])}" r="{_n(radius)}" fill="{fill}" '
-            f'stroke="#000" stroke-width="{width}"/>'
-        )
+        place = attributes(cx=_n(centre[0]), cy=_n(centre[1]), r=_n(radius))
+        style = attributes(fill=fill, stroke="#000", stroke_width=str(width))
+        self._parts.append(f"<circle{place}{style}/>")
 
     def loops(
         self,
@@ -87,22 +91,30 @@ class Canvas:
         *,
         fill: str = "none",
     ) -> None:
-        """Draw lines of segments and arcs as one shape; holes in it stay empty."""
+        """Draw lines of segments and arcs as one shape; holes in it stay empty.
+
+        A loop comes with whether it is closed: of an open one the last segment is left out. It has
+        y upwards, and `place` maps it to the sheet, which turns y over. A width of 0 draws no edge.
+        """
         d = " ".join(_path(loop, place, closed) for loop, closed in loops)
-        stroke = f'stroke="#000" stroke-width="{width}"' if width else 'stroke="none"'
-        self._parts.append(
-            f'<path d="{d}" fill="{fill}" fill-rule="evenodd" {stroke} stroke-linejoin="round"/>'
+        style = attributes(
+            fill=fill,
+            fill_rule="evenodd",
+            stroke="#000" if width else "none",
+            stroke_width=str(width) if width else None,
+            stroke_linejoin="round",
         )
+        self._parts.append(f"<path{attributes(d=d)}{style}/>")
 
     def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
-        """Draw the head of an arrow."""
+        """Draw the head of an arrow, which points along a direction of any length."""
         length = math.hypot(*towards)
         ux, uy = towards[0] / length, towards[1] / length
         back = (tip[0] - size * ux, tip[1] - size * uy)
         w = size / 6.0
         points = (tip, (back[0] - w * uy, back[1] + w * ux), (back[0] + w * uy, back[1] - w * ux))
         text = " ".join(f"{_n(x)},{_n(y)}" for x, y in points)
-        self._parts.append(f'<polygon points="{text}" fill="{colour}"/>')
+        self._parts.append(f"<polygon{attributes(points=text, fill=colour)}/>")
 
     def text(
         self,
@@ -115,18 +127,24 @@ class Canvas:
         bold: bool = False,
         colour: str = "#000",
     ) -> Box:
-        """Write a line of text."""
+        """Write a line of text, and return the room that it takes, which is kept in `boxes`.
+
+        The anchor says what of its base line is at the point [mm]; upright text is read from the
+        right.
+        """
         box = self.text_box(at, text, size, anchor=anchor, upright=upright)
         if not text:
             return box
         self.boxes.append(box)
-        turned = f' transform="rotate(-90 {_n(at[0])} {_n(at[1])})"' if upright else ""
-        weight = ' font-weight="bold"' if bold else ""
-        ink = f' fill="{colour}"' if colour != "#000" else ""
-        self._parts.append(
-            f'<text x="{_n(at[0])}" y="{_n(at[1])}" font-size="{_n(size)}" '
-            f'text-anchor="{anchor}"{weight}{ink}{turned}>{escape(text)}</text>'
+        x, y = _n(at[0]), _n(at[1])
+        style = attributes(
+            font_size=_n(size),
+            text_anchor=anchor,
+            font_weight="bold" if bold else None,
+            fill=None if colour == "#000" else colour,
+            transform=f"rotate(-90 {x} {y})" if upright else None,
         )
+        self._parts.append(f"<text{attributes(x=x, y=y)}{style}>{escape(text)}</text>")
         return box
 
     def text_box(

@@ -1,14 +1,14 @@
 """The drawing of a stage on one sheet: view, details of the notches, tables, title block."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import flexstage
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.notes import millimetres
-from flexstage.export.drawing.sheet.canvas import MEDIUM, THICK, Box, Canvas
+from flexstage.export.drawing.sheet.canvas import MEDIUM, THICK, THIN, Box, Canvas, text_width
 from flexstage.export.drawing.sheet.details import CELL, draw_detail, notch_kinds, ratio
-from flexstage.export.drawing.sheet.tables import ROW, SIZE, fits, table, table_height, wrapped
 from flexstage.export.drawing.sheet.view import (
     View,
     draw_view,
@@ -17,7 +17,14 @@ from flexstage.export.drawing.sheet.view import (
     scale_bar,
 )
 from flexstage.export.drawing.smooth import smooth_notches
+from flexstage.export.svg_elements import in_lines
 from flexstage.stage import Stage
+
+#: Height of a row, and font size [mm].
+ROW, SIZE = 4.0, 2.6
+_PAD = 0.6  # beside the text of a cell [mm]
+_TITLE = 5.5  # height of the title of a table [mm]
+
 
 _MARGIN = 8.0  # between the edge of the sheet and its frame [mm]
 _GAP = 4.0  # between blocks [mm]
@@ -59,7 +66,8 @@ def drawing_svg(stage: Stage) -> bytes:
 
     The plate to scale with its overall dimensions, drives, probes and the origin; every kind of
     notch enlarged, with neck, length, height and radius; tables of all notches, hinges, holes,
-    drives and probes; scale bar, notes and title block. Lengths are in millimetres.
+    drives and probes; scale bar, notes and title block, on the smallest sheet from A3 to A0 on
+    which everything has room. Lengths are in millimetres.
 
     Notes
     -----
@@ -271,3 +279,65 @@ def _lower_left(canvas: Canvas, frame: Box, blocks: _Blocks, scale: float) -> No
         x += _BAR_ROOM
     if blocks.holes:
         table(canvas, (x, y), "Round holes", _HOLES, blocks.holes, _hole_blocks(blocks))
+
+
+def table_height(rows: int, blocks: int = 1) -> float:
+    """Return how high a table is, with title and gap [mm]; blocks share its rows, side by side."""
+    return _TITLE + ROW * (1 + -(-rows // blocks)) + 3.0
+
+
+def table(
+    canvas: Canvas,
+    at: tuple[float, float],
+    title: str,
+    columns: Sequence[tuple[str, float]],
+    rows: Sequence[Sequence[str]],
+    blocks: int = 1,
+) -> float:
+    """Draw a table from its upper left corner on; return where it ends, with a gap [mm].
+
+    Columns are heading and width [mm]. A cell too long for its column ends in an ellipsis.
+    """
+    x0, y0 = at
+    canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
+    width = sum(w for _, w in columns)
+    per_block = -(-len(rows) // blocks)
+    top = y0 + _TITLE
+    for block in range(blocks):
+        part = rows[block * per_block : (block + 1) * per_block]
+        if not part:
+            continue
+        left = x0 + block * (width + 3.0)
+        bottom = top + ROW * (1 + len(part))
+        for k in range(len(part) + 2):
+            weight = MEDIUM if k in (0, 1, len(part) + 1) else 0.5 * THIN
+            canvas.line((left, top + ROW * k), (left + width, top + ROW * k), weight)
+        x = left
+        for column, (heading, w) in enumerate(columns):
+            canvas.line((x, top), (x, bottom), MEDIUM if column == 0 else THIN)
+            cells = [heading, *(row[column] for row in part)]
+            for k, cell in enumerate(cells):
+                where = (x + _PAD, top + ROW * (k + 1) - 1.2)
+                canvas.text(where, _fitting(cell, w - 2.0 * _PAD), SIZE, bold=k == 0)
+            x += w
+        canvas.line((x, top), (x, bottom), MEDIUM)
+    return y0 + table_height(len(rows), blocks)
+
+
+def fits(text: str, width: float) -> bool:
+    """Tell whether a text has room in a column of a width [mm]."""
+    return text_width(text, SIZE) <= width - 2.0 * _PAD
+
+
+def _fitting(text: str, width: float) -> str:
+    """Cut a text off where it is too long."""
+    if text_width(text, SIZE) <= width:
+        return text
+    while text and text_width(text + "…", SIZE) > width:
+        text = text[:-1]
+    return text.rstrip() + "…"
+
+
+def wrapped(text: str, width: float, size: float = SIZE) -> list[str]:
+    """Break a text into lines no wider than a width [mm]; a word longer than a line is broken."""
+    return in_lines(text, lambda line: text_width(line, size) <= width, break_words=True)

@@ -68,7 +68,7 @@ class NotchKind:
 
 
 def notch_kinds(stage: Stage) -> tuple[NotchKind, ...]:
-    """Return the kinds of notches of a stage.
+    """Return the kinds of notches of a stage, in the order in which they first occur.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def _letter(k: int) -> str:
 
 
 def step_scale(limit: float) -> float:
-    """Return the largest usual scale that is not over a limit.
+    """Return the largest scale not over a limit: 1, 2 or 5 times a power of ten.
 
     Examples
     --------
@@ -109,12 +109,15 @@ def step_scale(limit: float) -> float:
 
 
 def ratio(scale: float) -> str:
-    """Return a scale in words."""
+    """Return a scale in words: ``5:1`` or ``1:2``."""
     return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
 
 
 def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
-    """Draw one kind of notch with neck, length, height at the root, and radius if it has one."""
+    """Draw one kind of notch with neck, length, height at the root, and radius if it has one.
+
+    `corner` is the upper left corner of its cell [mm].
+    """
     profile = kind.profile
     length, height = profile.length * 1e3, profile.root_height * 1e3
     scale = step_scale(min(_LARGEST[0] / length, _LARGEST[1] / height))

@@ -10,7 +10,7 @@ _TAIL = 5.0  # tail of an arrow that stands outside [mm]
 
 
 def horizontal(canvas: Canvas, a: Pair, b: Pair, y: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along x."""
+    """Draw the distance of two points along x, a on the left, with its line at y [mm]."""
     for x, from_y in (a, b):
         sign = 1.0 if y > from_y else -1.0
         canvas.line((x, from_y + _OFF * sign), (x, y + _PAST * sign))
@@ -25,7 +25,7 @@ def horizontal(canvas: Canvas, a: Pair, b: Pair, y: float, text: str, size: floa
 
 
 def vertical(canvas: Canvas, a: Pair, b: Pair, x: float, text: str, size: float = 2.8) -> None:
-    """Draw the distance of two points along y."""
+    """Draw the distance of two points along y, a above, with its line at x [mm]."""
     for from_x, y in (a, b):
         if x != from_x:
             sign = 1.0 if x > from_x else -1.0

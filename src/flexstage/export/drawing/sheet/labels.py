@@ -39,7 +39,7 @@ class Label(NamedTuple):
 
 
 class Surroundings:
-    """What labels avoid."""
+    """What labels avoid: each other, what is written already, and, where they can, lines."""
 
     def __init__(self, lines: Sequence[Any], area: Box, taken: Iterable[Box]) -> None:
         from shapely import STRtree
@@ -51,7 +51,10 @@ class Surroundings:
         self.leaders: list[Any] = []
 
     def cost(self, box: Box, leader: Any) -> float | None:
-        """Return how bad a place is."""
+        """Return how bad a place is, as a distance [mm]; None where a label must not stand.
+
+        The leader is the line from the label to its thing, or None.
+        """
         from shapely import box as rectangle
 
         a = self.area
@@ -75,7 +78,7 @@ class Surroundings:
 def place_labels(
     canvas: Canvas, labels: Iterable[Label], around: Surroundings, size: float
 ) -> None:
-    """Write labels, each near its thing, none over another word."""
+    """Write labels, each near its thing, none over another word; surroundings learn of them."""
     from shapely import LineString
 
     for label in labels:

@@ -38,13 +38,16 @@ class View:
     """Least x and y, greatest x and y of the plate [m]."""
 
     def place(self, p: Pair) -> Pair:
-        """Map a point of the stage to the sheet."""
+        """Map a point of the stage [m] to the sheet [mm], y down."""
         k = 1e3 * self.scale
         return self.origin[0] + k * p[0], self.origin[1] - k * p[1]
 
     @classmethod
     def fitted(cls, plate: PlateContours, room: Box) -> "View":
-        """Return the view of a plate at the largest usual scale that fits."""
+        """Return the view of a plate at the largest usual scale, in the middle of a room.
+
+        The room holds the dimensions too.
+        """
         points = plate.outline.loop.polyline(_CHORD)
         (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         width = room.right - room.left - LEFT - 2.0 * _AROUND
@@ -64,7 +67,7 @@ def hinge_marks(stage: Stage, kinds: tuple[NotchKind, ...]) -> dict[str, str]:
 
 
 def round_openings(plate: PlateContours) -> list[tuple[str, Circle, str]]:
-    """Return the circles of a plate."""
+    """Return the circles of a plate: mark, circle, and what it is."""
     found = [(c.circle, "mounting hole") for c in plate.holes]
     found += [(c.circle, "opening") for c in plate.slots if c.circle is not None]
     return [(f"H{k}", c, what) for k, (c, what) in enumerate(found, start=1) if c is not None]
@@ -180,7 +183,7 @@ def _centre_lines(
 
 
 def scale_bar(canvas: Canvas, at: Pair, scale: float) -> None:
-    """Draw a bar of a round length."""
+    """Draw a bar of a round length from its left end on [mm]."""
     length = step_scale(50.0 / scale)
     x, y = at
     for k in range(5):

@@ -17,7 +17,7 @@ _RATIO = (-0.95, 5.0)
 
 
 def shape_at(place: Array, scale: float) -> tuple[float, float]:
-    """Return beta and gamma of a point of the search, for a hysteretic part of unit gain."""
+    """Return beta and gamma [per unit of the input] of a place, for a part of unit gain."""
     total = 10.0 ** (_STIFFNESS[0] + place[0] * (_STIFFNESS[1] - _STIFFNESS[0])) / scale
     ratio = _RATIO[0] + place[1] * (_RATIO[1] - _RATIO[0])
     return float(0.5 * total * (1.0 + ratio)), float(0.5 * total * (1.0 - ratio))
@@ -26,8 +26,9 @@ def shape_at(place: Array, scale: float) -> tuple[float, float]:
 class BoucWenFamily(SearchFamily):
     """Two parameters are searched for: a Bouc-Wen model is linear in its two gains.
 
-    Put h = A g; then g' = u' - b |u'| |g|^(n-1) g - c u' |g|^n with b = beta A^(n-1) and
-    c = gamma A^(n-1). With b and c given, the output d u - A g is linear in d and A.
+    Put h = A g; then g' = u' - b |u'| |g|^(n-1) g - c u' |g|^n with b = beta A^(n-1) and c = gamma
+    A^(n-1). With b and c given, the output d u - A g is linear in d and A. The exponent n is given:
+    records of piezo drives do not determine it.
     """
 
     kind: ClassVar[str] = "bouc-wen"

@@ -1,4 +1,4 @@
-"""How a hysteresis model is fitted: its columns, and what is searched for."""
+"""How a hysteresis model is fitted: data and columns, what is searched for, what is held out."""
 
 import functools
 import operator
@@ -12,13 +12,18 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.averaging import averaged
 from flexstage.hysteresis.identification.chain_filter import ChainValues, Rows, filtered, rows_of
-from flexstage.hysteresis.identification.measurement import Measurement
+from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.projection import (
     Normal,
     Solution,
     normal_equations,
 )
 from flexstage.hysteresis.model import HysteresisModel
+
+#: Parts that the cycles are divided into, each held out once.
+_FOLDS = 5
+#: Runs of neighbouring cycles in each part.
+_RUNS = 2
 
 #: Samples and rows that a search begins with, and how much more than elsewhere means may miss.
 _COARSE_SAMPLES = 5000
@@ -30,7 +35,7 @@ _COARSE_LOOSE = 10.0
 class Data:
     """What a family fits: a measurement behind a known chain, some samples of it."""
 
-    measurement: Measurement
+    measurement: IdentificationData
     """The measurement."""
     chain: ChainValues
     """The chain behind the hysteresis."""
@@ -89,10 +94,17 @@ class Family(ABC):
 
     @abstractmethod
     def fit(self, data: Data, start: Array | None = None) -> Fit:
-        """Fit the model."""
+        """Fit the model.
+
+        Start: where the search over nonlinear parameters begins; a grid over their range where
+        None.
+        """
 
     def refit(self, data: Data, optimum: Array) -> Fit:
-        """Fit fewer samples, from the optimum of more of them, which is near."""
+        """Fit fewer samples, from the optimum of more of them, which is near.
+
+        The result has not what standard errors need.
+        """
         return self.fit(data, optimum if optimum.size else None)
 
     @property
@@ -102,7 +114,10 @@ class Family(ABC):
 
 
 def behind_chain(columns: list[Array], data: Data) -> list[Array]:
-    """Pass columns through the chain."""
+    """Pass columns through the chain.
+
+    From every sample of each section, shape (n, m), to its rows, shape (r, m).
+    """
     return [
         filtered(c, s, r, data.chain)
         for c, s, r in zip(columns, data.measurement.sections, data.rows, strict=True)
@@ -110,7 +125,11 @@ def behind_chain(columns: list[Array], data: Data) -> list[Array]:
 
 
 def equations(behind: list[Array], data: Data, key: str = "") -> Normal:
-    """Form the normal equations of the samples in use."""
+    """Form the normal equations of the samples in use.
+
+    Columns are behind the chain, at the rows of each section. A key names these columns: sums over
+    all samples are then formed once, and what is held out is taken off.
+    """
     if not key:
         return _summed(behind, data)
     name = f"{key} equations"
@@ -141,7 +160,11 @@ def runs(use: NDArray[np.bool_]) -> list[slice]:
 
 
 def coarse(data: Data) -> Data:
-    """Return the data of a shorter record, to begin a search with that is ended on all of it."""
+    """Return the data of a shorter record, to begin a search with that is ended on all of it.
+
+    Means of neighbouring samples, and few rows of them; those that hold any held-out sample are
+    held out. What families begin with is that of all samples.
+    """
     if "coarse" not in data.memo:
         share = _COARSE_SAMPLES // len(data.measurement.sections)
         sections = tuple(averaged(s, share, _COARSE_LOOSE) for s in data.measurement.sections)
@@ -178,3 +201,37 @@ def residual(behind: list[Array], solution: Solution, data: Data) -> Array:
         made = c @ solution.coefficients + s.nuisance[r.at] @ own
         left.append((s.y[r.at] - made)[use])
     return np.concatenate(left)
+
+
+def folds_of(
+    data: Data, count: int = _FOLDS, runs: int = _RUNS
+) -> list[tuple[NDArray[np.bool_], ...]]:
+    """Divide the cycles of all sections into parts of about as many samples.
+
+    With two runs of neighbours in each part, far from one another, drift is not extrapolated, and
+    slow cycles and fast ones are in every part of a record of both. With one run a part that goes
+    further than the others asks a model to extrapolate. Rows before the first and after the last
+    cycle belong to its neighbour; there are fewer parts than `count` where there are fewer cycles.
+    """
+    section, cycle, size = [], [], []
+    for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True)):
+        found, rows = np.unique(r.cycle[use], return_counts=True)
+        section += [k] * found.size
+        cycle += found.tolist()
+        size += rows.tolist()
+    parts = min(count, len(cycle))
+    if parts == 0:
+        return []
+    blocks = min(runs * parts, len(cycle))
+    middle = np.cumsum(size) - 0.5 * np.array(size)
+    block = np.minimum((middle / np.sum(size) * blocks).astype(int), blocks - 1)
+    # long cycles leave blocks empty: those that are not are numbered anew
+    part = np.unique(block, return_inverse=True)[1] % parts
+    held = {(k, c): p for k, c, p in zip(section, cycle, part.tolist(), strict=True)}
+    return [
+        tuple(
+            np.isin(r.cycle, [c for (s, c), q in held.items() if s == k and q == p]) & use
+            for k, (r, use) in enumerate(zip(data.rows, data.use, strict=True))
+        )
+        for p in range(int(part.max()) + 1)
+    ]

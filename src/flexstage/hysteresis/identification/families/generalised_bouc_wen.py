@@ -36,6 +36,7 @@ class GeneralisedBoucWenFamily(RefinedFamily):
         return 8
 
     def begin(self, data: Data) -> Array:
+        # the two gains, the shape function where loaded, two differences
         key = f"{self.kind} start"
         if key not in data.memo:
             found = BoucWenFamily().fit(data).model

@@ -28,14 +28,18 @@ class LinearFamily(Family):
 
     @abstractmethod
     def columns(self, section: Section, data: Data) -> Iterator[Array]:
-        """Give the output per unit of each parameter, some parameters at a time."""
+        """Give the quasi-static output per unit of each parameter, some parameters at a time."""
 
     @abstractmethod
     def build(self, coefficients: Array, data: Data) -> HysteresisModel:
         """Return the model that some parameters make."""
 
     def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
-        """Return what is added to the products of the columns."""
+        """Return the penalty, added to the products of the columns that move; None for none.
+
+        A quadratic form of parameters that differ from their neighbours, per sample and per square
+        of the input's range; parameters that do not move get nothing.
+        """
         del data, moving
         return None
 
@@ -64,7 +68,7 @@ class LinearFamily(Family):
         )
 
     def solution(self, normal: Normal, data: Data) -> Solution:
-        """Solve the normal equations."""
+        """Solve the normal equations of the columns that move."""
         _, moving = self.moving(data)
         penalty = self.smoothing(data, moving)
         if penalty is not None:
@@ -94,6 +98,6 @@ class LinearFamily(Family):
 
 
 def moves(columns: Sequence[Array], share: float = 0.0) -> NDArray[np.bool_]:
-    """Return which columns change anywhere."""
+    """Return which columns change anywhere, by more than a share of the largest change."""
     spread = np.max([np.ptp(c, axis=0) for c in columns], axis=0)
     return spread > share * np.max(spread, initial=0.0)

@@ -27,7 +27,11 @@ _FLATTEST = 0.05
 
 
 class MaxwellSlipFamily(RefinedFamily):
-    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone."""
+    """Springs, sliders and a bent spring; begun from the exact inverse of plays alone.
+
+    Parameters: stiffness, those of the elements, then the kinks of the spring. Smoothing weighs the
+    penalty on second differences of stiffnesses and of kinks.
+    """
 
     kind: ClassVar[str] = "maxwell-slip"
     title: ClassVar[str] = "generalised Maxwell-slip"
@@ -65,6 +69,9 @@ class MaxwellSlipFamily(RefinedFamily):
         )
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+        # in closed form: the voltage is given, so that what a parameter adds to it the displacement
+        # y takes away again, by the slope of all springs at y less that of the sliders that slide;
+        # those that stick keep the change that they had where they last slid
         model = self.build(p, data)
         y = model.simulate(section.u).values
         sliders = play_columns(y, model.thresholds)

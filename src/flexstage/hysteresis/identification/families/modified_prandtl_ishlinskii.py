@@ -33,7 +33,11 @@ def interior_kinks(data: Data, plays: PrandtlIshlinskii, count: int) -> Array:
 
 
 class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
-    """Plays, and the slopes of the line behind them; begun from plays alone."""
+    """Plays, and the slopes of the line behind them; begun from plays alone.
+
+    Parameters: gain, weights of plays, then slopes of the line. Smoothing weighs the penalty on
+    second differences of weights and of slopes.
+    """
 
     kind: ClassVar[str] = "modified-prandtl-ishlinskii"
     title: ClassVar[str] = "modified Prandtl-Ishlinskii"
@@ -83,6 +87,9 @@ class ModifiedPrandtlIshlinskiiFamily(RefinedFamily):
         )
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
+        # in closed form: with v the sum of the plays and S the line behind them, S(v) changes by
+        # S'(v) with what a play adds to v, and by the way from 0 to v within an interval with its
+        # slope
         start, kinks = self._cached(data)
         slopes = p[1 + self._plays :]
         columns = play_columns(section.u, start.thresholds)

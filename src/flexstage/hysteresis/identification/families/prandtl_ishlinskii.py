@@ -14,7 +14,10 @@ from flexstage.hysteresis.models.prandtl_ishlinskii import PrandtlIshlinskii
 
 
 def play_thresholds(data: Data, count: int) -> Array:
-    """Return thresholds of plays that are spread over all that the input can tell apart."""
+    """Return thresholds of plays that are spread over all that the input can tell apart.
+
+    Small loops need more of them than large ones, so their distance grows; none is zero.
+    """
     # a play of more than half of the range moves once, on the way out of rest
     share = np.arange(1, count + 1) / (count + 1)
     return 0.5 * data.input_scale * share**1.5

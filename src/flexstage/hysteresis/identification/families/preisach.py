@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.families.family import Data, Fit, equations
-from flexstage.hysteresis.identification.families.folds import folds_of
+from flexstage.hysteresis.identification.families.family import Data, Fit, equations, folds_of
 from flexstage.hysteresis.identification.families.linear import LinearFamily
 from flexstage.hysteresis.identification.measurement import Section
 from flexstage.hysteresis.identification.projection import Normal, square_left
@@ -22,7 +21,11 @@ _PARTS = 4
 
 
 class PreisachFamily(LinearFamily):
-    """A density of relays on a grid of thresholds and means, smooth and not negative."""
+    """A density of relays on a grid of thresholds and means, smooth and not negative.
+
+    Means are intervals of the plays' outputs. Smoothing weighs the penalty on second differences of
+    the density; where None, the one is taken that best predicts cycles which were not fitted.
+    """
 
     kind: ClassVar[str] = "preisach"
     title: ClassVar[str] = "Preisach"
@@ -59,6 +62,8 @@ class PreisachFamily(LinearFamily):
         )
 
     def smoothing(self, data: Data, moving: NDArray[np.bool_]) -> Array | None:
+        # second differences along thresholds and along means; the first threshold, zero, is a gain
+        # without memory and no neighbour of the others
         m, p = self._thresholds, self._means
         along = np.kron(np.eye(m), _second_difference(p))
         skip = np.zeros((m - 1, m))

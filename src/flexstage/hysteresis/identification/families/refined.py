@@ -42,14 +42,18 @@ class RefinedFamily(Family):
 
     @abstractmethod
     def build(self, parameters: Array, data: Data) -> HysteresisModel:
-        """Return the model that some parameters make."""
+        """Return the model that some parameters make; a ModelError where they make none."""
 
     @abstractmethod
     def bounds(self, data: Data) -> tuple[Array, Array]:
-        """Return the lower bounds of the parameters, and by how much each may change at once."""
+        """Return lower bounds, minus infinity for none, and scales: how far each may go at once."""
 
     def penalty(self, data: Data) -> Array | None:
-        """Return the penalty on parameters that differ from their neighbours."""
+        """Return the penalty on parameters that differ from their neighbours.
+
+        A quadratic form of the parameters over their scales, per sample and per square of the
+        stroke, shape (k, k); None for none.
+        """
         del data
         return None
 
@@ -127,7 +131,10 @@ class RefinedFamily(Family):
         return behind_chain(quasi, data)
 
     def changes(self, p: Array, scale: Array, section: Section, data: Data) -> Array:
-        """Return the change of the output with each parameter, here by differences."""
+        """Return how the quasi-static output changes with each parameter over its scale, (n, k).
+
+        Here by differences.
+        """
         base = self.build(p, data).simulate(section.u).values
         made = np.empty((section.u.size, p.size), order="F")
         for j in range(p.size):

@@ -54,19 +54,19 @@ class SearchFamily(Family):
 
     @abstractmethod
     def columns(self, section: Section, place: Array, data: Data) -> Array:
-        """Return the output per unit of each linear parameter."""
+        """Return the quasi-static output per unit of each linear parameter, shape (n, m)."""
 
     @abstractmethod
     def build(self, place: Array, coefficients: Array, data: Data) -> HysteresisModel:
         """Return the model that some parameters make."""
 
     def free(self, data: Data) -> NDArray[np.bool_] | None:
-        """Return which linear parameters may be negative."""
+        """Return which linear parameters may be negative, shape (m,); None where none may be."""
         del data
         return None
 
     def penalty(self, data: Data) -> Array | None:
-        """Return the penalty on linear parameters."""
+        """Return a quadratic form of the linear parameters, per sample; None for none."""
         del data
         return None
 
@@ -77,7 +77,11 @@ class SearchFamily(Family):
         return [np.array(point) for point in itertools.product(*lines)]
 
     def project(self, place: Array, data: Data) -> tuple[Solution, list[Array], Array]:
-        """Find the linear parameters that belong to some searched ones."""
+        """Find the linear parameters that belong to some searched ones.
+
+        The linear parameters, their columns behind the chain, and what is left of the output over
+        the stroke.
+        """
         every = [self.columns(s, place, data) for s in data.measurement.sections]
         behind = behind_chain(every, data)
         solution = self._solved(equations(behind, data), data)

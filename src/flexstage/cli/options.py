@@ -1,0 +1,152 @@
+"""Options and arguments that several commands have, and what their texts mean."""
+
+from typing import Annotated
+
+import typer
+
+from flexstage.errors import ModelError
+
+
+def designs_like(incomplete: str) -> list[str]:
+    """Return the built-in designs that a word begins, for the completion of the shell.
+
+    Where there are none the shell offers files.
+
+    Examples
+    --------
+    >>> designs_like("vgtu-p")
+    ['vgtu-piezo']
+    """
+    from flexstage.designs import DESIGNS
+
+    return [name for name in sorted(DESIGNS) if incomplete and name.startswith(incomplete)]
+
+
+StageArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="STAGE",
+        autocompletion=designs_like,
+        help="A stage file, or the name of a built-in design.",
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
+]
+ModelOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+        "elements in the plane; solid: finite elements in three dimensions.",
+    ),
+]
+ModelsOption = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="lumped: rigid bodies; superelement: bodies condensed to their hinges; plane: finite "
+        "elements in the plane; solid: finite elements in three dimensions; several separated by "
+        "commas, or all.",
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
+]
+AxisOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Axis of the stage (default: the first).")
+]
+InputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the input, such as "V" or "N".')
+]
+OutputUnitOption = Annotated[
+    str | None, typer.Option(metavar="UNIT", help='Unit of the output, such as "um" or "m/s^2".')
+]
+SlewOption = Annotated[
+    str | None,
+    typer.Option(metavar="SLOPE", help='Largest slope of the voltage, such as "2000 V/s".'),
+]
+CurrentOption = Annotated[
+    str | None,
+    typer.Option(metavar="CURRENT", help='Largest current of the amplifier, such as "50 mA".'),
+]
+PlaneOption = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|stress|strain",
+        help="Plane state of the notches; auto decides by the ratio of width to neck.",
+    ),
+]
+
+
+def model_names(text: str) -> list[str]:
+    """Return the models that the option `--model` names, each once, whether there are such or not.
+
+    Examples
+    --------
+    >>> model_names("plane, lumped,plane")
+    ['plane', 'lumped']
+    """
+    if text.strip() == "all":
+        from flexstage.report import MODELS
+
+        return list(MODELS)
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+
+
+def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
+    """Return the length that an option gives [m], within what a stage may have.
+
+    `name` is what it is the length of, for messages.
+
+    Examples
+    --------
+    >>> positive_length("20 mm", "the radius")
+    0.02
+    """
+    from flexstage.stage.outline import LARGEST, SMALLEST
+    from flexstage.units import parse
+
+    value = parse(text, "length", bare_unit=bare_unit)
+    if not SMALLEST <= value <= LARGEST:
+        raise ModelError(
+            f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'"
+        )
+    return value
+
+
+def relative(text: str) -> float:
+    """Return the share that an option gives [1], as a percentage or as a plain number.
+
+    Examples
+    --------
+    >>> relative("0.1%"), relative("2e-3")
+    (0.001, 0.002)
+    """
+    plain = text.strip()
+    try:
+        value = float(plain.removesuffix("%")) / (100.0 if plain.endswith("%") else 1.0)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < 1.0:
+        raise typer.BadParameter(
+            f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
+        )
+    return value
+
+
+def positive_frequency(text: str, option: str) -> float:
+    """Return the frequency that an option gives [Hz]; a bare number is in Hz.
+
+    Examples
+    --------
+    >>> positive_frequency("0.8 kHz", "--resonance")
+    800.0
+    """
+    from flexstage.units import parse
+
+    value = parse(text, "frequency", bare_unit="Hz")
+    if not value > 0.0:
+        raise ModelError(f"{option} must be a positive frequency, got '{text}'")
+    return value

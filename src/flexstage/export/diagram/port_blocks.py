@@ -1,0 +1,176 @@
+"""Drives and probes of a structural diagram: what acts and reads along a line."""
+
+import math
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.export.diagram.body_blocks import BodyBlocks, per_second, point_of_body
+from flexstage.export.diagram.builder import DiagramBuilder
+from flexstage.export.diagram.springs import DriveSpring
+from flexstage.lumped import Mechanism, Sight
+from flexstage.system import RayleighDamping
+
+
+def _line_of_sight(
+    mechanism: Mechanism, sight: Sight, bodies: dict[int, BodyBlocks]
+) -> list[tuple[BodyBlocks, int, Array]]:
+    """Bodies at the ends of a drive or probe, their signs, and rows of the distance."""
+    along = np.array([math.cos(sight.direction), math.sin(sight.direction), 0.0])
+    found: list[tuple[BodyBlocks, int, Array]] = []
+    for body, sign in zip(sight.bodies[::-1], (1, -1), strict=True):
+        if body not in bodies:
+            continue
+        end = bodies[body]
+        # both ends share one line of action, through the pushed point, as in the lumped model
+        row = np.zeros((1, 3 * len(end.members)))
+        column = 3 * end.members.index(body)
+        row[0, column : column + 3] = along @ point_of_body(mechanism, body, sight.points[1])
+        found.append((end, sign, row))
+    if len(found) == 1:
+        end, sign, row = found[0]
+        return [(end, 1, sign * row)]
+    return found
+
+
+def add_drive(
+    builder: DiagramBuilder,
+    mechanism: Mechanism,
+    sight: Sight,
+    bodies: dict[int, BodyBlocks],
+    spring: DriveSpring,
+    damping: RayleighDamping,
+    free: str,
+    group: str,
+) -> None:
+    """Add the spring between the free displacement and the bodies, and its force on them.
+
+    `free` is the block of the free displacement, or, where there is no stiffness, of the force.
+    """
+    sides = _line_of_sight(mechanism, sight, bodies)
+    force = free
+    if spring.stiffness > 0.0:
+        force = _add_drive_spring(builder, sight, sides, spring, damping, free, group)
+    for number, (end, sign, row) in enumerate(sides):
+        name = end.label.split(" ")[0].lstrip("_")
+        back = builder.add(
+            f"{group}_to_{number + 1}",
+            "gain",
+            "rᵀ",
+            f"force of drive {sight.name} on body {name} [N, N, N m]",
+            group=group,
+            width=row.shape[1],
+            matrix=row.T.copy(),
+            role="geometry",
+        )
+        builder.connect(force, back, f"F_{sight.name} [N]" if number == 0 else "")
+        builder.term(end.forces, back, sign, f"f_{sight.name} [N, N, N m]")
+
+
+def _add_drive_spring(
+    builder: DiagramBuilder,
+    sight: Sight,
+    sides: list[tuple[BodyBlocks, int, Array]],
+    spring: DriveSpring,
+    damping: RayleighDamping,
+    free: str,
+    group: str,
+) -> str:
+    stretch = builder.add(
+        f"{group}_compression",
+        "sum",
+        "+",
+        f"free displacement less elongation of drive {sight.name} [m]",
+        group=group,
+    )
+    builder.term(stretch, free, 1, f"w_{sight.name} [m]")
+    for number, (end, sign, row) in enumerate(sides):
+        gain = _add_row(builder, sight.name, end, row, group, f"motion_{number + 1}")
+        builder.connect(end.motion, gain, "q" + end.label)
+        builder.term(stretch, gain, -sign)
+    stiffness = builder.add(
+        f"{group}_spring",
+        "gain",
+        "k",
+        f"stiffness of drive {sight.name} [N/m]"
+        + (", which stands in for an imposed displacement" if spring.stands_in else ""),
+        group=group,
+        matrix=np.array([[spring.stiffness]]),
+        role="spring",
+    )
+    builder.connect(stretch, stiffness)
+    if damping.beta == 0.0 or spring.stands_in:
+        return stiffness
+    force = builder.add(
+        f"{group}_force", "sum", "+", f"force of drive {sight.name} [N]", group=group
+    )
+    builder.term(force, stiffness, 1)
+    damper = builder.add(
+        f"{group}_damper",
+        "gain",
+        "βk",
+        f"damping of drive {sight.name} [N s/m]",
+        group=group,
+        matrix=np.array([[damping.beta * spring.stiffness]]),
+        role="damper",
+    )
+    rates = [
+        (_add_row(builder, sight.name, end, row, group, f"rate_{number + 1}"), end, sign)
+        for number, (end, sign, row) in enumerate(sides)
+    ]
+    for gain, end, _ in rates:
+        builder.connect(end.rate, gain, "q'" + per_second(end.label))
+    if len(rates) == 1:
+        builder.connect(rates[0][0], damper)
+    else:
+        total = builder.add(
+            f"{group}_rate",
+            "sum",
+            "+",
+            f"rate of elongation of drive {sight.name} [m/s]",
+            group=group,
+        )
+        for gain, _, sign in rates:
+            builder.term(total, gain, sign)
+        builder.connect(total, damper)
+    builder.term(force, damper, -1)
+    return force
+
+
+def _add_row(
+    builder: DiagramBuilder, sight: str, end: BodyBlocks, row: Array, group: str, what: str
+) -> str:
+    name = end.label.split(" ")[0].lstrip("_")
+    return builder.add(
+        f"{group}_{what}",
+        "gain",
+        "r",
+        f"part of body {name} in the length of {sight} [m or m/s]",
+        group=group,
+        matrix=row,
+        role="geometry",
+    )
+
+
+def add_reading(
+    builder: DiagramBuilder,
+    mechanism: Mechanism,
+    sight: Sight,
+    bodies: dict[int, BodyBlocks],
+    group: str,
+) -> str:
+    """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
+    sides = _line_of_sight(mechanism, sight, bodies)
+    gains = []
+    for number, (end, sign, row) in enumerate(sides):
+        gain = _add_row(builder, f"probe {sight.name}", end, row, group, f"motion_{number + 1}")
+        builder.connect(end.motion, gain, "q" + end.label)
+        gains.append((gain, sign))
+    if len(gains) < 2:
+        return gains[0][0] if gains else ""
+    total = builder.add(
+        f"{group}_distance", "sum", "+", f"distance that probe {sight.name} reads [m]", group=group
+    )
+    for gain, sign in gains:
+        builder.term(total, gain, sign)
+    return total

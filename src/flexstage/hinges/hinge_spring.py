@@ -1,0 +1,76 @@
+"""A notch as a spring in its plane: its compliance about the neck and its plane state.
+
+Local axes: 1 along the hinge from body a to body b, 2 to the left of it, rotation to the left. The
+matrix maps the force (N, V, M) on body b at the neck to the motion of b against a there.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from flexstage.arrays import Array
+
+PlaneState = Literal["stress", "strain"]
+
+# A notch that is this many necks wide cannot contract along its width: the thick roots hold it.
+# Reference piece, width/neck = 20: plane strain is 1.6 % too stiff, plane stress 10.4 % too soft.
+WIDE_NECK = 5.0
+#: The rule of `plane_state` in words, for notes on validity.
+PLANE_RULE = f"plane strain for widths of at least {WIDE_NECK:g} neck thicknesses"
+
+# How far into the adjoining bodies the root reaches, in heights of the root; beyond it
+# bodies count as rigid. It is one number found from the finite-element figures of two stages of 32
+# hinges each (stroke, stress, two frequencies, in plane stress and in plane strain: 24 figures, all
+# within 0.9 %).
+ROOT_REACH = 1.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HingeCompliance:
+    """A notch as a spring with two translations and one rotation."""
+
+    matrix: Array
+    """Compliance about the neck, rows (u, v, theta), columns (N, V, M) [m/N, m/(N m), rad/N, rad/(N
+    m)], shape (3, 3).
+    """
+    method: str
+    """How it was found."""
+    plane: PlaneState
+    """``stress`` or ``strain``: whether the notch can contract along its width."""
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness about the neck, the inverse of `matrix`, shape (3, 3)."""
+        inverse = np.linalg.inv(self.matrix)
+        return 0.5 * (inverse + inverse.T)
+
+
+def plane_state(width: float, neck_thickness: float) -> PlaneState:
+    """Choose plane strain or plane stress for a notch, by its width against its neck.
+
+    Parameters
+    ----------
+    width : float
+        Width of the hinge, the thickness of the plate [m].
+    neck_thickness : float
+        Thickness of the neck [m].
+
+    Returns
+    -------
+    str
+        ``strain`` from five necks of width on, ``stress`` below.
+
+    Examples
+    --------
+    >>> plane_state(10e-3, 0.5e-3)
+    'strain'
+    """
+    return "strain" if width >= WIDE_NECK * neck_thickness else "stress"
+
+
+def plane_moduli(modulus: float, poisson: float, plane: PlaneState) -> tuple[float, float]:
+    """Return the modulus and Poisson's ratio that a plane problem is solved with."""
+    if plane == "stress":
+        return modulus, poisson
+    return modulus / (1.0 - poisson**2), poisson / (1.0 - poisson)

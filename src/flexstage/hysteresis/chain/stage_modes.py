@@ -1,0 +1,381 @@
+"""Modes of a stage that follows at unit static gain, and its inverse."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexstage.errors import ModelError
+from flexstage.hysteresis.chain.element import (
+    ChainElement,
+    Complex,
+    checked_state,
+    positive_step,
+)
+from flexstage.hysteresis.chain.modal import (
+    UnitStep,
+    modes_along_lines,
+    modes_through_segments,
+    unit_step,
+)
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.model import Array, Response, Segments, samples
+
+# A coefficient below this part of the largest is rounding of the sum that made it.
+_NOTHING = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageModes(ChainElement):
+    r"""A stage as a sum of modes, at unit static gain.
+
+    .. math:: \frac{y}{x} = 1 - \sum_i c_i + \sum_i c_i
+              \frac{\omega_i^2}{s^2 + 2\zeta_i\omega_i s + \omega_i^2}
+
+    What the shares :math:`c_i` leave of one follows at once: modes far above the band. State: the
+    input, the deflections of the modes, and their rates [1/s], shape (1 + 2 k,).
+
+    Validity: linear, small motion; modes that are not listed follow without delay.
+
+    Raises
+    ------
+    ModelError
+        A frequency is not positive, a damping ratio is negative, or their numbers differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> stage = StageModes(frequency_hz=[339.0], damping_ratio=[0.012])
+    >>> jump = stage.settled(0.0, 1e-4)
+    >>> jump[0] = 1.0
+    >>> y = stage.simulate(np.ones(100), 1e-4, jump).values
+    >>> round(float(y.max()), 3)
+    1.962
+    """
+
+    validity: ClassVar[str] = "linear modes of small motion; what is not listed follows at once"
+
+    frequency_hz: Sequence[float]
+    """Natural frequencies [Hz], shape (k,)."""
+    damping_ratio: Sequence[float]
+    """Damping ratios [1], shape (k,); above 1 the mode does not swing."""
+    share: Sequence[float] = (1.0,)
+    """Share of each mode in the static displacement [1], shape (k,); may be negative. All of it
+    where there is one mode and nothing is given.
+    """
+
+    def __post_init__(self) -> None:
+        for name in ("frequency_hz", "damping_ratio", "share"):
+            values = tuple(float(value) for value in getattr(self, name))
+            object.__setattr__(self, name, values)
+            if len(values) != len(self.frequency_hz) or not values:
+                raise ModelError(
+                    f"a stage of {len(self.frequency_hz)} modes needs as many of {name}, and at "
+                    f"least one, got {len(values)}"
+                )
+            if not all(math.isfinite(value) for value in values):
+                raise ModelError(f"{name} of the modes must be finite, got {values!r}")
+        if not all(value > 0.0 for value in self.frequency_hz):
+            raise ModelError(f"frequencies must be positive, got {self.frequency_hz!r} Hz")
+        if not all(value >= 0.0 for value in self.damping_ratio):
+            raise ModelError(f"damping ratios must not be negative, got {self.damping_ratio!r}")
+
+    @property
+    def static_share(self) -> float:
+        """What follows at once, without a mode [1]."""
+        return 1.0 - math.fsum(self.share)
+
+    @property
+    def omega(self) -> Array:
+        """Angular natural frequencies [rad/s], shape (k,)."""
+        return 2.0 * np.pi * np.array(self.frequency_hz)
+
+    def settled(self, x: float, dt: float) -> Array:
+        del dt
+        k = len(self.frequency_hz)
+        return np.concatenate((np.full(1 + k, float(x)), np.zeros(k)))
+
+    def simulate(self, x: ArrayLike, dt: float, state: ArrayLike | None = None) -> Response:
+        given = samples(x, "input of the stage")
+        step, last, z, v = self._start(given[0], dt, state)
+        y = self.static_share * given[None, :]
+        modes_along_lines(given, last, step, z, v, self._reader(), y)
+        return Response(values=y[0], state=np.concatenate((given[-1:], z, v / dt)))
+
+    def through(self, force: Segments, dt: float, state: ArrayLike | None = None) -> Response:
+        """Return the output for an input that is known between the samples.
+
+        With the segments of a hysteresis model the stage and the hysteresis are exact together.
+
+        Parameters
+        ----------
+        force : Segments
+            The input, n samples.
+        dt : float
+            Step between samples [s].
+        state : array_like, optional
+            State at the first of them, whose last input is not used; settled there where not
+            given.
+
+        Returns
+        -------
+        Response
+            The outputs at the n samples, and the state at the last.
+
+        Raises
+        ------
+        ModelError
+            The step is not positive, or the state does not belong to this element.
+        """
+        step, _, z, v = self._start(value_at(force, 0), dt, state)
+        if self.static_share == 0.0:
+            y = np.zeros((1, force.samples))
+        else:
+            y = self.static_share * values_at_samples(force)[None, :]
+        reader = self._reader()
+        y[0, 0] += reader[0] @ np.append(z, v)
+        modes_through_segments(force, step, z, v, reader, y[:, 1:])
+        end = np.array([value_at(force, force.samples - 1)])
+        return Response(values=y[0], state=np.concatenate((end, z, v / dt)))
+
+    def inverse(
+        self,
+        y: ArrayLike,
+        dt: float,
+        *,
+        rate: ArrayLike | None = None,
+        curvature: ArrayLike | None = None,
+    ) -> Response:
+        r"""Return the input that gives a smooth output.
+
+        For one mode
+
+        .. math:: x = y + \frac{2\zeta}{\omega} \dot y + \frac{1}{\omega^2} \ddot y
+
+        and for several what division by the stage leaves of this, and a stable filter of the rest,
+        stepped exactly along the spline. Stages of relative degree two have no inverse sample by
+        sample: the zeros that sampling adds are unstable (K. J. Astrom, P. Hagander, J. Sternby,
+        Automatica 20 (1984) 31), so the whole output is needed.
+
+        Parameters
+        ----------
+        y : array_like
+            Outputs, shape (n,), n at least 6; the stage rests at the first of them.
+        dt : float
+            Step between samples [s].
+        rate : array_like, optional
+            First derivative of the output [1/s], shape (n,); that of a spline of fifth degree where
+            not given.
+        curvature : array_like, optional
+            Second derivative of the output [1/s^2], shape (n,); given with `rate` or not at all.
+
+        Returns
+        -------
+        Response
+            The inputs, and the state of the stage at the last sample if it follows a straight
+            line between them.
+
+        Raises
+        ------
+        ModelError
+            The stage is not minimum phase, or the output has less than 6 samples.
+        """
+        h = positive_step(dt)
+        x = stage_inverse(
+            self,
+            samples(y, "output of the stage"),
+            h,
+            None if rate is None else samples(rate, "rate of the output"),
+            None if curvature is None else samples(curvature, "curvature of the output"),
+        )
+        return Response(values=x, state=self.simulate(x, h).state)
+
+    def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
+        w, zeta = self.omega, np.array(self.damping_ratio)
+        mode = w**2 / (s**2 + 2.0 * zeta * w * s + w**2)
+        return self.static_share + np.sum(np.array(self.share) * mode, axis=-1)
+
+    def _reader(self) -> Array:
+        return np.concatenate((self.share, np.zeros(len(self.share))))[None, :]
+
+    def _start(
+        self, first: float, dt: float, state: ArrayLike | None
+    ) -> tuple[UnitStep, float, Array, Array]:
+        step = unit_step(self.omega * positive_step(dt), np.array(self.damping_ratio))
+        k = len(self.frequency_hz)
+        if state is None:
+            now = self.settled(first, dt)
+        else:
+            now = checked_state(state, 1 + 2 * k, "the stage")
+        return step, float(now[0]), now[1 : 1 + k].copy(), now[1 + k :] * dt
+
+
+def value_at(force: Segments, sample: int) -> float:
+    """Return the value of a sequence that is known between the samples, at one sample."""
+    i = int(np.searchsorted(force.start, sample, side="right")) - 1
+    since = sample - force.start[i]
+    decay = math.exp(-force.rate[i] * since)
+    return float(force.constant[i] + force.slope[i] * since + force.amplitude[i] * decay)
+
+
+def values_at_samples(force: Segments) -> Array:
+    """Return the values of a sequence that is known between the samples."""
+    value = np.empty(force.samples)
+    _values(force.start, force.constant, force.slope, force.amplitude, force.rate, value)
+    return value
+
+
+@compiled
+def _values(
+    start: Array, constant: Array, slope: Array, amplitude: Array, rate: Array, value: Array
+) -> None:
+    i, last = 0, start.size - 1
+    for n in range(value.size):
+        while i < last and start[i + 1] <= n:
+            i += 1
+        since = n - start[i]
+        value[n] = constant[i] + slope[i] * since
+        if amplitude[i] != 0.0:
+            value[n] += amplitude[i] * np.exp(-rate[i] * since)
+
+
+def _polynomials(stage: StageModes) -> tuple[Array, Array, float]:
+    """Return numerator and denominator of the stage, highest power first, and the unit of s."""
+    unit = float(np.exp(np.mean(np.log(stage.omega))))
+    w = stage.omega / unit
+    factors = [
+        np.array([1.0, 2.0 * zeta * own, own**2])
+        for zeta, own in zip(stage.damping_ratio, w.tolist(), strict=True)
+    ]
+    below = np.array([1.0])
+    for factor in factors:
+        below = np.polymul(below, factor)
+    above = stage.static_share * below
+    for i, share in enumerate(stage.share):
+        others = np.array([share * w[i] ** 2])
+        for j, factor in enumerate(factors):
+            if j != i:
+                others = np.polymul(others, factor)
+        above = np.polyadd(above, others)
+    size = np.abs(above).max()
+    first = int(np.flatnonzero(np.abs(above) > _NOTHING * size)[0])
+    return np.asarray(above[first:], np.float64), np.asarray(below, np.float64), unit
+
+
+def stage_zeros(stage: StageModes) -> np.ndarray:
+    """Return the complex zeros of a stage [rad/s]; its inverse is stable if all lie on the left."""
+    above, _, unit = _polynomials(stage)
+    return unit * np.roots(above)
+
+
+def stage_inverse(
+    stage: StageModes,
+    y: Array,
+    dt: float,
+    rate: Array | None = None,
+    curvature: Array | None = None,
+) -> Array:
+    """Return the input that gives a smooth output.
+
+    At least six outputs; the stage rests at the first. Rate [1/s] and curvature [1/s^2] are given
+    both or not at all: a spline of fifth degree then makes them.
+    """
+    above, below, unit = _polynomials(stage)
+    if below.size - above.size > 2:
+        raise ModelError(
+            "the shares of the modes cancel at high frequency: the inverse of this stage needs "
+            f"{below.size - above.size} derivatives of the reference, and two can be had"
+        )
+    zeros = np.roots(above)
+    if np.any(zeros.real >= 0.0):
+        worst = unit * zeros[int(np.argmax(zeros.real))]
+        raise ModelError(
+            f"the stage has a zero at {worst:.4g} rad/s, which is not in the left half-plane: its "
+            "inverse is unstable; leave out the mode of opposite sign, or close the loop"
+        )
+    quotient, rest = np.polydiv(below, above)
+    derivatives = _derivatives(y, dt, rate, curvature)
+    x = np.zeros_like(y)
+    for power, c in enumerate(quotient[::-1]):
+        x += c * derivatives[power] / (unit * dt) ** power
+    if above.size > 1:
+        x += _remainder(np.asarray(rest, np.float64), above, unit * dt, derivatives)
+    return x
+
+
+def _derivatives(y: Array, dt: float, rate: Array | None, curvature: Array | None) -> Array:
+    """Return derivatives 0 to 5 [per sample] to the right of each sample, shape (6, n)."""
+    if y.size < 6:
+        raise ModelError(f"the inverse of a stage needs 6 samples or more, got {y.size}")
+    if (rate is None) != (curvature is None):
+        raise ModelError("give both derivatives of the reference, or neither")
+    at = np.arange(y.size, dtype=np.float64)
+    if rate is None or curvature is None:
+        from scipy.interpolate import make_interp_spline
+
+        spline = make_interp_spline(at, y, k=5)
+        return np.array([spline(at, nu) for nu in range(6)])
+    if rate.shape != y.shape or curvature.shape != y.shape:
+        raise ModelError(
+            f"the derivatives of the reference must have {y.size} samples as it has, got "
+            f"{rate.shape} and {curvature.shape}"
+        )
+    v, c = rate * dt, curvature * dt**2
+    out = np.zeros((6, y.size))
+    out[:3] = y, v, c
+    # polynomial of fifth degree that has value, rate and curvature at both ends of a step
+    gap = np.diff(y) - v[:-1] - 0.5 * c[:-1]
+    gap1, gap2 = np.diff(v) - c[:-1], np.diff(c)
+    out[3, :-1] = 6.0 * (10.0 * gap - 4.0 * gap1 + 0.5 * gap2)
+    out[4, :-1] = 24.0 * (-15.0 * gap + 7.0 * gap1 - gap2)
+    out[5, :-1] = 120.0 * (6.0 * gap - 3.0 * gap1 + 0.5 * gap2)
+    return out
+
+
+def _remainder(rest: Array, above: Array, h: float, derivatives: Array) -> Array:
+    """Step rest/above, a proper filter, exactly along polynomials of fifth degree."""
+    from scipy.linalg import expm
+
+    n = above.size - 1
+    matrix = np.zeros((n + 6, n + 6))
+    matrix[: n - 1, 1:n] = np.eye(n - 1)
+    matrix[n - 1, :n] = -(above / above[0])[:0:-1]
+    matrix[:n] *= h
+    matrix[n - 1, n] = h
+    matrix[range(n, n + 5), range(n + 1, n + 6)] = 1.0
+    step = np.asarray(expm(matrix), dtype=np.float64)[:n]
+    read = np.zeros(n)
+    trimmed = np.atleast_1d(rest)[::-1][:n] / above[0]
+    read[: trimmed.size] = trimmed
+    q = np.zeros(n)
+    q[0] = derivatives[0, 0] / (above[-1] / above[0])
+    out = np.empty(derivatives.shape[1])
+    _filter(
+        np.ascontiguousarray(step), np.ascontiguousarray(derivatives), read, q, np.empty(n), out
+    )
+    return out
+
+
+@compiled
+def _filter(
+    step: Array, derivatives: Array, read: Array, q: Array, following: Array, out: Array
+) -> None:
+    n = q.size
+    for k in range(out.size):
+        total = 0.0
+        for i in range(n):
+            total += read[i] * q[i]
+        out[k] = total
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += step[i, j] * q[j]
+            for j in range(6):
+                total += step[i, n + j] * derivatives[j, k]
+            following[i] = total
+        for i in range(n):
+            q[i] = following[i]

@@ -1,0 +1,394 @@
+"""Runs that are recorded: waveforms, holds, blows and moves, on any instrument.
+
+The samples are read while they are recorded and handed to a writer at once, so that what was
+recorded before a link was lost, or a program died, is kept.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Protocol
+
+import numpy as np
+
+from flexstage import progress
+from flexstage.arrays import Array
+from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
+from flexstage.instruments.checks import check_position, check_waveform
+from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.ramp import lead_to, require_loop
+from flexstage.instruments.waveform import Waveform
+from flexstage.records import Channel, Record
+
+
+class SampleWriter(Protocol):
+    """Takes samples as they come."""
+
+    def append(self, first: int, columns: Mapping[str, Array]) -> object:
+        """Keep samples of every column [SI], the first of them by its number from 0."""
+        ...
+
+
+def run_waveform(
+    instrument: Instrument,
+    waveform: Waveform,
+    signals: Sequence[Signal],
+    *,
+    rate_hz: float,
+    cycles: int = 1,
+    feedforward: Waveform | None = None,
+    writer: SampleWriter | None = None,
+    before: int = 0,
+    after: int = 0,
+    timeout: float | None = None,
+) -> Record:
+    """Run a waveform and record what happens.
+
+    The whole waveform is checked before anything moves; the axes are led slowly to its first
+    sample; the recorder starts with the waveform, so that sample 0 of the record is the instant of
+    sample 0 of the waveform.
+
+    The position control is off for a waveform of voltages, on for one of positions, beside which
+    a feedforward of voltages can be given. The record says which rate the instrument could keep.
+    With samples `before` the waveform the recorder is started first, and how many they became is
+    known only to the reaction of the link: the notes of the record say so. `timeout` is how long to
+    wait for the record beyond its own duration [s]; 10 s and half of that duration where not given.
+
+    Raises
+    ------
+    LimitError, ModelError
+        The waveform leaves the limits, the record does not fit, or what is given does not go
+        together; nothing has been moved.
+    ControllerError
+        The instrument refuses, a sensor gives no number, or the record does not come to its end;
+        the stage was stopped.
+    NotConnectedError
+        The link was lost; the sentence says how many samples are safe.
+    """
+    if cycles < 1:
+        raise LimitError(f"a recorded waveform runs 1 time or more, got {cycles}")
+    if before < 0 or after < 0:
+        raise ModelError(f"samples before and after cannot be negative, got {before} and {after}")
+    limits = {name: axis.limits for name, axis in instrument.axes.items()}
+    check_waveform(limits, waveform, cycles=cycles)
+    if feedforward is not None:
+        if (waveform.quantity, feedforward.quantity) != ("position", "voltage"):
+            raise ModelError(
+                "a feedforward is of voltages beside a waveform of positions, got "
+                f"{feedforward.quantity} beside {waveform.quantity}"
+            )
+        check_waveform(limits, feedforward, cycles=cycles)
+    first = {name: float(values[0]) for name, values in waveform.values.items()}
+    require_loop(instrument, first, waveform.quantity)
+    duration = waveform.duration * cycles
+
+    def samples(rate: float) -> int:
+        return max(round(duration * rate), 2) + before + after
+
+    run = RecordedRun(instrument, signals, writer)
+    run.configure(rate_hz, samples)  # what cannot be recorded shows before anything moves
+    with run.stopping():
+        lead_to(instrument, first, waveform.quantity)
+        waves = instrument.waves
+        waves.load(waveform, feedforward=feedforward)
+        run.configure(rate_hz, samples)
+        if before:
+            instrument.recorder.start()
+            run.read(timeout, until=before)
+            run.notes.append(
+                f"the waveform was started after {before} samples or a little more, as fast as the "
+                "link allowed"
+            )
+            waves.start(cycles)
+        else:
+            instrument.recorder.arm()
+            waves.start(cycles)
+        run.read(timeout)
+        run.wait(waves.running, "the waveform", timeout)
+    return run.record()
+
+
+def record_now(
+    instrument: Instrument,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    samples: int,
+    writer: SampleWriter | None = None,
+    *,
+    timeout: float | None = None,
+) -> Record:
+    """Record while the instrument does what it does, such as to hold its place.
+
+    2 samples at least; time-out and errors are those of `run_waveform`.
+    """
+    run = RecordedRun(instrument, signals, writer)
+    with run.stopping():
+        run.configure(rate_hz, lambda _: samples)
+        instrument.recorder.start()
+        run.read(timeout)
+    return run.record()
+
+
+def record_blow(
+    instrument: Instrument,
+    axis: str,
+    signals: Sequence[Signal],
+    rate_hz: float,
+    samples: int,
+    writer: SampleWriter | None = None,
+    *,
+    timeout: float | None = None,
+) -> Record:
+    """Record a blow of the hammer along an axis; `signals` are its ``force`` and ``response``."""
+    if Capability.IMPACT not in instrument.capabilities:
+        raise ModelError(
+            f"the {instrument.identity.model} has no hammer: strike the stage by hand and read "
+            "the record of the hammer's own instrument"
+        )
+    run = RecordedRun(instrument, signals, writer)
+    with run.stopping():
+        run.configure(rate_hz, lambda _: samples)
+        instrument.recorder.arm()
+        instrument.strike(axis)
+        run.read(timeout)
+    return run.record()
+
+
+def run_moves(
+    instrument: Instrument,
+    axis: str,
+    positions: Sequence[float],
+    dwell: float,
+    signals: Sequence[Signal],
+    *,
+    rate_hz: float,
+    settle: float = 0.1,
+    command: str = "command",
+    writer: SampleWriter | None = None,
+    timeout: float | None = None,
+) -> Record:
+    """Move an axis from place to place [m] and record while it stands at each of them.
+
+    For instruments without a generator of waveforms, and for drives that are slow. Before each
+    record it waits `settle` [s], then records for `dwell` [s]; the column `command` holds the
+    commanded position, for the writer too. The time counts the recorded samples alone.
+    """
+    if not len(positions):
+        raise ModelError("moves need at least one position, got none")
+    require_loop(instrument, {axis: 0.0}, "position")
+    mover = instrument.axes[axis]
+    for position in positions:
+        check_position(mover.limits, position, axis)
+    parts: list[Record] = []
+    done = 0
+    for k, position in enumerate(positions):
+        with progress.subtask(k / len(positions), (k + 1) / len(positions)):
+            run = RecordedRun(
+                instrument, signals, writer, first=done, extra=(command, float(position))
+            )
+            with run.stopping():
+                mover.move_to(float(position))
+                instrument.pause(settle)
+                run.configure(rate_hz, lambda rate: max(round(dwell * rate), 2))
+                instrument.recorder.start()
+                run.read(timeout)
+            parts.append(run.record())
+            done += parts[-1].size
+    rate = parts[0].sample_rate_hz
+    return Record(
+        channels=tuple(
+            Channel(
+                name=c.name, values=np.concatenate([p.channel(c.name).values for p in parts]),
+                unit=c.unit,
+            )
+            for c in parts[0].channels
+        ),
+        time=np.arange(done) / rate,
+        source=parts[0].source,
+        notes=(*parts[0].notes, "the motion from place to place is left out of the time"),
+        attributes=parts[0].attributes,
+    )  # fmt: skip
+
+
+class RecordedRun:
+    """One record, from the choice of its signals to its last sample.
+
+    Samples are read while they are recorded; each is looked at, kept, and handed to the writer,
+    for which the first has the number `first`. `extra` is a column that does not change: its name
+    and value [m].
+    """
+
+    def __init__(
+        self,
+        instrument: Instrument,
+        signals: Sequence[Signal],
+        writer: SampleWriter | None,
+        *,
+        first: int = 0,
+        extra: tuple[str, float] | None = None,
+    ) -> None:
+        names = [s.name for s in signals] + ([extra[0]] if extra else [])
+        if not signals or len(set(names)) != len(names):
+            raise ModelError(
+                "a record needs one signal or more, each with a name of its own, got "
+                f"{', '.join(names) or 'none'}"
+            )
+        self.instrument, self.signals, self.writer = instrument, tuple(signals), writer
+        self.first, self.extra = first, extra
+        self.rate, self.samples, self.done = 0.0, 0, 0
+        self.notes: list[str] = []
+        self._parts: list[dict[str, Array]] = []
+        self._waited = 0.0
+
+    def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
+        """Choose what is recorded, and how many samples at the rate that is kept [Hz]."""
+        recorder, rate = self.instrument.recorder, float(rate_hz)
+        if not 0.0 < rate < np.inf:
+            raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
+        if len(self.signals) > recorder.signals:
+            raise LimitError(
+                f"the instrument records {recorder.signals} signals at once, and "
+                f"{len(self.signals)} are asked for: record them in several runs"
+            )
+        for _ in range(2):
+            wanted = samples(rate)
+            if wanted < 2:
+                raise ModelError(f"a record has 2 samples or more, got {wanted}")
+            if wanted > recorder.capacity:
+                raise LimitError(
+                    f"the record would have {wanted} samples, and the instrument keeps "
+                    f"{recorder.capacity}: record at {rate * recorder.capacity / wanted:.4g} Hz or "
+                    "slower, or for a shorter time"
+                )
+            self.rate, self.samples = recorder.configure(self.signals, rate, wanted), wanted
+            if samples(self.rate) == wanted:
+                return
+            rate = self.rate
+
+    def stopping(self) -> AbstractContextManager[None]:
+        """Stop the instrument when the block fails, and say what is safe when the link fails."""
+        return _Stopping(self)
+
+    def read(self, timeout: float | None, until: int | None = None) -> None:
+        """Read samples until all of them, or `until` so many, are there.
+
+        `timeout` is beyond the time of the samples themselves [s], on the instrument's clock.
+        """
+        recorder = self.instrument.recorder
+        goal = self.samples if until is None else until
+        expected = (goal - self.done) / self.rate
+        most = expected + (10.0 + 0.5 * expected if timeout is None else timeout)
+        step = min(max(expected / 50.0, 0.01), 0.25)
+        waited = 0.0
+        while True:
+            there = min(recorder.available(), self.samples)
+            # A record has two samples at least: a single one waits for its neighbour.
+            if there - self.done >= 2 or (there == self.samples and there > self.done):
+                self._take(there)
+            if self.done >= goal or (there >= goal and until is not None):
+                return
+            if waited > most:
+                raise ControllerError(
+                    f"{self.done} of {self.samples} samples came in {waited:.4g} s, and all should "
+                    f"have come in {expected:.4g} s: check that the recorder was started, and its "
+                    "rate"
+                )
+            self.instrument.pause(step)
+            waited += step
+
+    def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
+        """Wait until something has ended, for 10 s where no time is given."""
+        waited, most = 0.0, 10.0 if timeout is None else timeout
+        while busy():
+            if waited > most:
+                raise ControllerError(
+                    f"{what} still runs {waited:.4g} s after its record ended: it was stopped"
+                )
+            self.instrument.pause(0.01)
+            waited += 0.01
+
+    def record(self) -> Record:
+        """Return all samples; the time counts from 0 [s]."""
+        identity = self.instrument.identity
+        columns = [(s.name, s.unit) for s in self.signals]
+        if self.extra is not None:
+            columns.append((self.extra[0], "m"))
+        notes = ("simulated: nothing in it was measured",) if identity.simulated else ()
+        return Record(
+            channels=tuple(
+                Channel(name=n, values=np.concatenate([p[n] for p in self._parts]), unit=u)
+                for n, u in columns
+            ),
+            time=np.arange(self.done) / self.rate,
+            source=f"{identity.vendor} {identity.model} {identity.serial_number}".strip(),
+            notes=(*notes, *self.notes),
+            attributes={
+                **self.instrument.settings(),
+                "simulated": "yes" if identity.simulated else "no",
+            },
+        )
+
+    def _take(self, there: int) -> None:
+        first = min(self.done, there - 2)
+        found = self.instrument.recorder.read(first, there - first)
+        columns = {
+            s.name: np.asarray(found.channel(s.name).values, dtype=np.float64)[self.done - first :]
+            for s in self.signals
+        }
+        if wrong := [n for n, v in columns.items() if v.size != there - self.done]:
+            raise ControllerError(
+                f"samples {self.done} to {there - 1} of '{wrong[0]}' were asked for, and "
+                f"{columns[wrong[0]].size} came: what was read before them is whole"
+            )
+        bad = ~np.isfinite(np.array(list(columns.values())))
+        good = int(np.argmax(bad.any(axis=0))) if bad.any() else there - self.done
+        self._keep({n: v[:good] for n, v in columns.items()}, good)
+        if bad.any():
+            which = int(np.argmax(bad[:, good]))
+            raise ControllerError(self._no_number(self.signals[which], columns, good))
+        progress.update("recording", self.done / self.samples)
+
+    def _keep(self, columns: dict[str, Array], count: int) -> None:
+        if not count:
+            return
+        if self.extra is not None:
+            columns[self.extra[0]] = np.full(count, self.extra[1])
+        self._parts.append(columns)
+        at = self.first + self.done
+        self.done += count
+        if self.writer is not None:
+            self.writer.append(at, columns)
+
+    def _no_number(self, signal: Signal, columns: Mapping[str, Array], good: int) -> str:
+        where = f"channel {signal.source}" if signal.kind == "channel" else (
+            f"the {signal.kind} of axis '{signal.source}'"
+        )  # fmt: skip
+        at = f"sample {self.done} ({self.done / self.rate:g} s)"
+        if signal.kind == "voltage":
+            return (
+                f"'{signal.name}' ({where}) is not known from {at} on: the stage was stopped, and "
+                f"the {self.done} samples before it are good"
+            )
+        return (
+            f"'{signal.name}' ({where}) reads {columns[signal.name][good]} at {at}: the stage was "
+            f"stopped, the {self.done} samples before it are good; look at the sensor and its cable"
+        )
+
+
+class _Stopping(AbstractContextManager[None]):
+    def __init__(self, run: RecordedRun) -> None:
+        self._run = run
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:
+            return
+        run = self._run
+        run.instrument.stop()
+        if isinstance(error, NotConnectedError):
+            kept = "were read and not kept" if run.writer is None else "are safe with the writer"
+            of = f", of {run.first + run.samples}" if run.samples else ""
+            raise NotConnectedError(
+                f"{error}; {run.first + run.done} samples {kept}{of}"
+            ) from error

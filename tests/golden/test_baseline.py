@@ -1,0 +1,89 @@
+"""The comparison with what was frozen finds what moved, and nothing else."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.golden import baseline
+from tests.golden.baseline import Leaf, differences, from_lines, kept, leaf, measured, work
+
+RNG = np.random.default_rng(18)
+LONG = RNG.normal(2.7, 1.0, 12_345)
+
+
+def answer(**changes: Any) -> Leaf:
+    """An answer with a word, a short list and a long one, as a command prints it."""
+    content = {
+        "stage": {"name": "vgtu-piezo", "ratio": 1.6966},
+        "frequency_hz": [865.25, 507.25, 1204.5],
+        "response": LONG.tolist(),
+        "created": "2026-11-23T15:44:22",
+    } | changes
+    return leaf("answer.json", json.dumps(content).encode())
+
+
+WAS = kept(answer())
+
+
+def test_every_name_is_frozen() -> None:
+    assert sorted(path.stem for path in baseline.FOLDER.glob("*.json")) == sorted(work())
+
+
+@pytest.mark.parametrize(
+    "same", [answer(), answer(created="2027-01-01T00:00:01"), answer(frequency_hz=[
+        865.25 * (1 + 5e-10), 507.25, 1204.5])]
+)  # fmt: skip
+def test_times_and_the_last_digits_are_no_difference(same: Leaf) -> None:
+    assert differences(WAS, same) == []
+
+
+def changed(place: int, factor: float) -> list[float]:
+    values = LONG.copy()
+    values[place] *= factor
+    return values.tolist()
+
+
+def swapped(a: int, b: int) -> list[float]:
+    values = LONG.copy()
+    values[[a, b]] = values[[b, a]]
+    return values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("other", "family"),
+    [
+        (answer(stage={"name": "vgtu-piezo", "ratio": 1.6966 * (1 + 3e-9)}), ".stage.ratio"),
+        (answer(frequency_hz=[507.25, 865.25, 1204.5]), ".frequency_hz"),
+        (answer(frequency_hz=[865.25, 507.25]), ".frequency_hz"),
+        (answer(response=changed(7_000, 1.0 + 3e-6)), ".response"),
+        (answer(response=swapped(1_000, 1_001)), ".response"),
+        (answer(response=LONG[:-1].tolist()), ".response"),
+        (answer(stage={"name": "vgtu-mechanical", "ratio": 1.6966}), "the words"),
+        (answer(stage={"name": "vgtu-piezo"}), ".stage.ratio"),
+        (answer(turns=3), ".turns"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_moved_is_found(other: Leaf, family: str) -> None:
+    assert [text for text in differences(WAS, other) if text.startswith(family)]
+
+
+def figures(value: float) -> Leaf:
+    row = {"quantity": "stroke", "value": value, "uncertainty": 2e-8, "interval": [5.9e-5, 5.91e-5]}
+    return leaf("answer.json", json.dumps({"figures": [row]}).encode())
+
+
+def test_a_run_may_differ_by_its_uncertainty_alone() -> None:
+    was = kept(figures(5.905e-5))
+    assert measured(was, figures(5.905e-5 + 4.9 * 2e-8)) == []
+    assert measured(was, figures(5.905e-5 + 5.1 * 2e-8))
+    assert measured(was, leaf("answer.json", b'{"figures": []}'))
+
+
+def test_paths_and_checksums_are_no_words() -> None:
+    one = from_lines([("", "wrote /tmp/a1/out/model.c 0123456789abcdef0123 in 3.2 s so far")])
+    two = from_lines([("", "wrote /tmp/b2/x/model.c fedcba98765432100123 in 4.7 s so far")])
+    assert one.words == two.words
+    assert differences(kept(one), two) == []
