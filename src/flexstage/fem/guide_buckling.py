@@ -60,10 +60,10 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
     model = plane_model(_rig(stage, body), settings, modes=1)
-    half = model.problems[0]
+    problem = model.problems[0]
     drive = model.system.drive("press")
-    u = half.basis @ np.linalg.solve(model.system.K, drive.vector)
-    found = buckling(half.continuum, u)
+    u = problem.basis @ np.linalg.solve(model.system.K, drive.vector)
+    found = buckling(problem.continuum, u)
     if not found.positive.size:
         raise ModelError(f"the bar '{body}' does not buckle under an axial load")
     return 0.5 * float(found.positive[0])

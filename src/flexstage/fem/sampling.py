@@ -202,12 +202,12 @@ class Sampler:
         cells = self._cells
         total = np.zeros((cells.below.size, 3))
         parts = np.zeros((cells.below.size, 6)) if stress else None
-        for half, u in self.model.displacement(q):
-            if not (half.basis @ q).any():
+        for problem, u in self.model.displacement(q):
+            if not (problem.basis @ q).any():
                 continue
-            total += self._displacement(half, u)
+            total += self._displacement(problem, u)
             if parts is not None:
-                parts += self._stress(half, q)
+                parts += self._stress(problem, q)
         return Sample(
             points=cells.points,
             cells=cells.cells,
@@ -235,23 +235,23 @@ class Sampler:
         worst = int(np.argmax(equivalent))
         return points.position[own[first[worst]]], float(equivalent[worst])
 
-    def _displacement(self, half: UncoupledProblem, u: ng.GridFunction) -> Array:
+    def _displacement(self, problem: UncoupledProblem, u: ng.GridFunction) -> Array:
         found = self._evaluate(u)
         if found.shape[1] == 2:
             found = np.column_stack((found, np.zeros(found.shape[0])))
         if not self.solid:
             return found
         # symmetric about the middle plane, or the opposite
-        mirror = (1.0, 1.0, -1.0) if not half.out_of_plane else (-1.0, -1.0, 1.0)
+        mirror = (1.0, 1.0, -1.0) if not problem.out_of_plane else (-1.0, -1.0, 1.0)
         return np.concatenate((found, found * mirror))
 
-    def _stress(self, half: UncoupledProblem, q: Array) -> Array:
-        tensor = half.continuum.stress(half.basis @ q)
+    def _stress(self, problem: UncoupledProblem, q: Array) -> Array:
+        tensor = problem.continuum.stress(problem.basis @ q)
         six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
         found = self._evaluate(six, inside=True)
         if not self.solid:
             return found
-        mirror = np.where(half.out_of_plane == _ODD, 1.0, -1.0)
+        mirror = np.where(problem.out_of_plane == _ODD, 1.0, -1.0)
         return np.concatenate((found, found * mirror))
 
     def _evaluate(self, function: ng.CoefficientFunction, *, inside: bool = False) -> Array:

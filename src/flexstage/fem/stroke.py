@@ -100,8 +100,8 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     """
     if steps < 3:
         raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
-    stage, half = model.stage, model.problems[0]
-    continuum = half.continuum
+    stage, problem = model.stage, model.problems[0]
+    continuum = problem.continuum
     row = _drive_row(model, axis.drive)
     probe = stage.probe(axis.probe)
     platform = body_motion(continuum, stage, probe.body, probe.at)
@@ -114,9 +114,9 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     moved = np.concatenate((np.zeros((1, 3)), path.displacement @ platform.T))
     c, s = np.cos(probe.direction), np.sin(probe.direction)
     progress.update("stiffening", 0.7)
-    frequency = _frequency_at(model, half, axis, path.displacement[-1])
+    frequency = _frequency_at(model, problem, axis, path.displacement[-1])
     progress.update("buckling", 0.85)
-    found = buckling(continuum, half.basis @ axis.static.q, locked=row)
+    found = buckling(continuum, problem.basis @ axis.static.q, locked=row)
     factor = float(found.positive[0]) if found.positive.size else np.inf
     continuum.release()
     return FiniteStroke(
@@ -139,14 +139,16 @@ def _drive_row(model: StageModel, name: str) -> Array:
     return drive_vector(model.problems[0].continuum, stage, drive, touched, supports)
 
 
-def _frequency_at(model: StageModel, half: UncoupledProblem, axis: AxisAnalysis, u: Array) -> float:
+def _frequency_at(
+    model: StageModel, problem: UncoupledProblem, axis: AxisAnalysis, u: Array
+) -> float:
     """Frequency of the mode at a loaded state that moves the axis most."""
     stage = model.stage
     probe = stage.probe(axis.probe)
     drive = _drive_row(model, axis.drive)
-    motion = body_motion(half.continuum, stage, probe.body, probe.at)
+    motion = body_motion(problem.continuum, stage, probe.body, probe.at)
     read = np.cos(probe.direction) * motion[0] + np.sin(probe.direction) * motion[1]
-    omega, shapes = stress_stiffening(half.continuum, u, 4)
+    omega, shapes = stress_stiffening(problem.continuum, u, 4)
     gain = np.abs((read @ shapes) * (drive @ shapes)) / omega**2
     return float(omega[int(np.argmax(gain))] / (2.0 * np.pi))
 

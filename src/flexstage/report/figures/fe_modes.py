@@ -33,9 +33,9 @@ def out_of_plane(model: "StageModel", q: Array) -> bool:
 
     `q` are the coordinates of the model, shape (r,).
     """
-    # the coordinates of the two halves do not mix, and have unit mass
-    energy = [float((q[half.basis.any(axis=0)] ** 2).sum()) for half in model.problems]
-    out = sum(e for e, half in zip(energy, model.problems, strict=True) if half.out_of_plane)
+    # the coordinates of the two problems do not mix, and have unit mass
+    energy = [float((q[problem.basis.any(axis=0)] ** 2).sum()) for problem in model.problems]
+    out = sum(e for e, problem in zip(energy, model.problems, strict=True) if problem.out_of_plane)
     return out > 0.5 * sum(energy)
 
 
