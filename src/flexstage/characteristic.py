@@ -1,10 +1,10 @@
 """The table that an engineer quotes: a quantity, its axis, where it comes from, its value."""
 
-import difflib
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, fields
 
+from flexstage.choose import nearest
 from flexstage.errors import ModelError
 
 #: Quantities and the unit that their values are in: SI, but for the frequency, which says so.
@@ -194,8 +194,8 @@ class Characteristics(tuple[Characteristic, ...]):
         """Say what was probably meant by a quantity and an axis that no row has."""
         quantities = dict.fromkeys(row.quantity for row in self)
         if quantity not in quantities:
-            near = difflib.get_close_matches(quantity, quantities, n=1)
-            return f": did you mean '{near[0]}'?" if near else _choices(quantities)
+            near = nearest(quantity, quantities)
+            return f": did you mean '{near}'?" if near else _choices(quantities)
         rows = self.select(quantity)
         axes = dict.fromkeys(row.axis for row in rows)
         if axis not in axes:

@@ -1,9 +1,9 @@
 """Materials that stages are cut from, each figure with where it comes from."""
 
-import difflib
 from dataclasses import dataclass
 from typing import Annotated
 
+from flexstage.choose import nearest
 from flexstage.errors import StageError
 from flexstage.units import DIMENSIONS
 
@@ -192,8 +192,8 @@ def material(name: str) -> Material:
     by_key = {key.casefold(): entry for key, entry in CATALOGUE.items()}
     entry = by_key.get(name.casefold())
     if entry is None:
-        near = difflib.get_close_matches(name.casefold(), by_key, n=1, cutoff=0.3)
-        hint = f" (did you mean '{by_key[near[0]].name}'?)" if near else ""
+        near = nearest(name, (m.name for m in CATALOGUE.values()), 0.3)
+        hint = f" (did you mean '{near}'?)" if near else ""
         raise StageError(
             f"no material '{name}' in the catalogue{hint}: it has "
             f"{', '.join(CATALOGUE)}; or write the material out with its own figures"

@@ -8,7 +8,6 @@ Hertz is never converted to rad/s here: a units library treats the radian as the
 would say that 339 Hz is 339 rad/s.
 """
 
-import difflib
 import math
 import re
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from decimal import Context, Decimal
 from functools import lru_cache
 from typing import Annotated, Any
 
+from flexstage.choose import did_you_mean
 from flexstage.errors import UnitError
 
 
@@ -163,8 +163,7 @@ def _factor(unit: str, dimension: str) -> Decimal:
     try:
         quantity = _registry().Quantity(Decimal(1), spelled)
     except Exception as error:  # pint raises tokenizer, attribute and assertion errors alike
-        near = difflib.get_close_matches(unit, known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(unit, known)
         raise UnitError(f"unknown unit '{unit}': expected {allowed}{hint}") from error
     angles = ("rad", "deg", "arc", "turn", "rev", "grad", "cycle", "rpm")
     is_angle = any(word in spelled.lower() for word in angles)

@@ -1,12 +1,12 @@
 """`flexstage hinges`: the stiffness of a notch profile by every method, and how far it may turn."""
 
 import dataclasses
-import difflib
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flexstage.choose import did_you_mean
 from flexstage.cli.options import JsonOption, PlaneOption, positive_length
 from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import HingeError
@@ -75,8 +75,7 @@ def hinges(
         given["radius"] = "1 mm"
     notch = _profile(profile, neck, given, one_sided=one_sided)
     if plane not in ("auto", "stress", "strain"):
-        near = difflib.get_close_matches(plane, ("auto", "stress", "strain"), n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(plane, ("auto", "stress", "strain"))
         raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
     result = hinge_figures(
         notch, find_material(material), positive_length(width, "the width"), plane

@@ -5,7 +5,6 @@ field that is annotated with a dimension takes a text with a unit.
 """
 
 import dataclasses
-import difflib
 import math
 import types
 import typing
@@ -13,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any, TypeVar
 
+from flexstage.choose import did_you_mean
 from flexstage.errors import StageError, UnitError
 from flexstage.material import Material, material
 from flexstage.units import Dimension, parse
@@ -144,8 +144,7 @@ def _mapping(given: object, path: str) -> Mapping[str, object]:
 
 def _unknown(noun: str, what: str, name: str, known: Iterable[str]) -> str:
     names = sorted(known)
-    near = difflib.get_close_matches(name[:100], names, n=1, cutoff=0.4)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
+    hint = did_you_mean(name, names, 0.4)
     return f"unknown {noun} '{what[:100]}' (there are: {', '.join(names)}){hint}"
 
 

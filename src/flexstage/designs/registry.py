@@ -1,6 +1,5 @@
 """Stages by name: those that are built in, and the families that stage files build from."""
 
-import difflib
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -8,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from flexstage.choose import did_you_mean, nearest
 from flexstage.designs import nested_xy, parallelogram, vgtu_mechanical, vgtu_piezo
 from flexstage.designs.from_text import parameters_from_text
 from flexstage.errors import StageError
@@ -161,8 +161,7 @@ def _known(noun: str, name: str, names: Iterable[str]) -> str:
     wanted = name.strip().casefold()
     if wanted in set(names):
         return wanted
-    near = difflib.get_close_matches(wanted[:100], list(names), n=1, cutoff=0.3)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
+    hint = did_you_mean(wanted, names, 0.3)
     have = ", ".join(names)
     raise StageError(f"there is no {noun} '{name[:60]}' (there are: {have}){hint}")
 
@@ -197,10 +196,9 @@ def find_stage(source: str | os.PathLike[str]) -> Stage:
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
         beside = _files_beside(path)
-        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
-        near = [str(path.with_name(near[0]))] if near else near
-        near = near or difflib.get_close_matches(text.casefold(), DESIGNS, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"the designs are {', '.join(DESIGNS)}"
+        file = nearest(path.name, beside, 0.7)
+        near = str(path.with_name(file)) if file else nearest(text, DESIGNS, 0.4)
+        hint = f"did you mean '{near}'?" if near else f"the designs are {', '.join(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     from flexstage.stage.file import read_stage
 

@@ -1,7 +1,6 @@
 """Profiles by the name that files and the command line call them by."""
 
-import difflib
-
+from flexstage.choose import unknown
 from flexstage.errors import HingeError
 from flexstage.hinges.circular import RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
@@ -38,7 +37,5 @@ def profile_class(kind: str) -> type[Profile]:
     'Leaf'
     """
     if kind not in PROFILES:
-        near = difflib.get_close_matches(kind.casefold(), PROFILES, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise HingeError(f"unknown profile '{kind}': expected one of {', '.join(PROFILES)}{hint}")
+        raise HingeError(unknown("profile", kind, PROFILES))
     return PROFILES[kind]

@@ -1,11 +1,11 @@
 """A notch, by every method."""
 
-import difflib
 import typing
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
+from flexstage.choose import nearest
 from flexstage.errors import HingeError
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_figures import hinge_figures
@@ -43,8 +43,8 @@ class HingeResult:
         known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
         methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
         if method not in methods:
-            near = difflib.get_close_matches(method, methods, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(methods)}"
+            near = nearest(method, methods)
+            hint = f"did you mean '{near}'?" if near else f"choose from {', '.join(methods)}"
             if not methods:
                 hint = "the quantities are axial, shear and rotation"
             raise HingeError(f"there is no {quantity} stiffness by '{method}': {hint}")

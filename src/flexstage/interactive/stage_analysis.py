@@ -1,12 +1,12 @@
 """A stage analysed by one model."""
 
-import difflib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from flexstage.characteristic import Characteristics
+from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table
 from flexstage.interactive.stages import stage_of
@@ -159,11 +159,9 @@ def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
     if mesh is not None:
         draw["modes"] = lambda _: draw_fe_modes(mesh, analysis)
     if kind not in draw:
-        near = difflib.get_close_matches(kind, draw, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
         raise ModelError(
             f"the {analysis.system.model} model has no plot '{kind}': choose from "
-            f"{', '.join(draw)}{hint}"
+            f"{', '.join(draw)}{did_you_mean(kind, draw)}"
         )
     if axis is None and not analysis.axes:
         raise ModelError("the stage names no axis, so there is nothing to draw: add 'axes' to it")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from flexstage.choose import nearest, unknown
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.plans.excite import EXCITATIONS
 from flexstage.plans.plan import Defaults, Plan, SensorEntry, Step, problems
@@ -68,8 +69,6 @@ def find_plan(text: str) -> Path:
     PlanError
         There is neither.
     """
-    import difflib
-
     ready = ready_plans()
     if text.casefold() in ready:
         return ready[text.casefold()]
@@ -79,8 +78,8 @@ def find_plan(text: str) -> Path:
     except OSError:  # a name that is too long for any file
         found = False
     if not found:
-        near = difflib.get_close_matches(text.casefold(), ready, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"the plans are {', '.join(ready)}"
+        near = nearest(text, ready, 0.4)
+        hint = f"did you mean '{near}'?" if near else f"the plans are {', '.join(ready)}"
         raise PlanError(f"no ready plan and no file is called '{text[:200]}': {hint}")
     return path
 
@@ -205,18 +204,12 @@ def _step(decoder: Decoder, node: Node, path: str) -> Step:
 
 
 def _excitation(decoder: Decoder, node: MappingNode, path: str) -> Any:
-    import difflib
-
     listed = ", ".join(EXCITATIONS)
     if "kind" not in node.items:
         decoder.refuse(node, path, f"'kind' is missing (one of {listed})")
     place = node.items["kind"]
     kind = place.text if isinstance(place, Scalar) else ""
     if kind not in EXCITATIONS:
-        near = difflib.get_close_matches(kind, EXCITATIONS, n=1, cutoff=0.4)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        decoder.refuse(
-            place, f"{path}.kind", f"unknown kind '{kind[:60]}': expected one of {listed}{hint}"
-        )
+        decoder.refuse(place, f"{path}.kind", unknown("kind", kind, EXCITATIONS, 0.4))
     rest = {key: value for key, value in node.items.items() if key != "kind"}
     return decoder.build(EXCITATIONS[kind], MappingNode(node.line, rest, node.key_lines), path)

@@ -1,6 +1,5 @@
 """Turns the nodes of a stage file into descriptions, as the types of the fields say."""
 
-import difflib
 import math
 import typing
 from collections.abc import Callable
@@ -8,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn
 
 from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError, StageError
 from flexstage.material import Material, material
 from flexstage.stage.field_types import (
@@ -123,8 +123,7 @@ class Decoder:
         """
         for key, value in node.items.items():
             if key not in known:
-                near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
+                hint = did_you_mean(key, known, 0.5)
                 place = Scalar(node.key_lines.get(key, value.line), key, key)
                 self.refuse(
                     place, path, f"unknown key '{key[:60]}' (known: {', '.join(known)}){hint}"
@@ -137,13 +136,8 @@ class Decoder:
             self.refuse(node, path, f"'kind' is missing (one of {listed})")
         name = self._text(node.items["kind"], f"{path}.kind")
         if name not in members:
-            near = difflib.get_close_matches(name, members, n=1, cutoff=0.4)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            self.refuse(
-                node.items["kind"],
-                f"{path}.kind",
-                f"unknown kind '{name[:60]}': expected one of {listed}{hint}",
-            )
+            sentence = unknown("kind", name, sorted(members), 0.4)
+            self.refuse(node.items["kind"], f"{path}.kind", sentence)
         return members[name]
 
     def _mapping(self, node: Node, path: str) -> Mapping:
@@ -288,14 +282,8 @@ class Decoder:
         quantity = entry.items.get("quantity")
         name = self._text(quantity, f"{path}.quantity") if quantity else ""
         if quantity is not None and name not in QUANTITIES:
-            near = difflib.get_close_matches(name, QUANTITIES, n=1, cutoff=0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            known = ", ".join(QUANTITIES)
-            self.refuse(
-                quantity,
-                f"{path}.quantity",
-                f"unknown quantity '{name[:60]}': expected one of {known}{hint}",
-            )
+            sentence = unknown("quantity", name, QUANTITIES, 0.5)
+            self.refuse(quantity, f"{path}.quantity", sentence)
         unit = QUANTITIES.get(name, "1")
         given: dict[str, Any] = {"unit": unit}
         for key in ("value", "uncertainty"):

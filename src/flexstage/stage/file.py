@@ -4,7 +4,6 @@ A file begins with ``flexstage: 1``, the version of the format. It either spells
 names a parametric design. ``length_unit: mm`` at the top gives lengths without a unit one.
 """
 
-import difflib
 import os
 import re
 import tempfile
@@ -12,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, StageError
 from flexstage.stage.decoder import Decoder
 from flexstage.stage.encoder import Number, encode
@@ -206,8 +206,7 @@ def _length_unit(decoder: Decoder, root: MappingNode) -> str | None:
     name = node.text if isinstance(node, Scalar) else ""
     units = DIMENSIONS["length"].units
     if name not in units:
-        near = difflib.get_close_matches(name, units, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(name, units)
         decoder.refuse(
             node, "length_unit", f"expected one of {', '.join(units)}, got '{name[:40]}'{hint}"
         )

@@ -1,12 +1,12 @@
 """The description of a stage: bodies, hinges, drives, probes, material, thickness. No physics."""
 
-import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, TypeVar
 
 from flexstage.characteristic import Characteristic
+from flexstage.choose import did_you_mean
 from flexstage.errors import StageError
 from flexstage.hinges import Profile
 from flexstage.material import Material
@@ -305,8 +305,7 @@ def _unique(noun: str, things: tuple) -> set[str]:
 
 def _known(who: str, noun: str, name: str, names: set[str]) -> None:
     if name not in names:
-        near = difflib.get_close_matches(name, sorted(names), n=1, cutoff=0.3)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(name, names, 0.3)
         have = ", ".join(sorted(names)[:12]) or "none"
         raise StageError(
             f"{who} names the {noun} '{name}', which does not exist (there are: {have}){hint}"

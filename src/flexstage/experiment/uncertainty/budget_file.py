@@ -1,6 +1,5 @@
 """Reads an uncertainty budget from a file: an equation, its influences and their correlations."""
 
-import difflib
 import math
 import re
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal, NoReturn, cast
 
+from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, RecordError, UnitError
 from flexstage.experiment.uncertainty.expression import Expression
 from flexstage.experiment.uncertainty.influence import Influence
@@ -193,8 +193,7 @@ class _Reader:
         have = [i.name for i in influences]
         for name in equation.names:
             if name not in have:
-                near = difflib.get_close_matches(name, have, n=1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
+                hint = did_you_mean(name, have)
                 self.refuse(line, f"the equation names '{name}', which is no influence{hint}")
         unused = [name for name in have if name not in equation.names]
         if unused:
@@ -268,8 +267,7 @@ class _Reader:
     def known(self, node: Mapping, keys: tuple[str, ...], what: str) -> None:
         for key, line in node.key_lines.items():
             if key not in keys:
-                near = difflib.get_close_matches(key, keys, n=1)
-                hint = f"; did you mean '{near[0]}'?" if near else ""
+                hint = did_you_mean(key, keys)
                 self.refuse(line, f"a {what} has no '{key[:40]}': it has {', '.join(keys)}{hint}")
 
     def sequence(self, node: Mapping, key: str) -> list[Node]:
