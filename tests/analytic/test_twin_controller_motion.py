@@ -12,7 +12,7 @@ from flexstage.instruments.protocol import Capability
 from flexstage.instruments.servo import Notch, ServoSettings
 from flexstage.instruments.twin.axis_state import Ramp
 from flexstage.instruments.twin.controller import VirtualController
-from flexstage.instruments.twin.device import Device, Refusal, RefusedError
+from flexstage.instruments.twin.device import Refusal, RefusedError
 from tests.simple_stage import ACROSS, GAIN, PIEZO, RANGE, SCREW, STEP, SimpleStage
 
 T = 1e-4  # a sample of the loop [s]
@@ -71,14 +71,13 @@ def test_a_held_value_has_no_way_to_go() -> None:
 
 
 def test_switched_on_it_stands_in_open_loop_and_has_a_reading(device: VirtualController) -> None:
-    typed: Device = device
-    assert typed.now == 0.0
-    assert [typed.servo_on(a) for a in typed.axes] == [False, False]
-    assert typed.position("2") == typed.voltage("2") == typed.command("2") == 0.0
-    assert typed.on_target("1")
-    assert not typed.moving("1")
-    assert typed.identity.simulated
-    one = typed.axes["2"]
+    assert device.now == 0.0
+    assert [device.servo_on(a) for a in device.axes] == [False, False]
+    assert device.position("2") == device.voltage("2") == device.command("2") == 0.0
+    assert device.on_target("1")
+    assert not device.moving("1")
+    assert device.identity.simulated
+    one = device.axes["2"]
     assert (one.stage_axis, one.kind, one.limits) == ("y", "piezo", PIEZO)
     assert Capability.FEEDFORWARD_TABLE in one.capabilities
 

@@ -70,8 +70,8 @@ def test_a_command_loads_what_it_uses(
 
 
 def test_a_module_does_not_hide_a_function_of_its_name() -> None:
-    module = importlib.import_module("flexstage.report.measurement")
-    assert flexstage.report.measurement is module.measurement
+    module = importlib.import_module("flexstage.system.modes")
+    assert flexstage.system.modes is module.modes
 
 
 def test_a_package_says_what_it_lacks() -> None:

@@ -64,7 +64,7 @@ def conditioning_waveform(
     """Return voltages that bring drives to a known state of their memory.
 
     Whole cycles over the range of each, all axes in step, then a short way from the low end to the
-    first voltage of what follows.
+    first voltage of what follows. Where neither is given, an axis starts, and ends, at its low end.
 
     Examples
     --------
@@ -210,7 +210,7 @@ def compensate(
 
 
 def shifted_model(model: DriveModel, by: float) -> DriveModel:
-    """Return a drive whose sensor reads more by a constant, as one whose zero has moved."""
+    """Return a drive whose sensor reads more by a constant [unit of output]: its zero has moved."""
     return replace(model, offset=model.offset + by)
 
 

@@ -35,7 +35,12 @@ _UNSEEN = 6.0
 def mean_error(
     record: Record, column: str | int, reference: Trajectory, axis: str, periods: int, lag: float
 ) -> tuple[Array, Complex]:
-    """Return the mean error of the last periods of a record, and its noise by harmonic."""
+    """Return the mean error of the last periods of a record, and its noise by harmonic.
+
+    Reference less reading at the samples of the reference [m], shape (n,), and the standard
+    deviation of each harmonic, as `numpy.fft.rfft` counts them [m], shape (n // 2 + 1). Time 0 of
+    the record is the first sample of a period; the reading is late by `lag` [s].
+    """
     rate = record.sample_rate_hz
     count = reference.period * rate
     size = round(count)
@@ -68,7 +73,11 @@ def mean_error(
 
 
 class AxisLearner:
-    """What one axis has learned so far."""
+    """What one axis has learned so far.
+
+    The model is that of the drive, or the response of the reading to what is learned. With a servo
+    the learned voltages are added to its own; open loop where there is none.
+    """
 
     def __init__(
         self,
@@ -180,7 +189,10 @@ class AxisLearner:
         self.gain[at] = 0.5 * (self.gain[at] + seen[likely])
 
     def next(self) -> Array:
-        """Return what is tried next, from the best so far."""
+        """Return what is tried next, from the best so far: one period [V, or m].
+
+        `LimitError` where it would be faster than the axis allows.
+        """
         if self.reason or self.good_error is None:
             self.values, self.x = self.good_values, self.good_x
             return self.values

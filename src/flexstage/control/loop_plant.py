@@ -122,7 +122,11 @@ def _step_response(modes: StageModes | None, time_constant: float) -> tuple[Comp
 
 
 def local_gains(model: DriveModel, swing: float = 1.0) -> tuple[float, float, float]:
-    """Return the slopes of the loop of a drive over its range."""
+    """Return mean, least and largest slope of the loop of a drive [unit of output over input].
+
+    The loop runs over a share of the range, the swing, about its middle. The least slope is that
+    after a turn, where a control that trembles on the spot works.
+    """
     if model.validity is None:
         raise ModelError("the slope of a drive is looked at over its range: give it a validity")
     low, high = model.validity.input_range
@@ -160,7 +164,14 @@ def loop_plant(
     delay: float | None = None,
     creep: bool = True,
 ) -> LoopPlant:
-    """Return what a control sees of an identified drive."""
+    """Return what a control sees of an identified drive: voltage [V] to reading [m], rising.
+
+    The delay is that from a voltage that is worked out to the reading that the control works with
+    [s], without the standing still of the voltage. Where not given, it is that of the model, less
+    the half sample that a held voltage is late on the average and that is reckoned with apart, and
+    one sample more, for the conversion of the reading. Creep raises the largest gain, by what it
+    adds within a tenth of a second.
+    """
     if model.sign < 0.0:
         raise ModelError(
             "the reading falls where the voltage rises: turn the sign of the reading, or of the "

@@ -37,7 +37,7 @@ class Margins:
 
 
 def loop_frequencies(plant: LoopPlant, settings: ServoSettings | None = None) -> Array:
-    """Return frequencies at which a loop is to be looked at, dense about modes and notches."""
+    """Return frequencies up to half the rate, dense about modes and notches, to look at a loop."""
     half = 0.5 * plant.sample_rate_hz
     parts = [np.geomspace(_LOWEST * half, half, _POINTS)]
     peaks: list[tuple[float, float]] = []

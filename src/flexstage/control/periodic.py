@@ -18,7 +18,7 @@ _MOST_PERIODS = 40
 
 
 def chain_response(model: DriveModel, frequency_hz: ArrayLike, *, creep: bool = True) -> Complex:
-    """Return the frequency response of what follows the hysteresis of a drive."""
+    """Return the response [1] of reading over displacement: creep, modes and lag of a drive."""
     f = np.asarray(frequency_hz, dtype=np.float64)
     total = np.full(f.shape, model.sign, dtype=np.complex128)
     for element in (model.creep if creep else None, model.modes, model.lag):
@@ -28,7 +28,7 @@ def chain_response(model: DriveModel, frequency_hz: ArrayLike, *, creep: bool = 
 
 
 def delayed(trajectory: Trajectory, delay: float) -> Trajectory:
-    """Return a trajectory that comes later, by any part of a sample."""
+    """Return a trajectory later by a delay [s], any part of a sample; earlier below 0."""
     n = trajectory.size
     turn = np.exp(-2j * np.pi * np.fft.rfftfreq(n, 1.0 / trajectory.sample_rate_hz) * delay)
     moved = {a: np.asarray(np.fft.irfft(np.fft.rfft(x) * turn, n), dtype=np.float64)
@@ -45,7 +45,11 @@ def steady_displacement(
     creep: bool = True,
     band_hz: float | None = None,
 ) -> Array:
-    """Return what the hysteresis must give for a reading that repeats."""
+    """Return what the hysteresis must give for a reading that repeats, each of one period.
+
+    Harmonics above the band, 0.4 of the sample rate where not given, are left out. Creep is undone
+    as if it had repeated for long.
+    """
     y = np.asarray(reading, dtype=np.float64) - model.offset
     f = np.fft.rfftfreq(y.size, 1.0 / sample_rate_hz)
     highest = _HIGHEST * sample_rate_hz if band_hz is None else band_hz
@@ -73,6 +77,7 @@ def steady_input(
 ) -> tuple[Array, int]:
     """Return the input for which the hysteresis gives an output that repeats.
 
+    Beside it, how many samples were out of reach and led back to what the drive reaches.
     The inverse is run over the same period until what it remembers is the same at the beginning
     of each: three periods for models whose memory is wiped out, some more for those that forget.
     """

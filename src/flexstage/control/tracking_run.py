@@ -38,7 +38,7 @@ class RunTracking:
     """Mean of the error that was taken off, where that was asked for [m]."""
 
     def reduction_percent(self, open_loop: "RunTracking") -> float:
-        """Return by how much the loop is narrower than another one."""
+        """Return by how much the loop is narrower than that of a run without compensation [%]."""
         return 100.0 * (1.0 - self.whole.loop_width / open_loop.whole.loop_width)
 
 
@@ -53,6 +53,10 @@ def evaluate_run(
     free_offset: bool = False,
 ) -> RunTracking:
     """Compare whole periods of an output with a trajectory.
+
+    The first sample of the output [m] is that of the trajectory; a last part of a period is left
+    out, and so are the first periods to `skip`. The output is known to be recorded late by `lag`
+    [s]. With a free offset a constant error is taken off: for open loop, whose offset is arbitrary.
 
     Examples
     --------
@@ -154,7 +158,7 @@ def evaluate_record(
 
 
 def at_times(trajectory: Trajectory, axis: str, time: Array) -> Array:
-    """Return the positions of a trajectory at any times."""
+    """Return the positions of a trajectory that repeats at any times, by a cubic spline [m]."""
     from scipy.interpolate import CubicSpline
 
     x = np.asarray(trajectory.positions[axis], dtype=np.float64)

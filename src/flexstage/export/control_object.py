@@ -99,20 +99,9 @@ def state_names(model: DynamicModel) -> tuple[str, ...]:
 def control_system(model: DynamicModel | MechanicalSystem) -> "control.StateSpace":
     """Return a stage as an object of the python-control library.
 
-    Parameters
-    ----------
-    model : DynamicModel or MechanicalSystem
-        A model, of which the `linear_part` is taken, or a system with its drives in place.
-
-    Returns
-    -------
-    control.StateSpace
-        From the free displacements of the drives [m], or forces [N], to the readings, with names.
-
-    Raises
-    ------
-    ModelError
-        python-control is not installed.
+    Of a dynamic model the `linear_part` is taken, of a system the drives are in place. It goes from
+    the free displacements of the drives [m], or forces [N], to the readings, with names, and needs
+    python-control.
 
     Notes
     -----

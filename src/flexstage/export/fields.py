@@ -51,44 +51,21 @@ def field_files(
 ) -> dict[str, bytes]:
     """Return statics and modes of a model as files of the Visualization Toolkit.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    analysis : Analysis
-        Its analysis by any model.
-    mesh : StageModel, optional
-        The finite elements behind the analysis. Where not given, bodies are drawn as rigid ones,
-        as the lumped model has them, and as the condensed bodies move on the whole.
-    drives : str
-        Condition of the drives for the modes.
-    frames : int, optional
-        Pictures in one period of each mode: 0 for none, else 2 to 360. Where not given, 12, but
-        none of a mesh, whose files are large.
-    animated : int
-        Number of the lowest modes that are animated.
-    largest : float
-        Largest motion that is drawn in an animation, as part of the diagonal of the stage [1].
-    divisions : int, optional
-        Parts of each edge of a finite element; see `flexstage.fem.vtu.vtu_files`.
+    ``static-AXIS.vtu``: each axis at full stroke, with ``displacement`` [m] and, of rigid bodies,
+    ``hinge_stress`` [Pa], the largest of each hinge in all cells of its notch. ``mode-NN.vtu``:
+    ``displacement`` as part of the largest [1], its frequency as field data ``frequency_hz``;
+    ``modes.pvd`` opens them all, with the number of the mode as time. ``mode-NN-period.pvd`` with
+    its ``mode-NN-frame-KK.vtu``: one period of the mode, with the part of the period as time;
+    points are moved already, by `largest` at most, which can let bodies seem to run into each
+    other. Every cell has its ``region`` and its ``body``, numbers whose names stand in
+    ``regions.csv``. Points are in metres.
 
-    Returns
-    -------
-    dict of str to bytes
-        Content by file name. ``static-AXIS.vtu``: each axis at full stroke, with ``displacement``
-        [m] and, of rigid bodies, ``hinge_stress`` [Pa], the largest of each hinge in all cells of
-        its notch. ``mode-NN.vtu``: ``displacement`` as part of the largest [1], its frequency as
-        field data ``frequency_hz``; ``modes.pvd`` opens them all, with the number of the mode as
-        time. ``mode-NN-period.pvd`` with its ``mode-NN-frame-KK.vtu``: one period of the mode, with
-        the part of the period as time; points are moved already, by `largest` at most, which can
-        let bodies seem to run into each other. Every cell has its ``region`` and its ``body``,
-        numbers whose names stand in ``regions.csv``. Points are in metres.
-
-    Raises
-    ------
-    ModelError
-        The analysis has no modes in that condition of the drives, the mesh is of another model, or
-        a number is out of its range.
+    The mesh is that of the finite elements behind the analysis. Where not given, bodies are drawn
+    as rigid ones, as the lumped model has them, and as the condensed bodies move on the whole.
+    `frames` are pictures in one period of each of the `animated` lowest modes, 0 for none, else 2
+    to 360; where not given, 12, but none of a mesh, whose files are large. `largest` is the largest
+    motion that is drawn, as part of the diagonal of the stage [1]; `divisions` are parts of each
+    edge of a finite element, as in `flexstage.fem.vtu.vtu_files`.
 
     Notes
     -----

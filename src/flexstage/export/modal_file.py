@@ -43,35 +43,14 @@ def universal_files(
 ) -> dict[str, bytes]:
     """Return modes and frequency responses of a stage as universal files.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        A model of it.
-    drives : str
-        Condition of the drives: ``removed``, ``in place``, or ``locked``, which has no responses.
-    count : int
-        Number of modes.
-    frequency_hz : array_like, optional
-        Frequencies of the responses [Hz], shape (k,); about the lowest modes where not given. They
-        are rounded to the six digits that the format has for them before the responses are found,
-        so that each value belongs to its frequency as it is written.
-    time_stamp : str
-        Date and time of the heading, ISO 8601; the same for every file where not given.
+    ``NAME-modes.uff``: points, outlines and modes (see `modal_file`). ``NAME-frf.uff``: the
+    response of each probe of the stage to each drive (see `frf_file`), none with drives ``locked``.
+    ``NAME-points.csv``: what each point is.
 
-    Returns
-    -------
-    dict of str to bytes
-        ``NAME-modes.uff``: points, outlines and modes (see `modal_file`); ``NAME-frf.uff``: the
-        response of each probe of the stage to each drive (see `frf_file`); ``NAME-points.csv``:
-        what each point is.
-
-    Raises
-    ------
-    ModelError
-        There is no such condition of the drives, fewer than one mode or two frequencies are asked
-        for, or the time stamp is none.
+    Frequencies [Hz] lie about the lowest modes where not given. They are rounded to the six digits
+    that the format has for them before the responses are found, so that each value belongs to its
+    frequency as it is written. The time stamp of the heading (ISO 8601) is the same for every file
+    where not given.
 
     Examples
     --------

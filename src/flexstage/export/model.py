@@ -134,23 +134,7 @@ class DynamicModel:
     __repr__ = short_repr
 
     def drive(self, name: str) -> ModelDrive:
-        """Return a drive by name.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        ModelDrive
-            The drive.
-
-        Raises
-        ------
-        ModelError
-            There is no such drive.
-        """
+        """Return a drive by name."""
         for drive in self.drives:
             if drive.name == name:
                 return drive
@@ -159,15 +143,7 @@ class DynamicModel:
     def settled(self, commands: Mapping[str, float] | None = None) -> ModelMemory:
         """Return the memory after commands went from zero to a value and stayed there.
 
-        Parameters
-        ----------
-        commands : Mapping, optional
-            Command of drives [V, m or N]; zero for those that are not named.
-
-        Returns
-        -------
-        ModelMemory
-            The memory.
+        Commands are by drive [V, m or N]; zero for those that are not named.
         """
         given = dict(commands or {})
         for name in given:
@@ -202,23 +178,9 @@ class DynamicModel:
     ) -> tuple[dict[str, Array], ModelMemory]:
         """Return the readings under sequences of commands.
 
-        Parameters
-        ----------
-        commands : Mapping
-            Command of each drive [V, m or N], shape (n,).
-        memory : ModelMemory, optional
-            Memory one step before the first sample; settled at the first where not given.
-
-        Returns
-        -------
-        dict and ModelMemory
-            Readings by probe, shape (n,), through the sensors of those that have one; and the
-            memory at the last sample.
-
-        Raises
-        ------
-        ModelError
-            A drive has no sequence, or they differ in length or are not finite.
+        Every drive has a command [V, m or N], all of one length. Readings by probe are through the
+        sensors of those that have one; the memory is that at the last sample. It begins one step
+        before the first sample, settled at the first where not given.
         """
         given = {d.name: self._sequence(d, commands) for d in self.drives}
         if len({u.size for u in given.values()}) != 1:

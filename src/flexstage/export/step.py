@@ -25,27 +25,10 @@ def step_files(stage: Stage, *, time_stamp: str = NO_TIME) -> dict[str, bytes]:
     Bodies and notches are one solid without seams between them. Arcs are cylinders and straight
     edges planes, exactly; the two sides of each neck are faces named after the hinge.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    time_stamp : str
-        Date and time in the header, ISO 8601; the same for every file where not given, so that
-        the same stage gives the same bytes.
-
-    Returns
-    -------
-    dict of str to bytes
-        ``NAME.step``: ISO 10303-21 text, application protocol 214, in millimetres. The plate lies
-        from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every other
-        file that flexstage writes.
-
-    Raises
-    ------
-    StageError
-        Bodies or notches overlap, or a body falls to pieces.
-    ModelError
-        The time stamp is none.
+    ``NAME.step`` is ISO 10303-21 text, application protocol 214, in millimetres. The plate lies
+    from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every other file
+    that flexstage writes. The time stamp in its header (ISO 8601) is the same for every file where
+    not given, so that the same stage gives the same bytes.
 
     Notes
     -----

@@ -22,9 +22,9 @@ class AxisSetting:
     quantity: Quantity
     """What is commanded."""
     low: float
-    """Ends of the range [V or m]."""
+    """Low end of the range [V or m]."""
     high: float
-    """Ends of the range [V or m]."""
+    """High end of the range [V or m]."""
     largest_rate: float | None = None
     """Largest slew or speed [V/s or m/s]."""
     smallest_step: float | None = None
@@ -50,7 +50,9 @@ def axis_setting(
     limits: AxisLimits | None = None,
     natural_frequency_hz: float | None = None,
 ) -> AxisSetting:
-    """Return what an axis allows.
+    """Return what an axis allows: by an instrument's limits, or else by the stage's own.
+
+    Positions are commanded to a piezo axis in closed loop, and always to a screw.
 
     Examples
     --------

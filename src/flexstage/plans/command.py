@@ -67,11 +67,14 @@ class CommandWaveform:
         return self.waveform.duration * self.cycles
 
     def at(self, axis: str, time: Array) -> Array:
-        """Return the command of an axis at some times."""
+        """Return the command of an axis at times from its first sample [V, or m].
+
+        Before its beginning it is that of the first sample, after its end that of the last.
+        """
         return self._at(self.waveform.values[axis], time)
 
     def reference_at(self, axis: str, time: Array) -> Array:
-        """Return the positions that an axis shall follow."""
+        """Return the positions that an axis shall follow at times from the first sample [m]."""
         return self._at(self.reference[axis], time)
 
     def corner_at(self, time: Array) -> Array:

@@ -32,9 +32,9 @@ class ReferenceTrajectory:
     limits: AxisLimits
     """Of the axis, the voltage no wider than the model allows."""
     settle: int
-    """Periods before those that are evaluated, and these."""
+    """Periods before those that are evaluated."""
     cycles: int
-    """Periods before those that are evaluated, and these."""
+    """Periods that are evaluated."""
 
     @property
     def axis(self) -> str:
@@ -55,7 +55,11 @@ def reference_of(
     *,
     controlled: bool = False,
 ) -> ReferenceTrajectory:
-    """Return the reference for the axis of a model."""
+    """Return the reference for the axis of the model that a step identified.
+
+    A drive is given where the zero of the model has moved since. Where the reference is followed
+    under control too, it keeps within the positions that may be commanded.
+    """
     found = context.identified(model)
     used = found.model if drive is None else drive
     limits = context.instrument.axes[found.axis].limits

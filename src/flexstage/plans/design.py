@@ -48,6 +48,9 @@ def design_command(
 ) -> CommandWaveform | Strike:
     """Return the samples of a command.
 
+    A faster rate is taken for small sines; every rate is a whole part of the base rate, the highest
+    of the instrument [Hz].
+
     Examples
     --------
     >>> x = AxisSetting(axis="x", quantity="voltage", low=0.0, high=120.0)

@@ -77,9 +77,9 @@ class EqualCycles(Excite):
     shape: str = "triangle"
     """``triangle`` or ``cosine``."""
     low: float = 0.0
-    """Ends, as shares of the range [1]."""
+    """Low end, as a share of the range [1]."""
     high: float = 1.0
-    """Ends, as shares of the range [1]."""
+    """High end, as a share of the range [1]."""
     closed_loop: bool = False
     """Whether positions are commanded under control, and not voltages."""
 
@@ -255,9 +255,9 @@ class Corners(Excite):
     travel: Time = 0.2
     """Time from one corner to the next [s]."""
     low: float = 0.0
-    """Ends, as shares of the range [1]."""
+    """Low end, as a share of the range [1]."""
     high: float = 1.0
-    """Ends, as shares of the range [1]."""
+    """High end, as a share of the range [1]."""
 
     def __post_init__(self) -> None:
         self._require(dwell=(TINY, 1e6), travel=(TINY, 1e6))
@@ -282,9 +282,9 @@ class BidirectionalTargets(Excite):
     dwell: Time = 0.2
     """Time on each [s]; longer where the way from one to the next takes long."""
     low: float = 0.05
-    """First and last target, as shares of the range [1]."""
+    """First target, as a share of the range [1]."""
     high: float = 0.95
-    """First and last target, as shares of the range [1]."""
+    """Last target, as a share of the range [1]."""
 
     def __post_init__(self) -> None:
         self._require(dwell=(TINY, 1e6))

@@ -78,7 +78,7 @@ def measured_from(
 
 
 def corner_visits(record: Record, x: str, y: str) -> Record:
-    """Average the readings over each rest at a corner."""
+    """Average the readings of two sensors over each rest at a corner: a row for each visit."""
     from flexstage.records import Channel
 
     number = record.channel("corner").values

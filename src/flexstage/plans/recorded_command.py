@@ -73,7 +73,11 @@ def record_command(
     *,
     feedforward: Waveform | None = None,
 ) -> Path:
-    """Run a command and record it to disk."""
+    """Run a command and record it to disk.
+
+    Samples go to the stream while they come; the file beside it ends in ``.h5``. Where the run
+    fails, what was recorded until then is in the stream.
+    """
     prepare_loops(instrument, command.axes, command.quantity)
     park(instrument, command.axes)
     if Capability.WAVE_GENERATOR not in instrument.capabilities:

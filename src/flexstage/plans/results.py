@@ -51,13 +51,13 @@ class PlanResult:
     serial_number: str = ""
     """Serial number of the stage."""
     operator: str = ""
-    """Who carried it out, and what they said about it."""
+    """Who carried it out."""
     note: str = ""
-    """Who carried it out, and what they said about it."""
+    """What they said about it."""
     started: str
-    """Dates and times, UTC, ISO 8601."""
+    """Date and time of the start, UTC, ISO 8601."""
     finished: str
-    """Dates and times, UTC, ISO 8601."""
+    """Date and time of the end, UTC, ISO 8601."""
     duration: float
     """How long it took [s]."""
     folder: Path

@@ -30,11 +30,11 @@ class RunContext:
     folder: Path
     """Where everything is written."""
     serial_number: str = ""
-    """The stage's serial number, who works, and what they say about it."""
+    """The stage's serial number."""
     operator: str = ""
-    """The stage's serial number, who works, and what they say about it."""
+    """Who works."""
     note: str = ""
-    """The stage's serial number, who works, and what they say about it."""
+    """What they say about it."""
     settings: Mapping[str, str] = field(default_factory=dict)
     """Settings of the instrument at the start, as text."""
     frequency: float | None = None
@@ -87,7 +87,7 @@ class RunContext:
 
 
 def base_rate_of(instrument: Instrument) -> float:
-    """Return the highest rate of samples of a command."""
+    """Return the highest rate of samples of a command [Hz]."""
     if Capability.WAVE_GENERATOR in instrument.capabilities:
         return instrument.waves.base_rate_hz
     return BASE_RATE_HZ

@@ -30,9 +30,9 @@ class StepState:
     partial: tuple[str, ...] = ()
     """Files of attempts that were interrupted."""
     started: str = ""
-    """Dates and times, UTC."""
+    """Date and time of its start, UTC."""
     finished: str = ""
-    """Dates and times, UTC."""
+    """Date and time of its end, UTC."""
     identifier: str = ""
     """Name of the run in the catalogue; empty where it is in none."""
     message: str = ""
@@ -46,23 +46,23 @@ class RunState:
     plan: str = ""
     """Title or name of the plan."""
     stage: str = ""
-    """The stage."""
+    """Name of the stage."""
     stage_hash: str = ""
-    """The stage."""
+    """Hash of its description."""
     serial_number: str = ""
-    """The stage."""
+    """Its serial number."""
     instrument: Mapping[str, Any] = field(default_factory=dict)
     """What the instrument says it is."""
     operator: str = ""
-    """Who carries it out, and what they say about it."""
+    """Who carries it out."""
     note: str = ""
-    """Who carries it out, and what they say about it."""
+    """What they say about it."""
     version: str = ""
     """Version of flexstage."""
     started: str = ""
-    """Dates and times, UTC; `finished` is empty until all is done."""
+    """Date and time of the start, UTC."""
     finished: str = ""
-    """Dates and times, UTC; `finished` is empty until all is done."""
+    """Date and time of the end, UTC; empty until all is done."""
     steps: Mapping[str, StepState] = field(default_factory=dict)
     """Steps by name."""
 
@@ -83,7 +83,7 @@ def write_state(folder: Path, state: RunState) -> None:
 
 
 def read_state(folder: Path) -> RunState | None:
-    """Read the state of a run."""
+    """Read the state of a run; None where the folder holds none."""
     path = folder / _NAME
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -127,7 +127,9 @@ def _require_kinds(state: StepState | RunState) -> None:
 
 
 def clear_leftovers(folder: Path, name: str, before: tuple[str, ...]) -> tuple[str, ...]:
-    """Put aside what earlier attempts at a step have left.
+    """Put aside what earlier attempts at a step have left; return all files ever put aside.
+
+    Files are named from the folder of the run; `before` are those of earlier attempts.
 
     A stream that was cut short is recovered into ``NAME.partial-N.h5``; a record that is no longer
     valid becomes ``NAME.replaced-N.h5``.

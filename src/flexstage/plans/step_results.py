@@ -169,19 +169,13 @@ class IdentifiedStep:
     [s], shape (n,).
     """
     voltage: Array
-    """Command [V], reading and model [m] there, each of shape (n,); the model's mean is set to that
-    of the reading.
-    """
+    """Command there [V], shape (n,)."""
     measured: Array
-    """Command [V], reading and model [m] there, each of shape (n,); the model's mean is set to that
-    of the reading.
-    """
+    """Reading there [m], shape (n,)."""
     modelled: Array
-    """Command [V], reading and model [m] there, each of shape (n,); the model's mean is set to that
-    of the reading.
-    """
+    """What the model says there [m], its mean set to that of the reading, shape (n,)."""
     deviation: float
-    """Largest difference of the two, after the first tenth of the record [m]."""
+    """Largest difference of reading and model, after the first tenth of the record [m]."""
     warnings: tuple[str, ...] = ()
     """What the records cannot tell."""
 

@@ -32,21 +32,21 @@ class Measure:
     identify.
     """
     along: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads along the axis."""
     across: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads across it, in the plane."""
     vertical: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads out of the plane."""
     roll: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads the roll."""
     pitch: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads the pitch."""
     yaw: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads the yaw."""
     x: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads along x, of a workspace."""
     y: str | None = None
-    """The sensors that read them."""
+    """The sensor that reads along y, of a workspace."""
     output: tuple[str, ...] = ()
     """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
     also: tuple[str, ...] = ()

@@ -221,7 +221,7 @@ class Trajectory:
 
 
 def period_samples(rate_hz: float, sample_rate_hz: float) -> tuple[int, tuple[str, ...]]:
-    """Return the whole number of samples of a period.
+    """Return the whole number of samples of a period, and a note where that changes the rate.
 
     Examples
     --------

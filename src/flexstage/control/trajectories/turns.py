@@ -22,6 +22,9 @@ BEYOND = 5.0 / 16.0
 def there_and_back(phase: Array, turn: float) -> Array:
     """Return a motion from 0 to 1 and back, with round turns.
 
+    The phase is a share of the period, 0 in the middle of the lower turn; `turn` is the duration of
+    a turn over half the period, above 0 and at most 1.
+
     Examples
     --------
     >>> there_and_back(np.array([0.0, 0.25, 0.5]), 0.2).round(6).tolist()
@@ -47,7 +50,7 @@ def linear_between_turns(phase: Array, turn: float) -> NDArray[np.bool_]:
 
 
 def turn_share(turn_time: float | None, half_period: float, default: float = 0.1) -> float:
-    """Return the duration of a turn over half the period."""
+    """Return the duration of a turn over half the period [1]; both are given in s."""
     if turn_time is None:
         return default
     if not 0.0 < turn_time <= half_period * (1.0 + 1e-9):

@@ -16,25 +16,9 @@ def diagram_files(
 ) -> dict[str, bytes]:
     """Draw a stage and each of its axes.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    model : DynamicModel, optional
-        Amplifiers, hysteresis, creep and sensors; those of `flexstage.export.dynamic_model` where
-        not given.
-    damping : RayleighDamping, optional
-        Damping; fitted to the two lowest modes where not given.
-
-    Returns
-    -------
-    dict
-        Content by file name: ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``.
-
-    Raises
-    ------
-    ModelError
-        The stage has no equations: nothing moves, or something moves without stiffness.
+    ``diagram.svg`` and, for each axis, ``diagram-AXIS.svg``. Where no model is given, amplifiers,
+    hysteresis, creep and sensors are those of `flexstage.export.dynamic_model`; damping is fitted
+    to the two lowest modes where none is given.
 
     Examples
     --------

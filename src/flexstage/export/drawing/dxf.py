@@ -35,26 +35,11 @@ def dxf_files(
 ) -> dict[str, bytes]:
     """Return the drawing of a stage for wire cutting.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    kerf : float, optional
-        Width of the cut [m]: diameter of the wire and both spark gaps. Where given, the path of the
-        wire's centre is drawn as well, with start holes, lead-in lines and order of cutting.
-    start_hole : float, optional
-        Diameter of the start holes [m]; 1 mm where not given, or the width of a wider cut.
-
-    Returns
-    -------
-    dict
-        Content by file name: ``NAME.dxf``, of version R2010, in millimetres, with the layers of
-        `DXF_LAYERS`. Contours are closed polylines whose arcs are bulges, full circles are circles.
-
-    Raises
-    ------
-    StageError
-        The plate is not of one piece, or the cut or a start hole does not fit into it.
+    ``NAME.dxf`` is of version R2010, in millimetres, with the layers of `DXF_LAYERS`. Contours are
+    closed polylines whose arcs are bulges, full circles are circles. The kerf is the width of the
+    cut [m]: diameter of the wire and both spark gaps. Where given, the path of the wire's centre is
+    drawn as well, with start holes, lead-in lines and order of cutting. Start holes have a diameter
+    of 1 mm where none is given [m], or the width of a wider cut.
 
     Notes
     -----

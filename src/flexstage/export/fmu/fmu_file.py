@@ -44,26 +44,9 @@ def fmu_files(
     a step leave out; without an amplifier a command that turns within an integrator step is seen
     to turn at its end.
 
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    version : str
-        Version of FMI, ``2.0`` or ``3.0``.
-    binary : bool, optional
-        Whether to compile a library; where not given, where a C compiler is found.
-    stage : Stage, optional
-        The stage, for its outline on the icon.
-
-    Returns
-    -------
-    dict
-        The archive by its file name, the name of the model with ``.fmu``.
-
-    Raises
-    ------
-    ModelError
-        There is no such version, the model has no probe, or the compiler is wanted and missing.
+    The archive is NAME.fmu, of FMI 2.0 or 3.0. `binary` says whether to compile a library; where
+    not given, one is compiled where a C compiler is found. The stage is for its outline on the
+    icon.
 
     Examples
     --------

@@ -32,27 +32,8 @@ def matlab_files(
     ``NAME.m`` loads it, makes state spaces where the control toolbox is, draws Bode diagrams and
     runs the stage in time; ``NAME_step.m`` is one exact step of the whole model.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    system : MechanicalSystem
-        A model of the stage.
-    model : DynamicModel, optional
-        Its dynamic model, whose mechanical system is taken; with the usual hysteresis where not
-        given.
-    name : str, optional
-        Name of the files, a name in MATLAB; from the stage where not given.
-
-    Returns
-    -------
-    dict
-        Content by file name.
-
-    Raises
-    ------
-    ModelError
-        The name is none, or the stage has no probe or cannot be made into a dynamic model.
+    Where a dynamic model is given, its mechanical system is taken; else it has the usual
+    hysteresis. NAME, a name in MATLAB, comes from the stage where not given.
 
     Notes
     -----

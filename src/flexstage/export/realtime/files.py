@@ -39,24 +39,7 @@ def realtime_files(
     libm, all names under the prefix NAME. ``NAME_example.c`` is a main loop; ``NAME_check.csv``
     holds the commands and readings that ``NAME_self_test`` steps through.
 
-    Parameters
-    ----------
-    model : DynamicModel
-        The model.
-    precision : str
-        ``double`` or ``single``.
-    name : str, optional
-        Name of the files and prefix of the names in C; from the stage where not given.
-
-    Returns
-    -------
-    dict
-        Content by file name.
-
-    Raises
-    ------
-    ModelError
-        The precision or the name is none, or the model cannot be written as C.
+    NAME, the prefix of the names in C, comes from the stage where not given.
 
     Notes
     -----

@@ -54,31 +54,11 @@ def simulink_files(
     get the same commands, and a scope shows their readings beside each other. All numbers are in
     the workspace of the model, named as the blocks are.
 
-    Parameters
-    ----------
-    diagram : Diagram
-        The structural diagram; the exact one (not collapsed) shows every body and hinge.
-    name : str
-        Name of the model: letters, digits and underscores, 30 at most; `model_name` makes one.
-    model : DynamicModel, optional
-        The same stage as modes.
-    sample_time : float, optional
-        Time between samples of the hysteresis [s]; where not given, a tenth of the step of the
-        model, and 0.01 ms without a model.
-    duration : float
-        Length of the commands that it is built with [s].
-
-    Returns
-    -------
-    dict
-        Content by file name: ``NAME_build.m`` (the script), ``NAME_data.mat`` (the numbers),
-        ``NAME_hysteresis_*.m`` (a function for each hysteresis) and ``README.txt``.
-
-    Raises
-    ------
-    ModelError
-        The name is none of MATLAB, a time is not positive, the diagram has no input or output or
-        not those of the model, or a hysteresis has no form in MATLAB.
+    ``NAME_build.m`` is the script, ``NAME_data.mat`` has the numbers, ``NAME_hysteresis_*.m`` is a
+    function for each hysteresis, and ``README.txt`` says how they are used. NAME is letters, digits
+    and underscores, 30 at most; `model_name` makes one. The exact diagram (not collapsed) shows
+    every body and hinge. The time between samples of the hysteresis [s] is a tenth of the step of
+    the model where not given, and 0.01 ms without a model; commands last for the duration [s].
 
     Notes
     -----

@@ -25,34 +25,15 @@ def table_files(
 ) -> dict[str, bytes]:
     """Return characteristics as tables for spreadsheets, scripts and papers.
 
-    Parameters
-    ----------
-    characteristics : iterable of Characteristic
-        Rows of any origin: what was published of a stage, what models say, what was measured.
-    name : str
-        Name of the stage.
-    title : str
-        One line that says what it is; its name where not given.
-    display : callable
-        How a quantity is shown in Excel and LaTeX: its name, unit and factor, such as
-        `flexstage.report.display`; by its unit alone where not given.
-    provenance : Provenance or sequence of Provenance
-        Where the values come from.
-    notes : sequence of str
-        Where they stop being valid.
+    ``NAME-values.csv``: one line for each value, SI, all digits, with unit, standard uncertainty,
+    origin and note. ``NAME-comparison.csv``: the same with a column for each origin.
+    ``NAME-tables.xlsx``: both, in the units that people use and in SI, and a sheet of provenance.
+    ``NAME-table.tex``: side by side, four digits, for ``booktabs``.
 
-    Returns
-    -------
-    dict of str to bytes
-        ``NAME-values.csv``: one line for each value, SI, all digits, with unit, standard
-        uncertainty, origin and note. ``NAME-comparison.csv``: the same with a column for each
-        origin. ``NAME-tables.xlsx``: both, in the units that people use and in SI, and a sheet of
-        provenance. ``NAME-table.tex``: side by side, four digits, for ``booktabs``.
-
-    Raises
-    ------
-    ModelError
-        There is no value.
+    Rows are of any origin: what was published of a stage, what models say, what was measured.
+    `display` says how a quantity is shown in Excel and LaTeX (name, unit and factor), such as
+    `flexstage.report.display`; by its unit alone where not given. Notes say where values stop being
+    valid.
 
     Notes
     -----

@@ -15,6 +15,8 @@ def array_text(
 ) -> Iterator[str]:
     r"""Return an array in pieces of text, the last of which ends with a line feed and no space.
 
+    Columns are of one length, 1 at least; `sample_time` is from row to row [s].
+
     Examples
     --------
     >>> text = "".join(array_text([np.array([0.25, 0.5])], ["x"], 1e-4, "twin"))

@@ -34,9 +34,9 @@ class Ramp:
     first: int
     """Number of the sample with which it begins; that sample has made the first step already."""
     start: float
-    """Both values [m, or V]."""
+    """Value before its first step [m, or V]."""
     end: float
-    """Both values [m, or V]."""
+    """Value that it leads to [m, or V]."""
     step: float
     """Largest change from one sample to the next [m, or V]."""
 
@@ -74,7 +74,11 @@ class Ramp:
 
 
 class AxisState:
-    """What a controller knows of one of its axes."""
+    """What a controller knows of one of its axes.
+
+    Commands and what they lead to are positions [m] under control, else voltages [V]; samples are
+    numbered as those of the loop. `index` is its place among the axes, from 0.
+    """
 
     def __init__(self, description: AxisDescription, index: int, rate_hz: float) -> None:
         self.description, self.index = description, index
@@ -139,13 +143,13 @@ class AxisState:
         return self.wave is not None or sample < self.ramp.last
 
     def settled(self, sample: int) -> bool:
-        """Say whether it has come to where it was sent."""
+        """Say whether it has come to where it was sent, and under control stays near it."""
         if self.moving(sample):
             return False
         return not self.servo or self._inside >= self._settle
 
     def go(self, value: float, sample: int, rate: float) -> None:
-        """Lead the commanded value to another one."""
+        """Lead the commanded value to another one, at a rate [m/s, or V/s]."""
         here = self.present(sample)
         self.ramp = Ramp(first=sample + 1, start=here, end=value, step=rate * self.period)
         self._inside = 0
@@ -175,13 +179,13 @@ class AxisState:
         self.hold(self.reading if on else self.asked)
 
     def fill(self, first: int, command: Array, feedforward: Array) -> None:
-        """Write what is commanded over the next samples."""
+        """Write what is commanded over the next samples; feedforward [V] is NaN for none."""
         source = self.ramp if self.wave is None else self.wave
         command[:] = source.values(first, command.size)
         feedforward[:] = np.nan if self.wave is None else self.wave.voltages(first, command.size)
 
     def take(self, last: int, command: Array, reading: Array) -> None:
-        """Take note of where the stage is."""
+        """Take note of where the stage is, by what was commanded and its own sensor [m]."""
         self.reading = float(reading[-1])
         if self.servo:
             share = 1.0 if self.screw else self._share

@@ -9,7 +9,8 @@ import threading
 from typing import Protocol
 
 from flexstage.errors import ControllerError, ModelError
-from flexstage.instruments.twin.device import Device, Refusal, RefusedError
+from flexstage.instruments.twin.controller import VirtualController
+from flexstage.instruments.twin.device import Refusal, RefusedError
 from flexstage.instruments.twin.time_source import Clock, RealClock, duration
 
 #: Simulated time of one command of a fast conversation [s].
@@ -38,7 +39,11 @@ class Pace(Protocol):
         ...
 
     def before_command(self, poll: bool) -> None:
-        """Bring the device to the moment of a command; the lock is held."""
+        """Bring the device to the moment of a command; the lock is held.
+
+        It is a `poll` where it asks about motion, waveforms or the recorder, as a client does again
+        and again while it waits.
+        """
         ...
 
     def pass_time(self, seconds: float) -> None:
@@ -50,8 +55,11 @@ class Pace(Protocol):
         ...
 
 
-class Pacemaker:
+class Pacemaker(Pace):
     """Keeps the simulated time of a device in step with real time, in a thread.
+
+    It looks at the clock every `tick` [s]. Where the computer was too slow, it makes up for
+    `catch_up` [s] at most; what is beyond that is left out, and counted in `lost`.
 
     Notes
     -----
@@ -62,7 +70,7 @@ class Pacemaker:
 
     def __init__(
         self,
-        device: Device,
+        device: VirtualController,
         *,
         clock: Clock | None = None,
         tick: float = 5e-3,
@@ -86,7 +94,6 @@ class Pacemaker:
 
     @property
     def lock(self) -> threading.RLock:
-        """Held while the device is used."""
         return self._lock
 
     @property
@@ -105,7 +112,6 @@ class Pacemaker:
         return False
 
     def start(self) -> None:
-        """Begin; calling it again changes nothing."""
         with self._lock:
             if self._ended.is_set():
                 raise ModelError("a pacemaker that was closed cannot start again: make another one")
@@ -131,7 +137,6 @@ class Pacemaker:
         )
 
     def close(self) -> None:
-        """End the thread; calling it again changes nothing."""
         self._ended.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
@@ -169,7 +174,7 @@ class Pacemaker:
         return due > step
 
 
-class FastTime:
+class FastTime(Pace):
     """Lets simulated time pass with the commands of a conversation, so that nobody waits for it.
 
     Each command takes 1 ms. A question that a client repeats while it waits leads on to the next
@@ -181,13 +186,12 @@ class FastTime:
     With several clients the numbers depend on the order in which their commands come.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: VirtualController) -> None:
         self._device = device
         self._lock = threading.RLock()
 
     @property
     def lock(self) -> threading.RLock:
-        """Held while the device is used."""
         return self._lock
 
     @property
@@ -214,7 +218,6 @@ class FastTime:
                 passed += _LOOK
 
     def pass_time(self, seconds: float) -> None:
-        """Let simulated time pass because a client wants to wait."""
         with self._lock:
             self._device.advance(duration(seconds))
 

@@ -36,7 +36,11 @@ def nothing(words: Sequence[str]) -> None:
 
 
 def identity_line(state: ControllerState) -> str:
-    """Return what ``*IDN?`` answers."""
+    """Return what ``*IDN?`` answers: vendor, model, serial number and firmware.
+
+    Of a simulation the word ``simulated`` is part. Where it answers as a model the vendor's name is
+    part, by which drivers choose.
+    """
     said = state.device.identity
     vendor, model = said.vendor, state.model.name or said.model
     if state.model.name:
@@ -135,7 +139,10 @@ def _found(state: ControllerState, item: str, word: str) -> tuple[str, int]:
 
 
 def delivered(state: ControllerState) -> dict[tuple[str, int], str]:
-    """Return the values of all parameters, which the controller keeps as those of delivery."""
+    """Return the values of all parameters, which the controller keeps as those of delivery.
+
+    Texts by item and number.
+    """
     return {
         (item, key): value_text(PARAMETERS[key].get(state, item))
         for _, item, key in _asked(state, ())

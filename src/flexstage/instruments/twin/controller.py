@@ -11,9 +11,14 @@ from flexstage.instruments.twin.stage import VirtualStage
 class VirtualController(ControllerMotion, ControllerWaves, ControllerRecorder):
     """A controller of a stage that is simulated: axes, control, waveforms and a recorder.
 
-    It implements `flexstage.instruments.twin.device.Device`. The axes are ``1``, ``2`` ... in the
-    order of the stage's. Time passes only by `advance`; in which portions it passes makes no
-    difference to any sample. A command acts with the next sample of the loop.
+    Everything is SI and in simulated time. The axes are ``1``, ``2`` ... in the order of the
+    stage's; tables, channels and records are numbered from 1. Time passes only by `advance`; in
+    which portions it passes makes no difference to any sample. A command acts with the next sample
+    of the loop. What a client says wrong is refused by a `RefusedError` with its reason, nothing
+    else, and nothing has changed then.
+
+    A piezo axis has arrived within `window` [m] of its target for `settle` [s]; of a screw the
+    window is its smallest step.
 
     Notes
     -----

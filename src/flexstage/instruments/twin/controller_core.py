@@ -98,7 +98,7 @@ class ControllerCore:
         return self._sample / self._rate
 
     def advance(self, seconds: float) -> None:
-        """Let simulated time pass, rounded to whole samples; the rest is kept."""
+        """Let simulated time [s] pass, rounded to whole samples; the rest is kept."""
         self._owed += duration(seconds) * self._rate
         due = math.floor(self._owed + _ROUNDING)
         self._owed -= due

@@ -23,7 +23,7 @@ class ControllerMotion(ControllerCore):
     """
 
     def servo_on(self, axis: str) -> bool:
-        """Say whether position control is on."""
+        """Say whether position control is on; always for a screw."""
         return self._axis(axis).servo
 
     def set_servo(self, axis: str, on: bool) -> None:
@@ -43,14 +43,14 @@ class ControllerMotion(ControllerCore):
         state.switch(on)
 
     def target(self, axis: str) -> float:
-        """Return the position that is commanded."""
+        """Return where a move goes, or where a waveform is; in open loop the last target [m]."""
         state = self._axis(axis)
         if state.servo and state.wave is not None:
             return state.present(self._sample)
         return state.target
 
     def set_targets(self, targets: Mapping[str, float]) -> None:
-        """Command positions of one or more axes: all of them or none."""
+        """Command positions [m] of one or more axes: all of them or none."""
         self._need_drives()
         found = {self._axis(axis): value for axis, value in targets.items()}
         for state, value in found.items():
@@ -67,14 +67,14 @@ class ControllerMotion(ControllerCore):
         self._recorder.trigger("move", self._sample + 1)
 
     def command(self, axis: str) -> float:
-        """Return the voltage that is commanded in open loop."""
+        """Return where a ramp goes, or where a waveform is; under control the last one [V]."""
         state = self._piezo(axis)
         if not state.servo and state.wave is not None:
             return state.present(self._sample)
         return state.voltage_command
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
-        """Command voltages in open loop of one or more axes: all of them or none."""
+        """Command voltages [V] in open loop of one or more axes: all of them or none."""
         self._need_drives()
         found = {self._piezo(axis): value for axis, value in commands.items()}
         for state, value in found.items():
@@ -91,11 +91,11 @@ class ControllerMotion(ControllerCore):
         self._recorder.trigger("move", self._sample + 1)
 
     def speed(self, axis: str) -> float:
-        """Return the speed of moves."""
+        """Return the speed of moves [m/s]."""
         return self._axis(axis).speed
 
     def set_speed(self, axis: str, speed: float) -> None:
-        """Set the speed of moves, from the next one on."""
+        """Set the speed of moves [m/s], from the next one on."""
         state = self._axis(axis)
         largest = self.largest_speed(axis)
         if not 0.0 < speed <= largest * (1.0 + _ROUNDING):
@@ -107,19 +107,24 @@ class ControllerMotion(ControllerCore):
         state.speed = min(float(speed), largest)
 
     def largest_speed(self, axis: str) -> float:
-        """Return the largest speed of moves."""
+        """Return the largest speed of moves [m/s]."""
         return self._axis(axis).largest_speed
 
     def position(self, axis: str) -> float:
-        """Return what the axis's own sensor reads now."""
+        """Return what the axis's own sensor reads now; of a screw its advance [m]."""
         return self._axis(axis).reading
 
     def voltage(self, axis: str) -> float:
-        """Return the voltage at the drive now."""
+        """Return the voltage at the drive now [V]."""
         return self._piezo(axis).volts
 
     def on_target(self, axis: str) -> bool:
-        """Say whether the axis has come to its target and stays there."""
+        """Say whether the axis has come to its target and stays there.
+
+        The reading, smoothed over 1 ms, has been near the target for some time; in open loop the
+        end of the ramp is enough. Shortly after the arrival mains in the reading may lead it out of
+        the window again.
+        """
         return self._axis(axis).settled(self._sample)
 
     def moving(self, axis: str) -> bool:
@@ -127,7 +132,7 @@ class ControllerMotion(ControllerCore):
         return self._axis(axis).moving(self._sample)
 
     def channel(self, number: int) -> float:
-        """Return what a sensor reads now."""
+        """Return what a sensor reads now [m, or rad]."""
         return float(self._readings[self._channel(number) - 1])
 
     def stop(self, axes: Sequence[str] | None = None) -> None:

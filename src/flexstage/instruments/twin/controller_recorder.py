@@ -31,11 +31,14 @@ class ControllerRecorder(ControllerCore):
         return self._recorder.capacity
 
     def record_signal(self, table: int) -> Signal | None:
-        """Return what a table records."""
+        """Return what a table records; None for nothing."""
         return self._recorder.signals.get(self._recorder.known(table))
 
     def set_record_signal(self, table: int, signal: Signal | None) -> None:
-        """Choose what a table records, from the next recording on."""
+        """Choose what a table records, from the next recording on; None for nothing.
+
+        The `source` of a signal is the identifier of an axis or the number of a channel.
+        """
         self._recorder.known(table)
         if signal is not None:
             self._require_signal(signal)
@@ -63,15 +66,15 @@ class ControllerRecorder(ControllerCore):
             self._recorder.trigger("now", self._sample + 1)
 
     def recorded(self) -> int:
-        """Return the number of samples that are there."""
+        """Return the number of samples that are there, the same for every table."""
         return self._recorder.recorded
 
     def recording(self) -> bool:
-        """Say whether the recorder runs."""
+        """Say whether samples are still to come; not while it waits for its trigger."""
         return self._recorder.recording
 
     def record(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table."""
+        """Return samples of a table, from number `first`, counted from 0."""
         return self._recorder.read(table, first, count)
 
     def drives_removed(self) -> bool:
@@ -79,7 +82,7 @@ class ControllerRecorder(ControllerCore):
         return self._drives_out
 
     def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back."""
+        """Take the drives out, or put them back; no axis may move or be under control."""
         for name, state in self._states.items():
             if state.moving(self._sample):
                 reason = Refusal.WAVE_RUNNING if state.wave is not None else Refusal.NOT_ABLE
@@ -139,7 +142,7 @@ class ControllerRecorder(ControllerCore):
 
 
 def resampled(values: Array, from_hz: float, to_hz: float) -> Array:
-    """Return a decaying record at another rate, by its Fourier series.
+    """Return a decaying record at another rate, by its Fourier series; the first sample stays.
 
     Notes
     -----

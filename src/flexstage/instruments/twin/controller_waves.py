@@ -28,7 +28,7 @@ class ControllerWaves(ControllerCore):
         return self._tables.capacity
 
     def wave(self, table: int) -> Array:
-        """Return the samples of a table."""
+        """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
         return self._tables.samples(table)
 
     def set_wave(self, table: int, samples: Array) -> None:
@@ -57,12 +57,12 @@ class ControllerWaves(ControllerCore):
         self._divider = int(divider)
 
     def wave_choice(self, axis: str) -> tuple[int, int]:
-        """Return the table of an axis and that of its feedforward."""
+        """Return the table of an axis and that of its feedforward, 0 for none."""
         self._axis(axis)
         return self._choice[axis]
 
     def choose_wave(self, axis: str, table: int, feedforward: int = 0) -> None:
-        """Choose the table of an axis and that of its feedforward."""
+        """Choose the table of an axis and that of its feedforward, 0 for none."""
         state = self._axis(axis)
         self._need_no_wave(state)
         if feedforward:
@@ -73,12 +73,12 @@ class ControllerWaves(ControllerCore):
         self._choice[axis] = (int(table), int(feedforward))
 
     def wave_cycles(self, axis: str) -> int:
-        """Return how often the waveform of an axis is run."""
+        """Return how often the waveform of an axis is run; 0 for endlessly."""
         self._axis(axis)
         return self._cycles[axis]
 
     def set_wave_cycles(self, axis: str, cycles: int) -> None:
-        """Set how often the waveform of an axis is run."""
+        """Set how often the waveform of an axis is run; 0 for endlessly."""
         state = self._axis(axis)
         self._need_no_wave(state)
         if cycles < 0:
@@ -88,7 +88,11 @@ class ControllerWaves(ControllerCore):
         self._cycles[axis] = int(cycles)
 
     def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
-        """Check every sample of the chosen tables against the limits, then start all in step."""
+        """Check every sample of the chosen tables against the limits, then start all in step.
+
+        The cycles of axes that go `onward` each begin where the one before has ended. Where
+        anything is refused, nothing has started.
+        """
         self._need_drives()
         runs = [
             (state, self._prepared(axis, state, axis in onward))
@@ -99,7 +103,7 @@ class ControllerWaves(ControllerCore):
         self._recorder.trigger("wave", self._sample + 1)
 
     def stop_waves(self, axes: Sequence[str]) -> None:
-        """Stop waveforms; the axes hold where they are."""
+        """Stop waveforms; the axes hold where they are, and those that run none go on."""
         for _, state in self._named(axes):
             if state.wave is not None:
                 state.stop(self._sample)

@@ -58,7 +58,7 @@ class DataRecorder:
         return self._signals
 
     def known(self, table: int) -> int:
-        """Return the number of a table."""
+        """Return the number of a table, from 1; refuse one that there is not."""
         if not 1 <= table <= self.count:
             raise RefusedError(
                 Refusal.UNKNOWN, f"there is no record table {table}: they are 1 to {self.count}"
@@ -87,7 +87,10 @@ class DataRecorder:
     def trigger(
         self, what: Trigger, sample: int, blow: Callable[[str, str], Array] | None = None
     ) -> None:
-        """Start if it was armed for this."""
+        """Start with this sample of the loop if it was armed for what happens.
+
+        `blow` gives samples of a blow, at the rate of the record, by kind and source of the signal.
+        """
         if self._armed != what:
             return
         self._armed, self._by = None, what
@@ -102,12 +105,12 @@ class DataRecorder:
             self._blow = given
 
     def end(self, by: Trigger | None = None) -> None:
-        """End a recording that runs."""
+        """End a recording that runs; only one that was started by this, where it is given."""
         if by is None or by == self._by:
             self._length = self._filled
 
     def take(self, first: int, count: int, values: Callable[[Signal], Array]) -> None:
-        """Keep what belongs to a recording that runs."""
+        """Keep what belongs to a recording that runs, of the loop's samples from `first` on."""
         if not self.recording:
             return
         d = self._kept_divider
@@ -124,7 +127,7 @@ class DataRecorder:
         self._filled += new
 
     def read(self, table: int, first: int, count: int) -> Array:
-        """Return samples."""
+        """Return samples of a table, from number `first`, counted from 0."""
         if self.known(table) not in self._data:
             raise RefusedError(Refusal.UNKNOWN, f"record table {table} has recorded nothing")
         if first < 0 or count < 0 or first + count > self._filled:

@@ -60,7 +60,7 @@ def delivered_settings(
 
 
 def largest_slope(part: PiezoAxis) -> float:
-    """Return the steepest slope of the major loop of a stack, without creep."""
+    """Return the steepest slope of the major loop of a stack, without creep [m/V]."""
     low, high = part.limits.voltage or (0.0, 1.0)
     line = np.linspace(low, high, 300)
     u = np.concatenate([line, line[::-1], line, line[::-1]])

@@ -1,20 +1,15 @@
-"""What a server of commands needs of a simulated controller, whatever protocol it speaks.
+"""What a simulated controller says of its axes and sensors, and why it refuses a command.
 
-Everything is SI and in simulated time. A refusal is a `RefusedError` with its reason; the server
-turns the reason into a number of its protocol. Nothing else is raised for what a client says.
+A server of commands turns the reason of a refusal into a number of its protocol.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Literal, Protocol
+from typing import Literal
 
 from flexstage.errors import FlexstageError
 from flexstage.instruments.limits import AxisLimits
-from flexstage.instruments.protocol import Capability, Identity
-from flexstage.instruments.twin.device_motion import MotionDevice
-from flexstage.instruments.twin.device_recorder import RecordDevice
-from flexstage.instruments.twin.device_waves import WaveDevice
+from flexstage.instruments.protocol import Capability
 
 
 class Refusal(Enum):
@@ -75,52 +70,3 @@ class ChannelDescription:
     """
     unit: str
     """``m`` or ``rad``."""
-
-
-class Device(MotionDevice, WaveDevice, RecordDevice, Protocol):
-    """A controller with a stage, in simulated time."""
-
-    @property
-    def identity(self) -> Identity:
-        """What it is."""
-        ...
-
-    @property
-    def axes(self) -> Mapping[str, AxisDescription]:
-        """Its axes by identifier."""
-        ...
-
-    @property
-    def channels(self) -> Sequence[ChannelDescription]:
-        """Its sensors, in the order of their numbers."""
-        ...
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of its loop [Hz]."""
-        ...
-
-    @property
-    def now(self) -> float:
-        """Simulated time since it was switched on [s]."""
-        ...
-
-    def advance(self, seconds: float) -> None:
-        """Let simulated time pass, rounded to whole samples; the rest is kept."""
-        ...
-
-    def reboot(self) -> None:
-        """Switch off and on: control off, tables and settings as delivered, the stage relaxed."""
-        ...
-
-    def drives_removed(self) -> bool:
-        """Say whether the drives are taken out, so that the stage can be struck."""
-        ...
-
-    def remove_drives(self, removed: bool) -> None:
-        """Take the drives out, or put them back; the stage must be at rest and control off."""
-        ...
-
-    def strike(self, axis: str) -> None:
-        """Strike the stage with a hammer; an armed recorder starts a little before the blow."""
-        ...

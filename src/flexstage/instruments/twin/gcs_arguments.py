@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def number(word: str) -> float:
-    """Return a number; what stands for none, ``nan`` and ``inf`` are refused.
+    """Return a number of 1e30 at most; what stands for none, ``nan`` and ``inf`` are refused.
 
     Examples
     --------

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin import errors_gcs as code
 from flexstage.instruments.twin.clock import Pace
+from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.controller_models import OWN, ControllerModel
-from flexstage.instruments.twin.device import AxisDescription, Device
+from flexstage.instruments.twin.device import AxisDescription
 from flexstage.instruments.twin.errors_gcs import GcsError
 from flexstage.instruments.twin.record_store import RecordStore
 from flexstage.instruments.twin.servo_parameters import ServoDraft
@@ -23,7 +24,7 @@ Range = tuple[float, float]
 class ControllerState:
     """State of a controller that is shared by all its clients."""
 
-    def __init__(self, device: Device, pace: Pace, model: ControllerModel = OWN) -> None:
+    def __init__(self, device: VirtualController, pace: Pace, model: ControllerModel = OWN) -> None:
         self.device, self.pace, self.model = device, pace, model
         #: Where it is reached.
         self.host, self.port = "127.0.0.1", 0
@@ -63,11 +64,11 @@ class ControllerState:
     # positions ------------------------------------------------------------------------------
 
     def position_range(self, axis: str) -> tuple[float, float]:
-        """Return the reachable positions of an axis."""
+        """Return the reachable positions of an axis [m]; wide open where it says none."""
         return self.axes[axis].limits.position or (-1.0, 1.0)
 
     def voltage_range(self, axis: str) -> tuple[float, float]:
-        """Return the voltages of an axis."""
+        """Return the voltages of an axis [V]; both 0 where it has none."""
         return self.axes[axis].limits.voltage or (0.0, 0.0)
 
     def require_ready(self, targets: Mapping[str, float], *, voltages: bool = False) -> None:
@@ -102,7 +103,7 @@ class ControllerState:
     # time -----------------------------------------------------------------------------------
 
     def pass_time(self, seconds: float) -> Iterator[str]:
-        """Let simulated time pass in pieces, between which other clients are heard."""
+        """Let simulated time [s] pass in pieces, between which other clients are heard."""
         left = seconds
         while left > 0.0:
             piece = min(left, 0.05)

@@ -17,7 +17,7 @@ class Hammer:
         self._seed, self._struck = seed, 0
 
     def strike(self, axis: str) -> Blow:
-        """Strike once along an axis."""
+        """Strike once along an axis; the next blow differs from it."""
         if axis not in self._axes:
             raise ModelError(has_no("the stage", "axis", axis, self._axes))
         # each blow has a seed of its own, far from those of other stages

@@ -13,8 +13,9 @@ from flexstage.instruments.twin.commands_setup import SETUP
 from flexstage.instruments.twin.commands_status import STATUS, status_register
 from flexstage.instruments.twin.commands_triggers import TRIGGERS
 from flexstage.instruments.twin.commands_waves import WAVES, running_bits
+from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.controller_models import OWN, ControllerModel
-from flexstage.instruments.twin.device import Device, RefusedError
+from flexstage.instruments.twin.device import RefusedError
 from flexstage.instruments.twin.errors_gcs import CODES, GcsError
 from flexstage.instruments.twin.gcs_state import ControllerState
 from flexstage.instruments.twin.macros import Macros
@@ -47,7 +48,12 @@ class Interpreter:
     """
 
     def __init__(
-        self, device: Device, pace: Pace, *, model: ControllerModel = OWN, hold: bool = False
+        self,
+        device: VirtualController,
+        pace: Pace,
+        *,
+        model: ControllerModel = OWN,
+        hold: bool = False,
     ) -> None:
         self._state = ControllerState(device, pace, model)
         self._state.delivered = delivered(self._state)
@@ -78,7 +84,7 @@ class Interpreter:
         return self._state.pace
 
     @property
-    def device(self) -> Device:
+    def device(self) -> VirtualController:
         """The controller with its stage."""
         return self._state.device
 
@@ -110,7 +116,10 @@ class Interpreter:
             self._tell_others(client)
 
     def character(self, client: Client, byte: int) -> Reply:
-        """Carry out a command of one character."""
+        """Carry out a command of one character.
+
+        4: status register; 5: which axes move; 7: ready; 9: which wave generators run.
+        """
         if byte == 7:
             return [_READY]
         bits = {4: status_register, 5: moving_bits, 9: running_bits}[byte]
@@ -118,7 +127,11 @@ class Interpreter:
             return self._attempt(client, lambda: [bits(self._state)], poll=True)
 
     def line(self, client: Client, text: str, *, stopped: bool = False) -> Reply:
-        """Carry out a line."""
+        """Carry out a line, without its end.
+
+        Where it was given before motion was `stopped`, it starts none. The answer is lines; or
+        pieces of its text, to be made one after the other without a lock; or nothing.
+        """
         words = text.split(" ")
         if "" in words:
             words = [word for word in words if word]

@@ -103,7 +103,13 @@ def run_loop(
     voltage: Array,
     asked: Array,
 ) -> None:
-    """Run some samples."""
+    """Run some samples; arrays of signals have the shape (axes, n).
+
+    Read are the command, a position [m] where control is on, else a voltage [V]; the feedforward,
+    a voltage that is added under control [V], NaN for none; the drift of the platform and the noise
+    of the sensors [m]. Written are the reading, the true position [m], the voltage at the stacks
+    and the one that is asked of the amplifiers [V]. `memory` and `state` are changed.
+    """
     axes, n = command.shape
     rise = np.empty(axes)
     own = np.empty(axes)

@@ -45,7 +45,7 @@ class Parameter:
 
 
 def items_of(state: ControllerState, parameter: Parameter) -> Sequence[str]:
-    """Return the items that have a parameter."""
+    """Return the axes or channels that have a parameter, or ``"1"`` for the system."""
     if parameter.item == "system":
         return ("1",)
     if parameter.item == "channel":

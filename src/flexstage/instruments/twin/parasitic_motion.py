@@ -18,6 +18,9 @@ _ANGLES = ("roll", "pitch", "yaw")
 def polynomial(guide: GuideErrors, motion: str, low: float) -> Array:
     """Return a curve of a guide as a polynomial of the position from where the stage is relaxed.
 
+    `low` is the position of the low end of the stroke [m]. Coefficients from the constant up, which
+    is such that the motion is zero where the stage is relaxed, shape (6,).
+
     Examples
     --------
     >>> guide = GuideErrors(stroke=60e-6, coefficients={"across": np.array([0.0, 0.0, 1e-7])})
@@ -51,7 +54,7 @@ def beside_channels(axes: Sequence[str]) -> tuple[ChannelDescription, ...]:
 
 
 def kinds_of(channels: Sequence[ChannelDescription]) -> list[str]:
-    """Return the kind of sensor of each channel."""
+    """Return the kind of sensor of each channel: ``along``, ``beside`` or ``angle``."""
     return [
         "angle" if c.unit == "rad" else ("beside" if "." in c.name else "along") for c in channels
     ]
@@ -60,7 +63,11 @@ def kinds_of(channels: Sequence[ChannelDescription]) -> list[str]:
 def sources(
     axes: Sequence[str], guides: Mapping[str, GuideErrors], low: Mapping[str, float]
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return which position each sensor beside an axis follows, and by which polynomial."""
+    """Return which position each sensor beside an axis follows, and by which polynomial.
+
+    Number of the axis, shape (c,), and coefficients, shape (c, 6); `low` is the low end of each
+    axis's stroke [m].
+    """
     source, rows = [], []
     for number, axis in enumerate(axes):
         other = neighbour(axes, axis)
@@ -86,7 +93,11 @@ def readings_beside(
     step: Array,
     reading: Array,
 ) -> None:
-    """Write what the sensors beside the axes read."""
+    """Write what the sensors beside the axes read.
+
+    `position` has the shape (axes, n); drift, noise and reading (axes + c, n) and gain and step
+    (axes + c,), the sensors of the axes first: only the last c rows of the reading are written.
+    """
     axes, n = position.shape
     for c in range(source.size):
         row, p, to = rows[c], position[source[c]], axes + c

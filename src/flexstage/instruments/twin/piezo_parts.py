@@ -24,11 +24,11 @@ class PiezoAxis:
     """One axis of a piezo stage as it was made."""
 
     name: str
-    """Name of the axis, and of the drive and the probe of its system."""
+    """Name of the axis."""
     drive: str
-    """Name of the axis, and of the drive and the probe of its system."""
+    """Name of the drive of its system."""
     probe: str
-    """Name of the axis, and of the drive and the probe of its system."""
+    """Name of the probe of its system."""
     stack: VirtualStack
     """From voltage to free displacement."""
     limits: AxisLimits
@@ -44,7 +44,7 @@ class PiezoAxis:
 
 
 def commands(command: ArrayLike, axes: int) -> Array:
-    """Return commands as a loop takes them."""
+    """Return a copy of commands as a loop takes them, shape (axes, n)."""
     given = np.array(command, dtype=np.float64, order="C")
     if given.ndim != 2 or given.shape[0] != axes:
         raise ModelError(f"a command of {axes} axes has the shape ({axes}, n), got {given.shape}")
@@ -72,7 +72,10 @@ def drive_arrays(
 def mode_arrays(
     system: MechanicalSystem, parts: Sequence[PiezoAxis], sample_rate_hz: float
 ) -> ModeArrays:
-    """Return the modes of a stage with its stacks in place as the loop takes them."""
+    """Return the modes of a stage with its stacks in place as the loop takes them.
+
+    A few empty ones follow, so that they are a multiple of 4.
+    """
     found = modes(system, drives="in place", count=None)
     force, reader = [], []
     for part in parts:

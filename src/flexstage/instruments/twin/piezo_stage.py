@@ -33,7 +33,7 @@ from flexstage.instruments.twin.piezo_parts import PiezoAxis, commands, drive_ar
 from flexstage.instruments.twin.sensors import Disturbances, SensorBench
 from flexstage.instruments.twin.small_signal import sampled_response
 from flexstage.instruments.twin.stack import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.instruments.twin.stage import Blow, StageSamples
+from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
@@ -41,7 +41,7 @@ from flexstage.system import MechanicalSystem
 _FILTERS = 8
 
 
-class PiezoStage:
+class PiezoStage(VirtualStage):
     """A piezo stage sample by sample, as `VirtualStage` says.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
@@ -100,7 +100,6 @@ class PiezoStage:
 
     @property
     def stage(self) -> Stage:
-        """The stage as drawn."""
         return self._stage
 
     @property
@@ -110,7 +109,6 @@ class PiezoStage:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of its axes."""
         return tuple(a.name for a in self._parts)
 
     @property
@@ -120,36 +118,29 @@ class PiezoStage:
 
     @property
     def kind(self) -> Literal["piezo", "screw"]:
-        """What drives it."""
         return "piezo"
 
     @property
     def channels(self) -> tuple[ChannelDescription, ...]:
-        """Its sensors: those of the axes first."""
         return self._channels
 
     @property
     def sample_rate_hz(self) -> float:
-        """Rate of its loop [Hz]."""
         return self._rate
 
     @property
     def limits(self) -> Mapping[str, AxisLimits]:
-        """What may be commanded, by axis."""
         return {a.name: a.limits for a in self._parts}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was drawn, set and left out, as sentences."""
         return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
-        """Return the settings of an axis's position control."""
         self._number(axis)
         return self._settings[axis]
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Change them; the filters keep their state where their number stays."""
         a = self._number(axis)
         sections = settings.sections(self._rate)
         if len(sections) > _FILTERS:
@@ -166,7 +157,6 @@ class PiezoStage:
     def run(
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
     ) -> StageSamples:
-        """Let samples of the loop pass."""
         axes = len(self._parts)
         wanted = commands(command, axes)
         n = wanted.shape[1]
@@ -199,7 +189,6 @@ class PiezoStage:
         )
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it."""
         self._number(axis)
         if self._hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self._stage.name}")

@@ -8,7 +8,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.instruments.protocol import Signal
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.device import Device
+from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.errors_gcs import GcsError
 
 #: Micrometres, and microradians, of the wire in SI.
@@ -48,9 +48,9 @@ _OPTION_OF = {option.kind: number for number, option in RECORD_OPTIONS.items()}
 
 
 class RecordStore:
-    """Tables of the recorder in the terms of the wire."""
+    """Tables of the recorder in the terms of the wire; `outputs` is the axis by output channel."""
 
-    def __init__(self, device: Device, outputs: Mapping[str, str]) -> None:
+    def __init__(self, device: VirtualController, outputs: Mapping[str, str]) -> None:
         self._device, self._outputs = device, outputs
         self._units = {str(channel.number): channel.unit for channel in device.channels}
         #: The trigger option, and how many tables are in use.
@@ -67,11 +67,11 @@ class RecordStore:
         return tuple(known[option.source])
 
     def choice(self, table: int) -> tuple[str, int]:
-        """Return what a table of the recorder records."""
+        """Return source and number of the option of a table; ``"0"`` and 0 for nothing."""
         return self.source_and_option(self._device.record_signal(table))
 
     def source_and_option(self, signal: Signal | None) -> tuple[str, int]:
-        """Return how a signal is chosen."""
+        """Return by which source and option a signal is chosen."""
         if signal is None:
             return "0", 0
         option = _OPTION_OF[signal.kind]
@@ -113,7 +113,10 @@ class RecordStore:
         self.tables = tables
 
     def column(self, table: int, first: int, count: int) -> Array:
-        """Return samples of a table of the recorder in the unit of the wire."""
+        """Return samples of a table in `kept`, counted from 0, in the unit of the wire.
+
+        These are um, urad, V, N, or what a blow is answered in.
+        """
         values = np.array(self._device.record(table, first, count), dtype=np.float64)
         if self.kept[table].unit in ("m", "rad"):
             values /= _MICRO

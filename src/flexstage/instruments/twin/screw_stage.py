@@ -24,7 +24,7 @@ from flexstage.instruments.twin.parasitic_motion import (
 )
 from flexstage.instruments.twin.piezo_parts import commands
 from flexstage.instruments.twin.sensors import Disturbances, SensorBench
-from flexstage.instruments.twin.stage import Blow, StageSamples
+from flexstage.instruments.twin.stage import Blow, StageSamples, VirtualStage
 from flexstage.stage import Stage
 
 
@@ -51,7 +51,7 @@ class ScrewAxis:
         return 0.5 * self.backlash * self.ratio
 
 
-class ScrewStage:
+class ScrewStage(VirtualStage):
     """A screw-driven stage sample by sample, as `VirtualStage` says.
 
     A screw turns towards what is commanded, in whole steps and no faster than it may; the stage
@@ -102,12 +102,10 @@ class ScrewStage:
 
     @property
     def stage(self) -> Stage:
-        """The stage as drawn."""
         return self._stage
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of its axes."""
         return tuple(a.name for a in self._parts)
 
     @property
@@ -117,27 +115,22 @@ class ScrewStage:
 
     @property
     def kind(self) -> Literal["piezo", "screw"]:
-        """What drives it."""
         return "screw"
 
     @property
     def channels(self) -> tuple[ChannelDescription, ...]:
-        """Its sensors: those of the axes first."""
         return self._channels
 
     @property
     def sample_rate_hz(self) -> float:
-        """Rate of its samples [Hz]."""
         return self._rate
 
     @property
     def limits(self) -> Mapping[str, AxisLimits]:
-        """What may be commanded, by axis."""
         return {a.name: a.limits for a in self._parts}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was drawn, set and left out, as sentences."""
         return self._notes
 
     def servo_settings(self, axis: str) -> ServoSettings:
@@ -152,7 +145,6 @@ class ScrewStage:
     def run(
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
     ) -> StageSamples:
-        """Let samples pass."""
         del servo, feedforward
         axes = len(self._parts)
         wanted = commands(command, axes)
@@ -172,7 +164,6 @@ class ScrewStage:
         )  # fmt: skip
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it."""
         if self._hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self._stage.name}")
         return self._hammer.strike(axis)

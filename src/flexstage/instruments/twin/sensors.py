@@ -65,15 +65,19 @@ class SensorBench:
     drift_rate: float = 10e-9 / 60.0
     """Rms rate of the platform's motion by the temperature of the room [m/s]."""
     room_time: float = 600.0
-    """Times in which the room forgets its temperature, and in which the stage follows it [s]."""
+    """Time in which the room forgets its temperature [s]."""
     stage_time: float = 300.0
-    """Times in which the room forgets its temperature, and in which the stage follows it [s]."""
+    """Time in which the stage follows the room [s]."""
     lever: float = 50e-3
     """Length over which the same drift is a rotation [m]."""
 
 
 class Disturbances:
-    """What is added to motions and readings, sample by sample."""
+    """What is added to motions and readings, sample by sample.
+
+    `kinds` says of each sensor whether it reads ``along``, ``beside`` or ``angle``. Where it is
+    quiet there is neither noise nor mains, drift, or steps; without scatter gains are right.
+    """
 
     def __init__(
         self,
@@ -105,7 +109,10 @@ class Disturbances:
         self._blocks: dict[int, tuple[Array, Array]] = {}
 
     def take(self, first: int, count: int) -> tuple[Array, Array]:
-        """Return what is added over some samples."""
+        """Return drift of the motion, and noise with mains of the reading, from sample `first` on.
+
+        Both have the shape (sensors, count).
+        """
         if self._quiet:
             return np.zeros((self._size, count)), np.zeros((self._size, count))
         drift, noise = np.empty((self._size, count)), np.empty((self._size, count))

@@ -38,7 +38,7 @@ class _Connection:
 
 
 def reserve(host: str, port: int) -> socket.socket:
-    """Take a port, and answer nobody there yet."""
+    """Take a port, any free one for 0, and answer nobody there until a server listens at it."""
     host.encode("idna")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     taken = socket.socket(family, socket.SOCK_STREAM)
@@ -56,6 +56,11 @@ def reserve(host: str, port: int) -> socket.socket:
 
 class GcsServer:
     """Listens for clients of a GCS controller.
+
+    Whoever reaches the host can move the stage; the default is reached from this computer only. A
+    port of 0 is any that is free; a listener, a socket of `reserve`, stands for both and is closed
+    by the server. A client too many is sent away, and so is one that does not take its answers for
+    `patience` [s].
 
     Notes
     -----

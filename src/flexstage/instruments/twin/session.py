@@ -87,7 +87,10 @@ class ServerSession:
         self._take(data[at + 1 :])
 
     def pull(self, commands: int = 1000, size: int = 1 << 16) -> bytes:
-        """Carry out some of what was given."""
+        """Carry out some of what was given, and return what is to be sent.
+
+        At most so many commands, and no further one where `size` bytes are to be sent already.
+        """
         answer = bytearray()
         for _ in range(commands):
             if self._pieces is not None:

@@ -32,7 +32,11 @@ def sampled_response(
     bandwidth_hz: float,
     creep: Creep | None,
 ) -> Complex:
-    """Return the response from the voltage asked for to the position, for small signals."""
+    """Return position over voltage asked for [m/V], for small signals.
+
+    Of the axis numbered `sensor` by that numbered `drive`; `slope` is that of the stack, without
+    creep [m/V].
+    """
     f = np.asarray(frequency_hz, dtype=np.float64)
     late = np.exp(-2j * np.pi * f / sample_rate_hz)
     d = math.exp(-2.0 * math.pi * bandwidth_hz / sample_rate_hz)

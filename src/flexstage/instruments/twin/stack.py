@@ -25,7 +25,13 @@ _CYCLES = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChargeDrive:
-    """What a charge amplifier leaves of the hysteresis.
+    r"""A stack driven by charge: what the amplifier leaves of the hysteresis, save in slow motion.
+
+    The displacement of a stack is nearly proportional to its charge; the hysteresis lies between
+    charge and voltage. No amplifier holds a charge for ever, so that below a corner it becomes one
+    of voltage. With e the deviation of the displacement from its chord over the voltage range,
+
+    .. math:: w = w_{chord} + \rho\, e + (1 - \rho)\, \mathrm{lowpass}(e)
 
     Notes
     -----
@@ -55,7 +61,11 @@ class ChargeDrive:
             raise ModelError(f"the ends of a chord must rise, got {self.voltage_range!r} V")
 
     def row(self, stack: VirtualStack, dt: float) -> tuple[float, float, float, float, float]:
-        """Return its numbers for one stack, as the stack is stepped."""
+        """Return its numbers for one stack, as the stack is stepped every `dt` [s].
+
+        Offset [m] and slope [m/V] of the chord, the part that is left, and decay and ramp share of
+        the corner [1].
+        """
         low, high = self.voltage_range
         ends = stack.simulate(np.tile([low, high], _CYCLES)).values[-2:]
         slope = float(ends[1] - ends[0]) / (high - low)
@@ -118,7 +128,10 @@ def stack_arrays(
     creep: Creep | None = None,
     charge: ChargeDrive | None = None,
 ) -> StackArrays:
-    """Return the parameters of stacks as they are stepped."""
+    """Return the parameters of stacks as they are stepped; without `charge`, driven by voltage.
+
+    The fading part of a stack has a straight curve and a constant tangent.
+    """
     lines = [stack.bent.line() for stack in stacks]
     # rows of one length: a play that never moves has no weight, a knot at infinity is never passed
     most = max(stack.bent.thresholds.size for stack in stacks)
@@ -157,6 +170,8 @@ def relaxed_stacks(arrays: StackArrays) -> StackState:
 def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLike) -> Array:
     """Return the free displacements of stacks under sequences of voltages.
 
+    Voltages [V] and displacements with creep [m] have the shape (axes, n); the state is changed.
+
     Examples
     --------
     >>> from flexstage.hysteresis import virtual_stack
@@ -173,7 +188,7 @@ def free_displacements(arrays: StackArrays, state: StackState, voltage: ArrayLik
 
 @compiled
 def step_stack(arrays: StackArrays, state: StackState, a: int, u: float) -> float:
-    """Step one stack to a voltage, on a straight line."""
+    """Step stack `a` to a voltage [V], on a straight line; return displacement and creep [m]."""
     last = state.last[a]
     x = _memory(arrays, state, a, u, last)
     offset, slope, part, decay, ramp = arrays.charge[a]

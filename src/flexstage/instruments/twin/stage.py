@@ -89,7 +89,10 @@ class VirtualStage(Protocol):
         ...
 
     def servo_settings(self, axis: str) -> ServoSettings:
-        """Return the settings of an axis's position control."""
+        """Return the settings of an axis's position control.
+
+        `ModelError` where it has none.
+        """
         ...
 
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
@@ -101,13 +104,22 @@ class VirtualStage(Protocol):
     ) -> StageSamples:
         """Let samples of the loop pass.
 
+        A command is, where control is on, the position wanted [m], else the voltage of a stack [V];
+        of a screw always its advance [m]; shape (axes, n). Where control is switched on the voltage
+        does not jump. A feedforward is a voltage that is added under control [V], shape (axes, n),
+        NaN where there is none; where it begins and ends the integral takes over its value, so that
+        the voltage does not jump.
+
         A run that is cut in two gives the same numbers. What is commanded at a sample is at the
         amplifier one sample later; what is read at a sample is two samples later in the voltage.
         """
         ...
 
     def strike(self, axis: str) -> Blow:
-        """Strike the platform along an axis with a hammer, the drives taken out for it."""
+        """Strike the platform along an axis with a hammer, the drives taken out for it.
+
+        The next blow differs from it.
+        """
         ...
 
     def reset(self) -> None:

@@ -21,20 +21,20 @@ class Clock(Protocol):
         ...
 
 
-class RealClock:
+class RealClock(Clock):
     """The clock of the computer, which is never set back."""
 
     def now(self) -> float:
-        """Return the time from some moment on."""
         return time.monotonic()
 
     def wait(self, seconds: float, ended: threading.Event) -> bool:
-        """Wait some time, or until an event is set."""
         return ended.wait(seconds)
 
 
-class StepClock:
+class StepClock(Clock):
     """A clock that stands until it is told to go on.
+
+    `on_wait` is called with the seconds of each wait, before the clock goes on by them.
 
     Examples
     --------
@@ -49,7 +49,6 @@ class StepClock:
         self._on_wait = on_wait
 
     def now(self) -> float:
-        """Return the time from the start on."""
         return self._now
 
     def advance(self, seconds: float) -> None:
@@ -65,7 +64,7 @@ class StepClock:
 
 
 def duration(seconds: float) -> float:
-    """Refuse what is no time that can pass."""
+    """Return a time [s]; refuse what is none that can pass."""
     if not 0.0 <= seconds < math.inf:
         raise ModelError(f"time passes by 0 s or more, got {seconds!r}")
     return seconds

@@ -16,7 +16,10 @@ _VALUE, _SLOPE = 1e-6, 1e-3
 def require_within(
     axis: str, values: Array, bounds: tuple[float, float] | None, unit: str
 ) -> Array:
-    """Refuse values outside a range."""
+    """Refuse values [m, or V] outside a range; return them, led to its ends where rounding missed.
+
+    Nothing is refused where the range is not known.
+    """
     scale, shown = (1e6, "um") if unit == "m" else (1.0, unit)
     if not np.isfinite(values).all():
         raise RefusedError(Refusal.BAD_VALUE, f"axis '{axis}' cannot be sent to what is no number")
@@ -43,7 +46,10 @@ def check_wave(
     *,
     shift: float = 0.0,
 ) -> Array:
-    """Check a waveform whole.
+    """Check a waveform whole, and return what is to be run [m, or V].
+
+    It runs `cycles` times, `divider` samples of the loop for one of the table, from where the axis
+    stands at present; each cycle begins by `shift` further than the one before [m, or V].
 
     A step between samples of the table takes the time of one of them, that from where the axis
     stands to the first of them one sample of the loop, however slow the table is.
@@ -76,7 +82,7 @@ def check_wave(
 def check_feedforward(
     state: AxisState, voltages: Array, size: int, cycles: int, divider: int
 ) -> Array:
-    """Check the voltages beside a waveform of positions."""
+    """Check the voltages [V] beside a waveform of positions, of as many samples."""
     axis = state.description.name
     if not state.servo:
         raise RefusedError(

@@ -21,7 +21,9 @@ _WORDS = {"SIN_P": 6, "RAMP": 7, "LIN": 6}
 
 
 def segment(kind: str, words: Sequence[str], *, held: int, room: int) -> Array:
-    """Return the samples of a segment.
+    """Return the samples of a segment, in the unit of the command.
+
+    It is appended to the samples that are `held` in the table; `room` is the most that it can have.
 
     Examples
     --------

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.instruments.twin import errors_gcs as code
-from flexstage.instruments.twin.device import Device
+from flexstage.instruments.twin.controller import VirtualController
 from flexstage.instruments.twin.errors_gcs import GcsError
 
 _MICRO = 1e-6
@@ -20,7 +20,7 @@ class WaveStore:
     a long table comes in thousands of lines.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: VirtualController) -> None:
         self._device = device
         self._parts: dict[int, list[Array]] = {}
         self._sizes: dict[int, int] = {}
@@ -43,7 +43,7 @@ class WaveStore:
         return self._device.wave_capacity - others
 
     def samples(self, table: int) -> Array:
-        """Return the samples of a table."""
+        """Return the samples of a table in the unit of the wire."""
         parts = self._parts.get(table, [])
         if len(parts) > 1:
             parts[:] = [np.concatenate(parts)]
@@ -58,19 +58,22 @@ class WaveStore:
         )
 
     def replace(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table."""
+        """Replace the samples of a table, in the unit of the wire; none clears it."""
         self._change(table)
         self._parts[table] = [samples] if samples.size else []
         self._sizes[table] = samples.size
 
     def append(self, table: int, samples: Array) -> None:
-        """Append samples to a table."""
+        """Append samples, in the unit of the wire, to a table."""
         self._change(table)
         self._parts.setdefault(table, []).append(samples)
         self._sizes[table] = self.size(table) + samples.size
 
     def give(self, axes: Sequence[str]) -> None:
-        """Give the device, in SI, the tables that some axes are about to run."""
+        """Give the device, in SI, the tables that some axes are about to run.
+
+        Two axes cannot read one table as different quantities, or with different offsets.
+        """
         wanted: dict[int, tuple[float, float]] = {}
         for axis in axes:
             table, feedforward = self._device.wave_choice(axis)

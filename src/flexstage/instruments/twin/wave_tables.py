@@ -9,7 +9,7 @@ from flexstage.instruments.twin.device import Refusal, RefusedError
 
 
 class WaveTables:
-    """The memory of a wave generator."""
+    """The memory of a wave generator: tables, and a capacity [samples] over all of them."""
 
     def __init__(self, count: int, capacity: int) -> None:
         self.count, self.capacity = count, capacity
@@ -20,7 +20,7 @@ class WaveTables:
         self._samples.clear()
 
     def known(self, table: int) -> int:
-        """Return the number of a table."""
+        """Return the number of a table, from 1; refuse one that there is not."""
         if not 1 <= table <= self.count:
             raise RefusedError(
                 Refusal.UNKNOWN, f"there is no wave table {table}: they are 1 to {self.count}"
@@ -28,11 +28,11 @@ class WaveTables:
         return table
 
     def samples(self, table: int) -> Array:
-        """Return the samples of a table."""
+        """Return the samples of a table, not to be written to; none of an empty one."""
         return self._samples.get(self.known(table), _EMPTY)
 
     def replace(self, table: int, samples: Array) -> None:
-        """Replace the samples of a table."""
+        """Replace the samples of a table; none clear it."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
         bad = np.flatnonzero(~np.isfinite(new))
@@ -100,11 +100,11 @@ class WaveRun:
         return last is None or sample < last
 
     def values(self, first: int, count: int) -> Array:
-        """Return samples of the waveform at the rate of the loop."""
+        """Return values [m, or V] at samples of the loop, from `first`, not before its own."""
         return self._along(self.table, first, count, self.shift)
 
     def voltages(self, first: int, count: int) -> Array:
-        """Return samples of the feedforward at the rate of the loop."""
+        """Return voltages [V] beside it, as `values`; NaN where there are none."""
         if self.feedforward is None:
             return np.full(count, np.nan)
         values = self._along(self.feedforward, first, count)
