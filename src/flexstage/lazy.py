@@ -11,16 +11,7 @@ def import_on_use(package: str) -> None:
     """Import what a package's ``if TYPE_CHECKING:`` block names when it is first used.
 
     That block is the only list: type checkers read it as imports, and so does this function.
-
-    Parameters
-    ----------
-    package : str
-        Name of the package; its ``__init__`` calls this with ``__name__``.
-
-    Raises
-    ------
-    ImportError
-        The source of the package is not installed, only its byte code.
+    A package's ``__init__`` calls it with ``__name__``; its source must be installed.
     """
     module = sys.modules[package]
     source = module.__spec__.loader.get_source(package)  # type: ignore[union-attr]

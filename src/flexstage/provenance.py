@@ -31,15 +31,7 @@ class Provenance:
 def content_hash(description: object) -> str:
     """Return a hash of a description that is equal exactly when its fields are.
 
-    Parameters
-    ----------
-    description : object
-        A dataclass of numbers, texts, tuples and other such dataclasses.
-
-    Returns
-    -------
-    str
-        SHA-256, 64 hexadecimal digits.
+    It is the SHA-256 of a dataclass of numbers, texts, tuples and other such dataclasses.
     """
     words: list[str] = []
     _spell(words, description)
@@ -67,20 +59,7 @@ def _spell(words: list[str], value: object) -> None:
 
 
 def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
-    """Record where a result comes from, now.
-
-    Parameters
-    ----------
-    description : object
-        What the result is computed from.
-    settings : Mapping, optional
-        Choices that change the result.
-
-    Returns
-    -------
-    Provenance
-        The record.
-    """
+    """Record where a result comes from, now: its description and the choices that change it."""
     return Provenance(
         version=flexstage.__version__,
         input_hash=content_hash(description),

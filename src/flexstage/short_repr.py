@@ -10,12 +10,7 @@ _LONGEST = 60  # characters of a text
 def short_repr(self: Any) -> str:
     """Return a dataclass as text, with sizes in place of arrays, tuples and mappings.
 
-    A dataclass takes this function as its ``__repr__``.
-
-    Returns
-    -------
-    str
-        Name of the class, and the fields that are not empty.
+    A dataclass takes this function as its ``__repr__``. Empty fields are left out.
 
     Examples
     --------
