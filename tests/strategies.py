@@ -9,7 +9,7 @@ import string
 
 from hypothesis import strategies as st
 
-from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.hinges import Profile, RightCircular
 from flexstage.hinges.corner_filleted import CornerFilleted
 from flexstage.hinges.elliptical import Elliptical
@@ -19,6 +19,7 @@ from flexstage.hinges.parabolic import Parabolic
 from flexstage.hinges.power import PowerFunction
 from flexstage.hinges.v_fillet import VFillet
 from flexstage.material import CATALOGUE, Material
+from flexstage.quantities import QUANTITIES
 from flexstage.stage import (
     Axis,
     Body,
@@ -162,7 +163,7 @@ characteristics = st.sampled_from(sorted(QUANTITIES)).flatmap(
         axis=names,
         origin=st.sampled_from(ORIGINS),
         value=st.floats(-1e9, 1e9, allow_subnormal=False),
-        unit=st.just(QUANTITIES[quantity]),
+        unit=st.just(QUANTITIES[quantity].unit),
         uncertainty=st.none() | positive,
         note=texts,
     )

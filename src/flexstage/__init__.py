@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flexstage import stage as stage
     from flexstage import system as system
     from flexstage import units as units
-    from flexstage.designs import design
+    from flexstage.designs.registry import design
     from flexstage.interactive.hinge_result import hinge
     from flexstage.interactive.stage_analysis import analyse
     from flexstage.interactive.stage_study import study

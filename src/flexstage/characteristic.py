@@ -6,47 +6,7 @@ from dataclasses import dataclass, fields
 
 from flexstage.choose import nearest
 from flexstage.errors import ModelError
-
-#: Quantities and the unit that their values are in: SI, but for the frequency, which says so.
-QUANTITIES: dict[str, str] = {
-    "input_displacement": "m",
-    "output_displacement": "m",
-    "transmission_ratio": "1",
-    "max_stress": "Pa",
-    "safety_factor": "1",
-    "fatigue_safety": "1",
-    "resolution": "m",
-    "natural_frequency_hz": "Hz",
-    "cross_coupling": "1",
-    "parasitic_rotation": "rad",
-    "input_stiffness": "N/m",
-    "output_stiffness": "N/m",
-    "gravity_sag": "m",
-    "thermal_drift": "m/K",
-    "out_of_plane_frequency_hz": "Hz",
-    "out_of_plane_stiffness": "N/m",
-    "buckling_factor": "1",
-    "straightness": "m",
-    "straightness_out_of_plane": "m",
-    "linearity": "m",
-    "pitch": "rad",
-    "roll": "rad",
-    "positioning_accuracy": "m",
-    "positioning_repeatability": "m",
-    "positioning_systematic_deviation": "m",
-    "positioning_mean_deviation": "m",
-    "repeatability": "m",
-    "reversal": "m",
-    "mean_reversal": "m",
-    "squareness": "rad",
-    "workspace_area": "m^2",
-    "damping_ratio": "1",
-    "noise": "m",
-    "drift": "m/s",
-    "hysteresis_loop_width": "m",
-    "compensated_loop_width": "m",
-    "hysteresis_deviation": "m",
-}
+from flexstage.quantities import QUANTITIES, Quantity, beside, display
 
 #: Where a value can come from.
 ORIGINS: tuple[str, ...] = (
@@ -74,7 +34,7 @@ class Characteristic:
     """
 
     quantity: str
-    """One of `QUANTITIES`."""
+    """One of `flexstage.quantities.QUANTITIES`."""
     axis: str
     """Name of the axis of the stage, ``x`` or ``y`` on the built-in ones."""
     origin: str
@@ -101,14 +61,37 @@ class Characteristic:
             raise ModelError(
                 f"unknown origin '{self.origin}': expected one of {', '.join(ORIGINS)}"
             )
-        if self.unit != QUANTITIES[self.quantity]:
+        if self.unit != QUANTITIES[self.quantity].unit:
             raise ModelError(
-                f"{self.quantity} is held in '{QUANTITIES[self.quantity]}', got '{self.unit}'"
+                f"{self.quantity} is held in '{QUANTITIES[self.quantity].unit}', got '{self.unit}'"
             )
         if self.uncertainty is not None and not self.uncertainty >= 0.0:
             raise ModelError(
                 f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
             )
+
+    def text(self, shown: Quantity | None = None) -> str:
+        """Write the value with the digits that are known of it.
+
+        A published value as it is printed; a measured one to the second digit of its uncertainty;
+        that of a model with four significant digits, or fewer where its uncertainty says so. In the
+        unit that the quantity is shown in, or in that of `shown`.
+
+        Examples
+        --------
+        >>> Characteristic(quantity="straightness", axis="x", origin="published-measured",
+        ...     value=9e-08, unit="m").text()
+        '0.09'
+        """
+        shown = shown or display(self.quantity)
+        if self.origin.startswith("published"):
+            return f"{self.value * shown.factor:.10g}"
+        plain = shown.text(self.value)
+        if self.uncertainty and abs(self.value) >= shown.zero:
+            known = beside(self.value * shown.factor, self.uncertainty * shown.factor)[0]
+            # of a model four digits are enough, however well its mesh has settled
+            return known if self.origin == "measured" else min(known, plain, key=len)
+        return plain
 
 
 class Characteristics(tuple[Characteristic, ...]):

@@ -2,8 +2,9 @@
 
 import pytest
 
-from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.errors import ModelError
+from flexstage.quantities import QUANTITIES
 
 
 def row(axis: str, origin: str, value: float) -> Characteristic:
@@ -61,4 +62,4 @@ def test_rows_that_mix_up_their_words_are_refused(changes: dict, part: str) -> N
 def test_every_quantity_has_a_unit_that_stage_files_can_write() -> None:
     from flexstage.stage.field_types import DIMENSION_OF_UNIT
 
-    assert {unit for unit in QUANTITIES.values() if unit != "1"} <= set(DIMENSION_OF_UNIT)
+    assert {q.unit for q in QUANTITIES.values() if q.unit != "1"} <= set(DIMENSION_OF_UNIT)

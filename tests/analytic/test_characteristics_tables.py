@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,9 +16,9 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export.tables.files import table_files
 from flexstage.export.tables.latex import escaped
-from flexstage.export.tables.shown import shown, with_uncertainty
 from flexstage.lumped import lumped_system
-from flexstage.report import compare, display
+from flexstage.quantities import QUANTITIES, Quantity, beside, display
+from flexstage.report import compare
 from flexstage.system import analyse
 
 openpyxl = pytest.importorskip("openpyxl")
@@ -209,8 +208,8 @@ def test_latex_is_a_table_of_equal_rows_and_known_words(files: dict[str, bytes])
     table = {(c[0].strip() or "", c[1].strip()): [w.strip() for w in c[2:]] for c in rows}
     moved = table[r"Output displacement [$\mu$m]", "x"]
     assert moved == ["64.6", "66.67", "--", r"63.123 $\pm$ 0.067"]
-    assert table["Safety factor", "x"][1] == r"$\infty$"
-    assert table["Cross coupling", "x"][1] == r"$-2.800 \times 10^{-15}$"
+    assert table["Safety factor (yield)", "x"][1] == r"$\infty$"
+    assert table[r"Cross-coupling [\%]", "x"][1] == r"$\approx 0$"
     assert r"Characteristics of A stage \& more." in plain
 
 
@@ -241,19 +240,20 @@ def test_text_for_latex_is_printed_as_it_is() -> None:
 
 
 def test_value_and_uncertainty_share_their_decimals() -> None:
-    assert with_uncertainty(338.9104, 0.243) == ("338.91", "0.24")
-    assert with_uncertainty(63.1234, 0.0996) == ("63.12", "0.10")
-    assert with_uncertainty(-729.23, 2814.0) == ("-729.2", "2814")
-    assert with_uncertainty(1.25, math.inf) == ("1.250", "inf")
+    assert beside(338.9104, 0.243) == ("338.91", "0.24")
+    assert beside(63.1234, 0.0996) == ("63.12", "0.10")
+    assert beside(-729.23, 2814.0) == ("-729", "2814")
+    assert beside(1.25, math.inf) == ("1.250", "inf")
 
 
 def test_same_figures_give_the_same_bytes_and_the_callers_units_are_taken() -> None:
-    def mine(quantity: str) -> Any:
-        return SimpleNamespace(label=quantity.upper(), unit="nm", factor=1e9, zero=1e-7)
+    def mine(name: str) -> Quantity:
+        return Quantity(name, "m", name.upper(), "nm", 1e9, zero=1e-7)
 
     rows = (
         row("resolution", "x", "measured", 2e-8, "m"),
         row("reversal", "x", "lumped", 2e-7, "m"),
+        row("noise", "x", "lumped", -8.4e-3, "m"),
     )
     first = table_files(rows, name="s", display=mine)
     assert first == table_files(rows, name="s", display=mine)
@@ -262,15 +262,17 @@ def test_same_figures_give_the_same_bytes_and_the_callers_units_are_taken() -> N
     found = [[c.value for c in line[4:6]] for line in (sheet[4], sheet[5])]
     assert found == [[None, "≈ 0"], [200.0, None]]
     assert r"$\approx 0$" in first["s-table.tex"].decode()
+    assert r"$-8.400 \times 10^{6}$" in first["s-table.tex"].decode()
 
 
-def test_every_quantity_has_a_unit_that_people_use() -> None:
-    for quantity in ("max_stress", "thermal_drift", "workspace_area", "damping_ratio", "drift"):
-        one = shown(quantity)
-        assert one.factor > 0.0
-        assert one.label[0].isupper()
-    assert (shown("max_stress").unit, shown("max_stress").factor) == ("MPa", 1e-6)
-    assert (shown("thermal_drift").unit, shown("thermal_drift").factor) == ("nm/K", 1e9)
+def test_every_quantity_has_a_label_and_a_unit_that_people_use() -> None:
+    for quantity in QUANTITIES.values():
+        assert quantity.factor > 0.0
+        assert quantity.label[0].isupper()
+        # what has a unit is shown in one
+        assert quantity.shown_unit or quantity.unit == "1"
+    assert (display("max_stress").shown_unit, display("max_stress").factor) == ("MPa", 1e-6)
+    assert (display("thermal_drift").shown_unit, display("thermal_drift").factor) == ("nm/K", 1e9)
 
 
 def test_nothing_to_write_is_refused() -> None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from flexstage.characteristic import Characteristic
-from flexstage.report import compare, display, number
+from flexstage.quantities import display, number
+from flexstage.report import compare
 from flexstage.report.comparison import difference_percent
 from flexstage.report.figures.static_shape import exaggeration
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 import flexstage
-from flexstage.characteristic import ORIGINS, QUANTITIES
+from flexstage.characteristic import ORIGINS
 from flexstage.cli import main
 from flexstage.errors import ConvergenceError
+from flexstage.quantities import QUANTITIES
 
 #: For a study without its experiments on the simulated stage.
 BRIEFLY = ("--no-virtual", "--no-hysteresis")
@@ -103,7 +104,7 @@ def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture
         assert list(row) == ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note"]
         assert row["origin"] in ORIGINS
         assert row["axis"] in ("x", "y")
-        assert row["unit"] == QUANTITIES[row["quantity"]]
+        assert row["unit"] == QUANTITIES[row["quantity"]].unit
         assert isinstance(row["value"], float)
     written = json.loads((elsewhere / "d" / "results.json").read_text(encoding="utf-8"))
     assert written["characteristics"] == rows

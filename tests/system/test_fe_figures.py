@@ -16,7 +16,8 @@ from flexstage.fem import MeshSettings, Refinement, StageModel, plane_model, sol
 from flexstage.fem.accuracy import RefinementStep
 from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.sampling import Sampler
-from flexstage.report import ModelRun, Study, number, report_html
+from flexstage.quantities import number
+from flexstage.report import ModelRun, Study, report_html
 from flexstage.report.figures.convergence import changes, draw_convergence
 from flexstage.report.figures.fe_modes import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks

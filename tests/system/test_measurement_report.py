@@ -14,9 +14,9 @@ from flexstage.experiment.campaign.evaluate import evaluate
 from flexstage.experiment.virtual.as_built import as_built
 from flexstage.experiment.virtual.campaign import virtual_campaign
 from flexstage.experiment.virtual.laboratory import Laboratory
+from flexstage.quantities import display
 from flexstage.report import (
     compare_measurement,
-    display,
     report_html,
     results_json,
     run_study,
@@ -123,8 +123,8 @@ def test_numbers_of_the_table_are_those_of_the_results(result, page):
         assert cells[1] == one["axis"]
         unit = re.search(r"\[(.*)\]", cells[0])
         steps = (
-            "µnp".index(unit[1][0]) - "µnp".index(shown.unit[0])
-            if unit and (unit[1] != shown.unit)
+            "µnp".index(unit[1][0]) - "µnp".index(shown.shown_unit[0])
+            if unit and (unit[1] != shown.shown_unit)
             else 0
         )
         factor = shown.factor * 1e3**steps

@@ -16,7 +16,8 @@ from flexstage.errors import ModelError
 from flexstage.hinges import Leaf
 from flexstage.material import material
 from flexstage.plans.results import IdentifiedStep
-from flexstage.report import Study, display, report_html, results_json, run_study, study_results
+from flexstage.quantities import display
+from flexstage.report import Study, report_html, results_json, run_study, study_results
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.following import draw_drive_fit

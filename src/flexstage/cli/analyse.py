@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from flexstage.quantities import Quantity
     from flexstage.report import ModelRun
-    from flexstage.report.quantities import Display
     from flexstage.system import Analysis
 
 
@@ -201,7 +201,7 @@ def _diagrams(
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report import display
+    from flexstage.quantities import display
 
     model = analysis.system.model
     head = ["quantity", "<axis", "value", "<unit", "<condition"]
@@ -211,7 +211,7 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
     table = make_table(f"{analysis.stage.name}: {model}", *head)
     for row in analysis.characteristics:
         shown = display(row.quantity)
-        cells = [shown.label, row.axis, shown.text(row.value), shown.unit, row.note]
+        cells = [shown.label, row.axis, shown.text(row.value), shown.shown_unit, row.note]
         if known:
             cells.insert(3, "" if row.uncertainty is None else _spread(row.uncertainty, shown))
         table.add_row(*cells)
@@ -219,14 +219,14 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
         screen.print(table)
 
 
-def _spread(uncertainty: float, shown: "Display") -> str:
-    from flexstage.report import number
+def _spread(uncertainty: float, shown: "Quantity") -> str:
+    from flexstage.quantities import number
 
     return number(uncertainty * shown.factor, 2)
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report import number
+    from flexstage.quantities import number
 
     table = make_table(
         "natural frequencies in Hz", "mode", *(f"drives {name}" for name in analysis.modes)
@@ -253,7 +253,7 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report import number
+    from flexstage.quantities import number
     from flexstage.report.results import analysis_results
 
     found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
@@ -277,7 +277,7 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
-    from flexstage.report import number
+    from flexstage.quantities import number
 
     if not bars:
         return
@@ -288,7 +288,7 @@ def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
 
 
 def _responses(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report import number
+    from flexstage.quantities import number
 
     if not analysis.responses:
         return

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
-    from flexstage.report import display
+    from flexstage.quantities import display
     from flexstage.report.tables import column_title
 
     columns = list(result.references)
@@ -25,7 +25,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
         cells = [
             shown.text(estimate.value),
             f"{estimate.expanded * shown.factor:.2g}",
-            shown.unit,
+            shown.shown_unit,
         ]
         for name in columns:
             found = row.differences.get(name)

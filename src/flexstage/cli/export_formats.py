@@ -105,7 +105,6 @@ def _uff(request: ExportRequest) -> Files:
 def _table(suffix: str) -> Callable[[ExportRequest], Files]:
     def write(request: ExportRequest) -> Files:
         from flexstage.export.tables.files import table_files
-        from flexstage.report import display
 
         analysis = request.run.analysis
         figures = (*request.stage.published, *analysis.characteristics)
@@ -118,7 +117,6 @@ def _table(suffix: str) -> Callable[[ExportRequest], Files]:
             figures,
             name=request.name,
             title=request.stage.title,
-            display=display,
             provenance=analysis.provenance,
             notes=analysis.validity,
         )

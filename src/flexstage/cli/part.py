@@ -218,7 +218,7 @@ def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> No
 def _found(screen: "Console", found: "PartAnalysis") -> None:
     import numpy as np
 
-    from flexstage.report import number
+    from flexstage.quantities import number
 
     how = f"held at {', '.join(found.held)}" if found.held else "free"
     kinds = list(found.results)
@@ -259,7 +259,7 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
 
 
 def _ratio(screen: "Console", found: "PartAnalysis") -> None:
-    from flexstage.report import number
+    from flexstage.quantities import number
 
     rows = {kind: r.ratio for kind, r in found.results.items() if r.ratio is not None}
     if not rows:

@@ -329,7 +329,7 @@ def _print_verified(step: Any) -> None:
 
 def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
     """Return the row of a figure, with the digits that its uncertainty leaves."""
-    from flexstage.report.quantities import beside, display, number
+    from flexstage.quantities import beside, display, number
 
     shown = display(figure.quantity)
     value = figure.estimate.value * shown.factor
@@ -340,7 +340,7 @@ def _figure(result: "PlanResult", figure: Any) -> tuple[str, ...]:
         label[:1].lower() + label[1:],
         figure.axis,
         *beside(value, expanded),
-        shown.unit,
+        shown.shown_unit,
         figure.test,
         number(known[0].value * shown.factor) if known else "",
     )

@@ -132,7 +132,7 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
     """
     from rich.text import Text
 
-    from flexstage.report import display
+    from flexstage.quantities import display
     from flexstage.report.tables import column_title, percent
 
     published, first = comparison.published, comparison.best
@@ -154,7 +154,7 @@ def comparison_tables(comparison: "Comparison", title: str, *, width: int) -> li
     remarks: list[str] = []
     for row in comparison.rows:
         shown = display(row.quantity)
-        label = f"{shown.label} ({shown.unit})" if shown.unit else shown.label
+        label = f"{shown.label} ({shown.shown_unit})" if shown.shown_unit else shown.label
         if row.remark:
             remarks.append(row.remark)
             label += f" [{len(remarks)}]"

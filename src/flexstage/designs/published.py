@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.characteristic import Characteristic
+from flexstage.quantities import QUANTITIES
 
 #: Note of a figure that is printed once for a stage with two axes.
 BOTH_AXES = "printed once, for both axes"
@@ -32,6 +33,6 @@ def rows(
                 axis=axis,
                 origin=origin,
                 value=value,
-                unit=QUANTITIES[quantity],
+                unit=QUANTITIES[quantity].unit,
                 note=note,
             )

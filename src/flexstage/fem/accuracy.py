@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from flexstage import progress
-from flexstage.characteristic import QUANTITIES, Characteristics
+from flexstage.characteristic import Characteristics
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
+from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, analyse
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage import progress
 from flexstage.arrays import Array
-from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.elasticity.buckling import buckling
 from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.elasticity.loaded import stress_stiffening
@@ -14,6 +14,7 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.ports import Supports, body_motion, drive_vector
+from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.characteristics import axis_mode
@@ -201,7 +202,7 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
             axis=path.axis,
             origin=analysis.system.model,
             value=value,
-            unit=QUANTITIES[quantity],
+            unit=QUANTITIES[quantity].unit,
             note=note,
         )
         for quantity, value, note in found

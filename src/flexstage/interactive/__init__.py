@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.designs import design
+    from flexstage.designs.registry import design
     from flexstage.interactive.hinge_result import hinge
     from flexstage.interactive.stage_analysis import analyse
     from flexstage.interactive.stage_study import study

@@ -13,7 +13,7 @@ from flexstage.hinges.registry import profile_class
 from flexstage.interactive.show import data_frame, html_table
 from flexstage.material import Material
 from flexstage.material import material as find_material
-from flexstage.report.quantities import number
+from flexstage.quantities import number
 from flexstage.units import Dimension, parse
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.characteristic import Characteristics
-from flexstage.report.quantities import display
+from flexstage.quantities import display
 
 if TYPE_CHECKING:
     import pandas
@@ -22,7 +22,7 @@ def headline(figures: Characteristics) -> list[str]:
         shown = display(quantity)
         texts = [f"{row.axis} {shown.text(row.value)}" for row in rows]
         if texts:
-            lines.append(f"  {shown.label.lower()}: {', '.join(texts)} {shown.unit}".rstrip())
+            lines.append(f"  {shown.label.lower()}: {', '.join(texts)} {shown.shown_unit}".rstrip())
     return lines
 
 

@@ -10,8 +10,8 @@ from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table
 from flexstage.interactive.stages import stage_of
+from flexstage.quantities import display
 from flexstage.report.models import ModelOptions, ModelRun, Plane, run_model
-from flexstage.report.quantities import display
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem
 
@@ -83,7 +83,7 @@ class StageAnalysis:
             [
                 display(q).label,
                 *(display(q).text(values.get((q, axis))) for axis in axes),
-                display(q).unit,
+                display(q).shown_unit,
             ]
             for q in dict.fromkeys(row.quantity for row in self.characteristics)
         ]

@@ -11,8 +11,8 @@ from flexstage.errors import ModelError
 from flexstage.interactive.show import data_frame, headline, html_table
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.interactive.stages import stage_of
+from flexstage.quantities import display
 from flexstage.report.models import Plane
-from flexstage.report.quantities import display
 from flexstage.stage import Stage
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class StageStudy:
                 display(row.quantity).label,
                 row.axis,
                 *(display(row.quantity).text(row.value(origin)) for origin in comparison.columns),
-                display(row.quantity).unit,
+                display(row.quantity).shown_unit,
             ]
             for row in comparison.rows
         ]

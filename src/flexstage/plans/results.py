@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.errors import PlanError
 from flexstage.experiment.campaign.results import Figure
 from flexstage.instruments.protocol import Identity
@@ -20,6 +20,7 @@ from flexstage.plans.step_results import (
     VerifiedStep,
 )
 from flexstage.plans.verbs import Measure
+from flexstage.quantities import QUANTITIES
 from flexstage.stage import Stage
 
 #: Figures that depend on whether the drives hold the stage.

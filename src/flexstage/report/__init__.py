@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from flexstage.report.html import report_html
     from flexstage.report.measurement import MeasurementComparison, compare_measurement
     from flexstage.report.models import MODELS, ModelRun, analyse_model, run_model
-    from flexstage.report.quantities import display, number
     from flexstage.report.results import results_json, study_results
     from flexstage.report.study import Study, run_study
 
@@ -45,7 +44,6 @@ __all__ = [
     "analyse_model",
     "compare",
     "compare_measurement",
-    "display",
     "draw_bode",
     "draw_budget",
     "draw_compensation",
@@ -73,7 +71,6 @@ __all__ = [
     "draw_stroke",
     "draw_workspace",
     "encode",
-    "number",
     "report_html",
     "results_json",
     "run_model",

@@ -10,12 +10,12 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
+from flexstage.quantities import beside, display
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.resonance import draw_resonance
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.page import captioned, figure, row_of, table_html
-from flexstage.report.quantities import beside, display
 
 if TYPE_CHECKING:
     from flexstage.centring.harmonic_fit import HarmonicFit
@@ -152,7 +152,7 @@ def _main_figures(found: MeasurementComparison) -> str:
         if not rows:
             continue
         shown = display(quantity).fitting(max(abs(e.value) for e in rows.values()))
-        unit = f" [{shown.unit}]" if shown.unit else ""
+        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
         cells = "".join(
             f"<td>{_with_spread(rows[a], shown.factor)}</td>" if a in rows else "<td>–</td>"
             for a in axes

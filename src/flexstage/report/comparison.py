@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
-from flexstage.report.quantities import display
+from flexstage.characteristic import ORIGINS, Characteristic
+from flexstage.quantities import QUANTITIES, display
 from flexstage.short_repr import short_repr
 
 
@@ -16,7 +16,7 @@ class ComparisonRow:
     """
 
     quantity: str
-    """One of `flexstage.characteristic.QUANTITIES`."""
+    """One of `flexstage.quantities.QUANTITIES`."""
     axis: str
     """The axis."""
     cells: Mapping[str, Characteristic]

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterable
 from html import escape
 from typing import TYPE_CHECKING
 
+from flexstage.quantities import display, number
 from flexstage.report.front_page import best_model, listed, model_name
 from flexstage.report.measurement import MeasurementComparison
-from flexstage.report.quantities import display, number
 from flexstage.report.tables import percent
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _measured(study: "Study") -> str:
     for origin, title in (("measured", "Measured here"), ("published-measured", "Published")):
         words = [
             f"{display(row.quantity).label.lower()} of {escape(row.axis)} "
-            f"{display(row.quantity).cell(row.cells[origin])} {display(row.quantity).unit} "
+            f"{row.cells[origin].text(display(row.quantity))} {display(row.quantity).shown_unit} "
             f"({_model_against(row.difference_percent(best, origin))})"
             for row in rows
             if row.quantity in ("output_displacement", "natural_frequency_hz")
@@ -126,9 +126,9 @@ def _best(study: "Study") -> str:
 def _of(study: "Study", quantity: str) -> str:
     """The values of a quantity on every axis, by the best model."""
     shown = display(quantity)
-    unit = f" {shown.unit}" if shown.unit else ""
+    unit = f" {shown.shown_unit}" if shown.shown_unit else ""
     rows: Iterable = study.analyses[best_model(study)].characteristics.select(quantity)
-    return listed(f"{shown.cell(r)}{unit} in {escape(r.axis)}" for r in rows)
+    return listed(f"{r.text(shown)}{unit} in {escape(r.axis)}" for r in rows)
 
 
 def _model_against(value: float | None) -> str:

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 from html import escape
 from typing import TYPE_CHECKING
 
+from flexstage.quantities import display, number
 from flexstage.report.comparison import ComparisonRow
 from flexstage.report.figures.bode import draw_bode
 from flexstage.report.figures.compensation import draw_loop
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, table_html
-from flexstage.report.quantities import display, number
 from flexstage.report.tables import MANUFACTURE, percent
 
 if TYPE_CHECKING:
@@ -126,14 +126,14 @@ def _table(study: "Study") -> str:
         if cell is None or not (set(published) & set(row.cells) or not published):
             continue
         shown = display(row.quantity)
-        unit = f" [{shown.unit}]" if shown.unit else ""
+        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
         cells = [f'<td class="text">{escape(shown.label + unit)}</td><td>{escape(row.axis)}</td>']
         for c in published:
             slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
             cells.append(
-                f"<td>{shown.cell(row.cells[c])}{slip}</td>" if c in row.cells else "<td>–</td>"
+                f"<td>{row.cells[c].text(shown)}{slip}</td>" if c in row.cells else "<td>–</td>"
             )
-        cells.append(f'<td class="ours">{shown.cell(cell)}</td>')
+        cells.append(f'<td class="ours">{cell.text(shown)}</td>')
         cells += [f"<td>{percent(row.difference_percent(model, c)) or '–'}</td>" for c in published]
         lines.append(f"<tr>{''.join(cells)}</tr>")
     lines += _loops(study, len(published))
@@ -299,7 +299,7 @@ def _known(study: "Study") -> Iterator[str]:
     def said(quantity: str, unit: str = "") -> str:
         shown = display(quantity)
         values = [
-            f"{shown.cell(row)}{unit or f' {shown.unit}'} in {axis}"
+            f"{row.text(shown)}{unit or f' {shown.shown_unit}'} in {axis}"
             for (q, axis), row in rows.items()
             if q == quantity
         ]

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from flexstage.characteristic import QUANTITIES, Characteristics
+from flexstage.characteristic import Characteristics
+from flexstage.quantities import QUANTITIES
 from flexstage.report.bench import bench_section, centring_section
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.bode import draw_bode

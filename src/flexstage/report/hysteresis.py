@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from flexstage import progress
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError
+from flexstage.quantities import number
 from flexstage.report.figures.compensation import draw_compensation
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import captioned, figure, row_of, table_html
-from flexstage.report.quantities import number
 from flexstage.stage import PiezoStack, Stage
 from flexstage.system import MechanicalSystem
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.experiment.significance import Difference, difference
+from flexstage.quantities import display
 from flexstage.report.positioning_tables import positioning_data
-from flexstage.report.quantities import display
 
 if TYPE_CHECKING:
     from flexstage.experiment.campaign.results import Characterisation, Figure, TestResult

@@ -6,6 +6,7 @@ from typing import Any
 
 import flexstage
 from flexstage.experiment.campaign.results import TestResult
+from flexstage.quantities import beside, display, number
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.positioning import draw_positioning
@@ -15,7 +16,6 @@ from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasuredRow, MeasurementComparison
 from flexstage.report.page import figure, page_html, row_of
 from flexstage.report.positioning_tables import positioning_tables
-from flexstage.report.quantities import beside, display, number
 from flexstage.report.tables import column_title
 
 _MOTIONS = {
@@ -120,7 +120,7 @@ def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
     estimate = row.figure.estimate
     sizes = [abs(estimate.value), *(abs(other.value) for other in row.references.values())]
     shown = display(row.figure.quantity).fitting(max(sizes))
-    unit = f" [{shown.unit}]" if shown.unit else ""
+    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
     value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
     cells = [
         f'<td class="text">{escape(shown.label + unit)}</td>',
@@ -134,7 +134,7 @@ def _cells(row: MeasuredRow, origins: tuple[str, ...]) -> str:
             cells.append("<td>–</td>")
             continue
         note = f' title="{escape(other.note, quote=True)}"' if other.note else ""
-        cells.append(f"<td{note}>{shown.cell(other)}<br><small>{_difference(found)}</small></td>")
+        cells.append(f"<td{note}>{other.text(shown)}<br><small>{_difference(found)}</small></td>")
     return "".join(cells)
 
 
@@ -163,7 +163,7 @@ def _budgets(result: MeasurementComparison) -> str:
             f"<td>{100.0 * (own[n] / u) ** 2:.0f}</td>" if u > 0.0 and n in own else "<td></td>"
             for n in names
         )
-        unit = f" [{shown.unit}]" if shown.unit else ""
+        unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
         nu = estimate.degrees_of_freedom
         freedom = "∞" if nu > 1e4 else f"{nu:.0f}"
         lines.append(

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING
 
+from flexstage.quantities import display
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.fe_modes import draw_fe_modes
 from flexstage.report.figures.neck_stress import draw_neck_stress, neck_sampler
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.page import figure, row_of
-from flexstage.report.quantities import display
 
 if TYPE_CHECKING:
     from flexstage.report.models import ModelRun

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexstage.estimate import Estimate
 from flexstage.experiment.motion.positioning import Positioning
-from flexstage.report.quantities import prefixed
+from flexstage.quantities import prefixed
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (

@@ -16,12 +16,12 @@ from flexstage.plans.results import (
     VerifiedStep,
 )
 from flexstage.plans.step_results import FollowedRun
+from flexstage.quantities import beside, display, number
 from flexstage.report.figures.following import draw_drive_fit, draw_following
 from flexstage.report.figures.style import inline_svg
 from flexstage.report.measurement import MeasurementComparison, compare_with_references
 from flexstage.report.measurement_html import measurement_section
 from flexstage.report.page import figure, page_html
-from flexstage.report.quantities import beside, display, number
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
@@ -144,7 +144,7 @@ def _further(result: PlanResult) -> str:
         rows.append(
             f'<tr><td class="text">{escape(label)}</td><td class="text">{escape(found.axis)}</td>'
             f'<td class="text">{escape(found.test)}</td><td>{value}</td><td>{spread}</td>'
-            f'<td class="text">{escape(shown.unit)}</td></tr>'
+            f'<td class="text">{escape(shown.shown_unit)}</td></tr>'
         )
     if not rows:
         return ""

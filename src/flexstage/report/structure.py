@@ -6,8 +6,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from flexstage.errors import FlexstageError
+from flexstage.quantities import number
 from flexstage.report.page import figure, row_of
-from flexstage.report.quantities import number
 from flexstage.stage import PiezoStack
 
 if TYPE_CHECKING:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage import progress
-from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.lumped import mechanism, stroke_path
 from flexstage.lumped.large_displacement import StrokePath
+from flexstage.quantities import QUANTITIES
 from flexstage.report.comparison import Comparison, compare
 from flexstage.report.hysteresis import run_experiments
 from flexstage.report.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
@@ -237,7 +238,7 @@ def _over_the_stroke(
             axis=axis.axis,
             origin=analysis.system.model,
             value=path.straightness,
-            unit=QUANTITIES["straightness"],
+            unit=QUANTITIES["straightness"].unit,
             note="finite rotations over the full stroke: largest less smallest distance from the "
             "least-squares straight line",
         )

@@ -7,9 +7,9 @@ from html import escape
 
 from flexstage.characteristic import Characteristic
 from flexstage.hinges import Profile
+from flexstage.quantities import Quantity, display, number
 from flexstage.report.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.report.page import captioned, table_html
-from flexstage.report.quantities import Display, display, number
 from flexstage.stage import Stage
 from flexstage.units import DIMENSIONS
 
@@ -99,7 +99,7 @@ def differences_table(comparison: Comparison) -> str:
             for m in models
         ]
         if any(signed):
-            label = _label_cells(row, replace(display(row.quantity), unit=""))
+            label = _label_cells(row, replace(display(row.quantity), shown_unit=""))
             cells = [*label, *(f"<td>{text}</td>" for text in signed)]
             lines.append(f"<tr>{''.join(cells)}</tr>")
     caption = "Difference of each model here to each published origin [% of the published value]."
@@ -178,7 +178,7 @@ def hinge_table(stage: Stage, *, method: str = "wedge", plane: str = "auto") -> 
     return captioned(table_html((heads,), lines), caption)
 
 
-def shown_in(row: ComparisonRow) -> Display:
+def shown_in(row: ComparisonRow) -> Quantity:
     """Return the unit that a row is shown in: one in which its values are not tiny.
 
     The usual one where some are published, as it is the one that they are printed in.
@@ -199,8 +199,8 @@ def _profile_text(profile: Profile) -> str:
     return f"{profile.kind}{side}" + "".join(f", {size}" for size in sizes)
 
 
-def _label_cells(row: ComparisonRow, shown: Display) -> list[str]:
-    unit = f" [{shown.unit}]" if shown.unit else ""
+def _label_cells(row: ComparisonRow, shown: Quantity) -> list[str]:
+    unit = f" [{shown.shown_unit}]" if shown.shown_unit else ""
     remark = f"<br><small>{escape(row.remark)}</small>" if row.remark else ""
     return [
         f'<td class="text wrap">{escape(shown.label + unit)}{remark}</td>',
@@ -208,11 +208,11 @@ def _label_cells(row: ComparisonRow, shown: Display) -> list[str]:
     ]
 
 
-def _value_cell(row: ComparisonRow, column: str, shown: Display, kind: str = "") -> str:
+def _value_cell(row: ComparisonRow, column: str, shown: Quantity, kind: str = "") -> str:
     cell: Characteristic | None = row.cells.get(column)
     if cell is None:
         return f'<td class="{kind}">–</td>'
     title = f' title="{escape(cell.note, quote=True)}"' if cell.note else ""
     names = {"quantity": row.quantity, "axis": row.axis, "column": column, "value": cell.value}
     data = "".join(f' data-{k}="{escape(str(v), quote=True)}"' for k, v in names.items())
-    return f'<td class="{kind}"{data}{title}>{shown.cell(cell)}</td>'
+    return f'<td class="{kind}"{data}{title}>{cell.text(shown)}</td>'

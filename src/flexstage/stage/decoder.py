@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, NoReturn
 
-from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.characteristic import Characteristic
 from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError, StageError
 from flexstage.material import Material, material
+from flexstage.quantities import QUANTITIES
 from flexstage.stage.field_types import (
     DIMENSION_OF_UNIT,
     FAMILIES,
@@ -284,7 +285,7 @@ class Decoder:
         if quantity is not None and name not in QUANTITIES:
             sentence = unknown("quantity", name, QUANTITIES, 0.5)
             self.refuse(quantity, f"{path}.quantity", sentence)
-        unit = QUANTITIES.get(name, "1")
+        unit = QUANTITIES[name].unit if name in QUANTITIES else "1"
         given: dict[str, Any] = {"unit": unit}
         for key in ("value", "uncertainty"):
             value = entry.items.get(key)

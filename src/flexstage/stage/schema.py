@@ -10,9 +10,10 @@ import typing
 from pathlib import Path
 from typing import Annotated, Any
 
-from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.field_texts import field_texts
 from flexstage.material import CATALOGUE, Material
+from flexstage.quantities import QUANTITIES
 from flexstage.stage.field_types import FAMILIES, field_types, is_named, optional_part, required
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import Circle, Loop

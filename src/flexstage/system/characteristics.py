@@ -5,8 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.characteristic import Characteristic
 from flexstage.material import Material
+from flexstage.quantities import QUANTITIES
 from flexstage.stage import Stage
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
@@ -46,7 +47,7 @@ def axis_characteristics(
                 axis=axis.axis,
                 origin=system.model,
                 value=float(value),
-                unit=QUANTITIES[quantity],
+                unit=QUANTITIES[quantity].unit,
                 uncertainty=uncertainty,
                 note=note,
             )

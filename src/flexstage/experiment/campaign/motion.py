@@ -3,7 +3,6 @@
 import math
 
 from flexstage.arrays import Array
-from flexstage.characteristic import QUANTITIES
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.loading import column, optional_column
@@ -17,6 +16,7 @@ from flexstage.experiment.motion.motion_curve import MotionCurve
 from flexstage.experiment.motion.stroke import stroke
 from flexstage.experiment.noise.resolution import screw_resolution
 from flexstage.experiment.uncertainty.sensor import Role, SensorSetup, measured
+from flexstage.quantities import QUANTITIES
 from flexstage.records import Record
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
@@ -176,4 +176,4 @@ def _in_unit(estimate: Estimate, quantity: str, note: str) -> Estimate:
     from dataclasses import replace
 
     said = f"{note}; {estimate.note}" if estimate.note else note
-    return replace(estimate.times(1.0, QUANTITIES[quantity]), note=said)
+    return replace(estimate.times(1.0, QUANTITIES[quantity].unit), note=said)

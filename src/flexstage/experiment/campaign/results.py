@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from flexstage.characteristic import QUANTITIES, Characteristic, Characteristics
+from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.experiment.campaign.plan import Campaign, Test
+from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 
 
@@ -16,7 +17,7 @@ class Figure:
     """One figure of a stage, from one test."""
 
     quantity: str
-    """One of `flexstage.characteristic.QUANTITIES`."""
+    """One of `flexstage.quantities.QUANTITIES`."""
     axis: str
     """The axis, or both, such as ``xy``."""
     estimate: Estimate
@@ -25,7 +26,8 @@ class Figure:
     """Name of the test."""
 
     def __post_init__(self) -> None:
-        unit = QUANTITIES.get(self.quantity)
+        known = QUANTITIES.get(self.quantity)
+        unit = None if known is None else known.unit
         if unit != self.estimate.unit:
             raise ModelError(
                 f"{self.quantity} is held in '{unit}', got an estimate in '{self.estimate.unit}'"

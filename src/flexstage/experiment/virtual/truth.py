@@ -20,7 +20,7 @@ def true_figures(
 ) -> dict[tuple[str, str], float]:
     """Return the figures of a virtual stage, by quantity and axis.
 
-    They are in the units of `flexstage.characteristic.QUANTITIES`, computed from what the stage
+    They are in the units of `flexstage.quantities.QUANTITIES`, computed from what the stage
     does and from no record; the laboratory gives those that are of the sensor: noise, and the
     resolution of a drive without steps.
 

@@ -5,8 +5,9 @@ import io
 from collections.abc import Iterable
 from dataclasses import fields
 
-from flexstage.characteristic import QUANTITIES, Characteristic
+from flexstage.characteristic import Characteristic
 from flexstage.export.tables.side_by_side import SideBySide
+from flexstage.quantities import QUANTITIES
 
 
 def values_csv(characteristics: Iterable[Characteristic]) -> bytes:
@@ -25,7 +26,7 @@ def comparison_csv(table: SideBySide) -> bytes:
         head += [origin, f"{origin} uncertainty"] if origin in table.uncertain else [origin]
     lines = []
     for row in table.rows:
-        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity], row.condition]
+        line: list[object] = [row.quantity, row.axis, QUANTITIES[row.quantity].unit, row.condition]
         for origin in table.origins:
             cell = row.cells.get(origin)
             line.append(None if cell is None else cell.value)

@@ -8,10 +8,10 @@ from flexstage.errors import ModelError
 from flexstage.export.file_names import file_name
 from flexstage.export.tables.comma import comparison_csv, values_csv
 from flexstage.export.tables.latex import latex
-from flexstage.export.tables.shown import Shown, shown
 from flexstage.export.tables.side_by_side import side_by_side
 from flexstage.export.tables.workbook import workbook
 from flexstage.provenance import Provenance
+from flexstage.quantities import Quantity, display
 
 
 def table_files(
@@ -19,7 +19,7 @@ def table_files(
     *,
     name: str,
     title: str = "",
-    display: Callable[[str], Shown] = shown,
+    display: Callable[[str], Quantity] = display,
     provenance: Provenance | Sequence[Provenance] = (),
     notes: Sequence[str] = (),
 ) -> dict[str, bytes]:
@@ -31,8 +31,8 @@ def table_files(
     ``NAME-table.tex``: side by side, four digits, for ``booktabs``.
 
     Rows are of any origin: what was published of a stage, what models say, what was measured.
-    `display` says how a quantity is shown in Excel and LaTeX (name, unit and factor), such as
-    `flexstage.report.display`; by its unit alone where not given. Notes say where values stop being
+    `display` says how a quantity is shown in Excel and LaTeX (name, unit and factor); as in
+    `flexstage.quantities.QUANTITIES` where not given. Notes say where values stop being
     valid.
 
     Notes

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.export.tables.shown import Shown, plain_number, with_uncertainty
 from flexstage.export.tables.side_by_side import SideBySide, SideBySideRow
+from flexstage.quantities import Quantity, beside, number
 
 #: Shares of the width of the text: the names of the quantities beside a few columns of figures, and
 #: both together; the rest is for the axis.
@@ -47,7 +47,7 @@ def latex(
     name: str,
     title: str,
     table: SideBySide,
-    display: Callable[[str], Shown],
+    display: Callable[[str], Quantity],
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
@@ -118,8 +118,8 @@ def _head(table: SideBySide) -> list[str]:
     return lines
 
 
-def _row(row: SideBySideRow, first: bool, table: SideBySide, how: Shown) -> str:
-    label = f"{how.label} [{how.unit}]" if how.unit else how.label
+def _row(row: SideBySideRow, first: bool, table: SideBySide, how: Quantity) -> str:
+    label = f"{how.label} [{how.shown_unit}]" if how.shown_unit else how.label
     words = [label] if first else []
     if row.condition:
         words.append(f"({row.condition})")
@@ -128,7 +128,7 @@ def _row(row: SideBySideRow, first: bool, table: SideBySide, how: Shown) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _cell(cell: Characteristic | None, how: Shown) -> str:
+def _cell(cell: Characteristic | None, how: Quantity) -> str:
     if cell is None:
         return "--"
     if abs(cell.value) < how.zero:
@@ -136,8 +136,8 @@ def _cell(cell: Characteristic | None, how: Shown) -> str:
     if cell.origin.startswith("published") and cell.uncertainty is None:
         return _number(f"{cell.value * how.factor:.6g}")  # with the digits that were printed
     if cell.uncertainty is None:
-        return _number(plain_number(cell.value * how.factor))
-    value, spread = with_uncertainty(cell.value * how.factor, cell.uncertainty * abs(how.factor))
+        return _number(number(cell.value * how.factor))
+    value, spread = beside(cell.value * how.factor, cell.uncertainty * abs(how.factor))
     return rf"{_number(value)} $\pm$ {_number(spread)}"
 
 

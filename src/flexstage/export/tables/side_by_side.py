@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from flexstage.characteristic import ORIGINS, QUANTITIES, Characteristic
+from flexstage.characteristic import ORIGINS, Characteristic
+from flexstage.quantities import QUANTITIES
 
 _TITLES = {
     "published-analytic": "published, analytic",
@@ -23,7 +24,7 @@ class SideBySideRow:
     """One quantity on one axis, from every origin that has it."""
 
     quantity: str
-    """One of `flexstage.characteristic.QUANTITIES`."""
+    """One of `flexstage.quantities.QUANTITIES`."""
     axis: str
     """Its axis."""
     condition: str

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import flexstage
 from flexstage.characteristic import Characteristic
-from flexstage.export.tables.shown import Shown
 from flexstage.export.tables.side_by_side import SideBySide
+from flexstage.quantities import Quantity
 
 if TYPE_CHECKING:
     from xlsxwriter.workbook import Workbook
@@ -27,7 +27,7 @@ def workbook(
     title: str,
     characteristics: Sequence[Characteristic],
     table: SideBySide,
-    display: Callable[[str], Shown],
+    display: Callable[[str], Quantity],
     about: Mapping[str, str],
     notes: Sequence[str],
 ) -> bytes:
@@ -96,7 +96,7 @@ def _figures(
     sheet: "Worksheet",
     title: str,
     table: SideBySide,
-    display: Callable[[str], Shown],
+    display: Callable[[str], Quantity],
     styles: dict[str, Any],
 ) -> None:
     sheet.write_string(0, 0, title, styles["title"])
@@ -116,7 +116,7 @@ def _figures(
     sheet.set_row(2, _LINE * max(_lines(name) for name in head[4:] or head))
     for line, row in enumerate(table.rows, start=3):
         how = display(row.quantity)
-        for column, text in enumerate((how.label, row.axis, how.unit, row.condition)):
+        for column, text in enumerate((how.label, row.axis, how.shown_unit, row.condition)):
             sheet.write_string(line, column, text, styles["wrap" if column == 3 else "text"])
         for column, (kind, origin) in enumerate(columns, start=4):
             cell = row.cells.get(origin)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.errors import ModelError
+from flexstage.quantities import number
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
-from flexstage.report.quantities import number
 from flexstage.stage import Stage
 from flexstage.system import Analysis, FrequencyResponse
 

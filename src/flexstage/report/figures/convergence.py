@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.quantities import display
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
-from flexstage.report.quantities import display
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.quantities import number
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.style import MUTED, dress, entitle, new_figure
-from flexstage.report.quantities import number
 from flexstage.system import Analysis, DriveCondition
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.quantities import number
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import FIXED, css_name
-from flexstage.report.quantities import number
 from flexstage.stage import Stage
 from flexstage.system import Analysis, MechanicalSystem
 

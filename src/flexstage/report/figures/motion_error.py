@@ -8,8 +8,8 @@ from flexstage.arrays import Array
 from flexstage.experiment.motion.curve_extremes import Line, line_weights
 from flexstage.experiment.motion.motion_curve import MotionCurve
 from flexstage.experiment.motion.workspace import Workspace
+from flexstage.quantities import number, prefixed
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
-from flexstage.report.quantities import number, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,8 +6,8 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.experiment.motion.positioning import Positioning
+from flexstage.quantities import number, prefixed
 from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
-from flexstage.report.quantities import number, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,8 +6,8 @@ import numpy as np
 
 from flexstage.estimate import Estimate
 from flexstage.experiment.modal.result import ModalFit
+from flexstage.quantities import beside
 from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
-from flexstage.report.quantities import beside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,9 +7,9 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.quantities import number
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import FIXED, INK, MUTED, dress, entitle, new_figure
-from flexstage.report.quantities import number
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:

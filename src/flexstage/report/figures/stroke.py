@@ -6,8 +6,8 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.lumped.large_displacement import StrokePath
+from flexstage.quantities import number
 from flexstage.report.figures.style import CYCLE, INK, dress, new_figure
-from flexstage.report.quantities import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,0 +1,169 @@
+"""Quantities of a stage: what each is called, its unit, and how it is written for people."""
+
+import math
+from dataclasses import dataclass, replace
+
+_SMALLER = {"µ": "n", "n": "p"}
+_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What a characteristic is the value of."""
+
+    name: str
+    """Its name in files and results."""
+    unit: str
+    """The unit that values are held in: SI, but for frequencies, whose names say so."""
+    label: str
+    """Its name in words."""
+    shown_unit: str
+    """The unit that it is shown in; empty for a plain number."""
+    factor: float
+    """What a value in `unit` is multiplied by, to be shown."""
+    zero: float = 0.0
+    """Magnitude below which a value is rounding and no motion, in `unit`."""
+
+    def text(self, value: float | None) -> str:
+        """Write a value in `unit` with four significant digits; a dash for none.
+
+        Examples
+        --------
+        >>> display("output_displacement").text(64.6e-6)
+        '64.60'
+        """
+        if value is None:
+            return "–"
+        if abs(value) < self.zero:
+            return "≈ 0"
+        return number(value * self.factor)
+
+    def fitting(self, largest: float) -> "Quantity":
+        """Return the same quantity in a smaller unit where its values are tiny.
+
+        In nanometres or nanoradians where the largest magnitude, in `unit`, is below a tenth of a
+        micrometre or microradian, and in pico units below that.
+
+        Examples
+        --------
+        >>> display("resolution").fitting(4.033e-10).shown_unit
+        'nm'
+        """
+        shown = self
+        while (
+            shown.shown_unit[:1] in _SMALLER
+            and shown.shown_unit[1:]
+            and 0.0 < largest * shown.factor < 0.1
+        ):
+            if shown.shown_unit.endswith("²"):
+                break
+            unit = _SMALLER[shown.shown_unit[0]] + shown.shown_unit[1:]
+            shown = replace(shown, shown_unit=unit, factor=1e3 * shown.factor)
+        return shown
+
+
+#: Quantities in the order of tables; a new one is one line here, and the place that computes it.
+QUANTITIES: dict[str, Quantity] = {
+    q.name: q
+    for q in (
+        # name, unit, label, shown unit and factor, what is rounding
+        Quantity("input_displacement", "m", "Input displacement", "µm", 1e6),
+        Quantity("output_displacement", "m", "Output displacement", "µm", 1e6),
+        Quantity("transmission_ratio", "1", "Transmission ratio", "", 1.0),
+        Quantity("max_stress", "Pa", "Largest stress", "MPa", 1e-6),
+        Quantity("safety_factor", "1", "Safety factor (yield)", "", 1.0),
+        Quantity("fatigue_safety", "1", "Safety factor (fatigue)", "", 1.0),
+        Quantity("resolution", "m", "Resolution", "µm", 1e6),
+        Quantity("natural_frequency_hz", "Hz", "Natural frequency", "Hz", 1.0),
+        Quantity("cross_coupling", "1", "Cross-coupling", "%", 100.0, 1e-9),
+        Quantity("parasitic_rotation", "rad", "Parasitic rotation", "µrad", 1e6, 1e-12),
+        Quantity("input_stiffness", "N/m", "Input stiffness", "N/µm", 1e-6),
+        Quantity("output_stiffness", "N/m", "Output stiffness", "N/µm", 1e-6),
+        Quantity("gravity_sag", "m", "Deflection under 1 g", "µm", 1e6, 1e-12),
+        Quantity("thermal_drift", "m/K", "Thermal drift", "nm/K", 1e9, 1e-13),
+        Quantity("out_of_plane_frequency_hz", "Hz", "Lowest mode out of plane", "Hz", 1.0),
+        Quantity("out_of_plane_stiffness", "N/m", "Stiffness out of plane", "N/µm", 1e-6),
+        Quantity("buckling_factor", "1", "Buckling factor", "", 1.0),
+        Quantity("straightness", "m", "Straightness in plane", "µm", 1e6, 1e-15),
+        Quantity("straightness_out_of_plane", "m", "Straightness out of plane", "µm", 1e6, 1e-15),
+        Quantity("linearity", "m", "Linearity along the stroke", "µm", 1e6),
+        Quantity("pitch", "rad", "Pitch", "µrad", 1e6),
+        Quantity("roll", "rad", "Roll", "µrad", 1e6),
+        Quantity("positioning_accuracy", "m", "Accuracy of positioning A", "µm", 1e6),
+        Quantity("positioning_repeatability", "m", "Repeatability of positioning R", "µm", 1e6),
+        Quantity("positioning_systematic_deviation", "m", "Systematic deviation E", "µm", 1e6),
+        Quantity("positioning_mean_deviation", "m", "Mean deviation M", "µm", 1e6),
+        Quantity("repeatability", "m", "Repeatability (standard deviation)", "nm", 1e9),
+        Quantity("reversal", "m", "Reversal B", "µm", 1e6),
+        Quantity("mean_reversal", "m", "Mean reversal", "µm", 1e6),
+        Quantity("squareness", "rad", "Squareness", "µrad", 1e6),
+        Quantity("workspace_area", "m^2", "Area of the workspace", "µm²", 1e12),
+        Quantity("damping_ratio", "1", "Damping ratio", "%", 100.0),
+        Quantity("noise", "m", "Noise (rms)", "nm", 1e9),
+        Quantity("drift", "m/s", "Drift", "nm/s", 1e9),
+        Quantity("hysteresis_loop_width", "m", "Hysteresis loop width", "µm", 1e6),
+        Quantity("compensated_loop_width", "m", "Loop width, compensated", "µm", 1e6),
+        Quantity("hysteresis_deviation", "m", "Hysteresis model, largest error", "µm", 1e6),
+    )
+}  # fmt: skip
+
+
+def display(name: str) -> Quantity:
+    """Return a quantity by name; one that the table lacks is a plain number of its own name."""
+    plain = Quantity(name, "", name.replace("_", " ").capitalize(), "", 1.0)
+    return QUANTITIES.get(name, plain)
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Write a number with a fixed count of significant digits, trailing zeros kept.
+
+    Plain from 1e-3 to 1e6, with an exponent outside.
+
+    Examples
+    --------
+    >>> number(0.30814), number(705.0), number(12345.6)
+    ('0.3081', '705.0', '12346')
+    """
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -3 <= exponent < 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def prefixed(largest: float) -> tuple[float, str]:
+    """Return factor and prefix, none to pico, of a unit in which values are neither long nor tiny.
+
+    The largest magnitude is in the unit without prefix.
+
+    Examples
+    --------
+    >>> prefixed(63e-6)
+    (1000000.0, 'µ')
+    """
+    for factor, prefix in _PREFIXES:
+        if factor * largest >= 0.5:
+            return factor, prefix
+    return _PREFIXES[-1] if largest > 0.0 else (1.0, "")
+
+
+def beside(value: float, uncertainty: float) -> tuple[str, str]:
+    """Write a value and its uncertainty, in one unit, with the same decimals.
+
+    Two digits of the uncertainty are seen, and seven of the value at most.
+
+    Examples
+    --------
+    >>> beside(338.9104, 0.00243), beside(-729.23, 2814.0), beside(63.1234, 0.0671)
+    (('338.9104', '0.0024'), ('-729', '2814'), ('63.123', '0.067'))
+    """
+    if not (math.isfinite(value) and 0.0 < uncertainty < math.inf):
+        return number(value), f"{uncertainty:g}" if uncertainty == 0.0 else number(uncertainty, 2)
+    size = max(abs(value), uncertainty)
+    last = math.floor(math.log10(float(f"{uncertainty:.1e}"))) - 1
+    first = math.floor(math.log10(size))
+    if not -3 <= first < 6 or first - last > 6:
+        return number(value), number(uncertainty, 2)
+    decimals = max(-last, 0)
+    return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
