@@ -11,12 +11,18 @@ from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
 from flexstage.system import (
     MechanicalSystem,
     ModalDamping,
-    StressMap,
     analyse,
     guyan_reduction,
     static_displacements,
 )
-from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
+from flexstage.system.mechanical import (
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    LoadPort,
+    ProbePort,
+    StressMap,
+)
 from flexstage.system.reduction import transformed
 
 # one body on springs that couple x, y and its rotation; y is softer, so its mode comes first

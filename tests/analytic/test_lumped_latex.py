@@ -10,13 +10,12 @@ from flexstage.designs import design
 from flexstage.lumped import (
     condense,
     equation_sheet,
-    latex_document,
     mathml,
     reduce_by_symmetry,
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.latex import plain_text, sheet_data
+from flexstage.lumped.latex import latex_document, plain_text, sheet_data
 from flexstage.lumped.sheet_items import Formula, SheetSection
 from flexstage.lumped.symbols import upright
 from tests.mechanisms import parallelogram

@@ -18,15 +18,13 @@ from flexstage.records import (
     Channel,
     Record,
     evened,
-    noise_estimate,
-    quantisation_step,
     read_record,
     resampled,
     saturation,
     selected,
     write_record,
 )
-from flexstage.records.quality import constant_columns
+from flexstage.records.quality import constant_columns, noise_estimate, quantisation_step
 from flexstage.records.record import column_number
 from flexstage.records.sampling import LARGEST_UNEVEN_STEP, require_uniform, time_jitter
 from flexstage.records.write import record_bytes

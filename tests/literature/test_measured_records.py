@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexstage.errors import RecordError
-from flexstage.records import noise_estimate, quantisation_step, read_record
-from flexstage.records.quality import constant_columns
+from flexstage.records import read_record
+from flexstage.records.quality import constant_columns, noise_estimate, quantisation_step
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(

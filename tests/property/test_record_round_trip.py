@@ -10,15 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from flexstage.records import (
-    Channel,
-    Record,
-    noise_estimate,
-    read_record,
-    resampled,
-    saturation,
-    selected,
-)
+from flexstage.records import Channel, Record, read_record, resampled, saturation, selected
+from flexstage.records.quality import noise_estimate
 from flexstage.records.write import record_bytes
 
 UNITS = st.sampled_from(["", "V", "m", "N", "s", "K", "degC", "1", "count", "m/s", "rad", "N/m"])

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from flexstage.designs import DESIGNS, TOPOLOGIES, build, design
-from flexstage.designs.registry import PARAMETER_SETS
+from flexstage.designs import DESIGNS, build, design
+from flexstage.designs.registry import PARAMETER_SETS, TOPOLOGIES
 from flexstage.errors import FlexstageError, StageError, UnitError
 from flexstage.stage import Force, PiezoStack, Screw
 

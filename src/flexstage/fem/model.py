@@ -25,8 +25,16 @@ from flexstage.fem.ports import (
 )
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, MassProperties, Stage, mass_properties
-from flexstage.system import STANDARD_GRAVITY, MechanicalSystem, StressMap
-from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
+from flexstage.system import MechanicalSystem
+from flexstage.system.mechanical import (
+    STANDARD_GRAVITY,
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    LoadPort,
+    ProbePort,
+    StressMap,
+)
 
 # what is left of a response once the others are taken out of it, below which it is rounding
 _DEPENDENT = 1e-12

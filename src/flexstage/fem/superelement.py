@@ -25,8 +25,15 @@ from flexstage.fem.substructure import REFERENCE
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
 from flexstage.stage import Force, Stage
-from flexstage.system import MechanicalSystem, StressMap
-from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
+from flexstage.system import MechanicalSystem
+from flexstage.system.mechanical import (
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    LoadPort,
+    ProbePort,
+    StressMap,
+)
 
 #: Modes of each body with held interfaces, and modes of the stage that its system keeps.
 MODES, KEPT = 3, 16

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.identification.identify import Identification, identify
     from flexstage.hysteresis.identification.measurement import (
         IdentificationData,
-        Section,
         measurement,
     )
     from flexstage.hysteresis.identification.uncertainty import ParameterEstimate
@@ -89,7 +88,6 @@ __all__ = [
     "Prediction",
     "Preisach",
     "Response",
-    "Section",
     "Segments",
     "Sensor",
     "StageModes",

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
-    from flexstage.lumped.latex import latex_document, mathml
+    from flexstage.lumped.latex import mathml
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
     from flexstage.lumped.sheet import equation_sheet
@@ -28,7 +28,6 @@ __all__ = [
     "equation_sheet",
     "equilibrium",
     "hinge_springs",
-    "latex_document",
     "lumped_system",
     "mathml",
     "mechanism",

@@ -22,8 +22,16 @@ from flexstage.stage import (
     mass_properties,
     root_widths,
 )
-from flexstage.system import STANDARD_GRAVITY, Damping, MechanicalSystem, ModalDamping, StressMap
-from flexstage.system.mechanical import AxisPort, BodyPort, DrivePort, LoadPort, ProbePort
+from flexstage.system import Damping, MechanicalSystem, ModalDamping
+from flexstage.system.mechanical import (
+    STANDARD_GRAVITY,
+    AxisPort,
+    BodyPort,
+    DrivePort,
+    LoadPort,
+    ProbePort,
+    StressMap,
+)
 
 #: Methods of hinge stiffness that include the roots in the bodies.
 WITH_ROOTS = ("wedge", "finite-element")

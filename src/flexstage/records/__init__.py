@@ -11,9 +11,6 @@ if TYPE_CHECKING:
     from flexstage.records.detect import FORMATS
     from flexstage.records.quality import (
         Saturation,
-        difference_noise,
-        noise_estimate,
-        quantisation_step,
         saturation,
     )
     from flexstage.records.read import read_record
@@ -33,10 +30,7 @@ __all__ = [
     "Record",
     "Saturation",
     "curves_in_rows",
-    "difference_noise",
     "evened",
-    "noise_estimate",
-    "quantisation_step",
     "read_record",
     "resampled",
     "responses_in_columns",

@@ -8,10 +8,8 @@ if TYPE_CHECKING:
     from flexstage.system.analysis import Analysis, analyse
     from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.mechanical import (
-        STANDARD_GRAVITY,
         DriveCondition,
         MechanicalSystem,
-        StressMap,
     )
     from flexstage.system.modes import Modes, modes
     from flexstage.system.reduction import guyan_reduction, modal_reduction
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "STANDARD_GRAVITY",
     "Analysis",
     "AxisAnalysis",
     "Damping",
@@ -48,7 +45,6 @@ __all__ = [
     "RayleighDamping",
     "StateSpace",
     "StaticSolution",
-    "StressMap",
     "TimeResponse",
     "analyse",
     "analyse_axis",

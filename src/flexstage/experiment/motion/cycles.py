@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records import difference_noise
+from flexstage.records.quality import difference_noise
 
 #: A run leads from below this share of the range to above one less it.
 _END_ZONE = 0.1

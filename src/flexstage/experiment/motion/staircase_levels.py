@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.experiment.motion.approaches import Approaches, Visits, group_levels
-from flexstage.records import difference_noise
+from flexstage.records.quality import difference_noise
 
 #: Steps larger than so many times the noise, and than this share of the range, lead to a new level.
 _STEP_OVER_NOISE = 8.0

@@ -12,7 +12,8 @@ from flexstage.experiment.spectra.checks import Signals
 from flexstage.experiment.spectra.options import HitOptions
 from flexstage.experiment.spectra.sums import SumOfSpectra
 from flexstage.experiment.spectra.windows import line_frequencies
-from flexstage.records import quantisation_step, saturation
+from flexstage.records import saturation
+from flexstage.records.quality import quantisation_step
 
 # without a length of segment, pulses nearer than this share of the longest gap belong together
 _TOGETHER = 0.1

@@ -11,7 +11,7 @@ from flexstage.hysteresis.identification.measurement import (
     with_history,
     without_history,
 )
-from flexstage.records import difference_noise
+from flexstage.records.quality import difference_noise
 
 #: From mean to mean a signal runs in a straight line, within this share of its range, rms, ...
 _STRAIGHT = 3e-4

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.compiled import compiled
-from flexstage.records import difference_noise
+from flexstage.records.quality import difference_noise
 
 #: A movement is counted when it is larger than this share of the whole range, ...
 _SMALLEST_SWING = 0.02

@@ -10,7 +10,8 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.cycles import Cycles
-from flexstage.records import difference_noise, quantisation_step, saturation
+from flexstage.records import saturation
+from flexstage.records.quality import difference_noise, quantisation_step
 from flexstage.units import readable
 
 if TYPE_CHECKING:

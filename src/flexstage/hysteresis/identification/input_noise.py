@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.records import difference_noise
+from flexstage.records.quality import difference_noise
 
 #: Noise that is smaller than this share of the range changes no figure: a command stays as it is.
 _NEGLIGIBLE = 1e-4

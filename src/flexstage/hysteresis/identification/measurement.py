@@ -23,7 +23,8 @@ from flexstage.hysteresis.identification.faults import (
 )
 from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
 from flexstage.hysteresis.identification.warm_up import early_text, first_moving, warm_up
-from flexstage.records import Channel, Record, difference_noise
+from flexstage.records import Channel, Record
+from flexstage.records.quality import difference_noise
 from flexstage.short_repr import short_repr
 
 #: A loop narrower than this share of the stroke says nothing about which column leads.
