@@ -129,7 +129,7 @@ def test_an_axis_on_one_body_is_one_mass() -> None:
 
 
 def test_an_unknown_axis_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"no axis 'z': it has x, y"):
+    with pytest.raises(ModelError, match=r"no axis 'z': its axes are x, y"):
         stage_diagram(design("vgtu-piezo"), axis="z")
 
 

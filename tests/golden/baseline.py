@@ -47,7 +47,7 @@ VOLATILE = re.compile(
 )
 #: Keys of results that are of the run and not of the stage.
 OF_THE_RUN = {
-    "created", "started", "finished", "duration", "elapsed", "host", "version", "time_utc",
+    "created", "started", "finished", "duration", "elapsed", "seconds", "host", "version", "time_utc",
     "wall_time", "cpu_time", "commit", "file", "path", "folder", "input_hash",
 }  # fmt: skip
 #: Keys that name an item of a list.
