@@ -47,8 +47,8 @@ VOLATILE = re.compile(
 )
 #: Keys of results that are of the run and not of the stage.
 OF_THE_RUN = {
-    "created", "started", "finished", "duration", "elapsed", "seconds", "host", "version", "time_utc",
-    "wall_time", "cpu_time", "commit", "file", "path", "folder", "input_hash",
+    "created", "started", "finished", "duration", "elapsed", "seconds", "host", "version",
+    "time_utc", "wall_time", "cpu_time", "commit", "file", "path", "folder", "input_hash",
 }  # fmt: skip
 #: Keys that name an item of a list.
 NAMES = ("quantity", "name", "key", "hinge", "step", "axis", "model")
