@@ -35,6 +35,7 @@ def left_behind(directory: Path) -> list[str]:
     return sorted(str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file())
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("less", [BRIEFLY, pytest.param((), marks=pytest.mark.slow)])
 def test_study_prints_a_table_and_writes_a_report(
     elsewhere: Path, capsys: pytest.CaptureFixture[str], less: tuple[str, ...]
@@ -94,6 +95,7 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
         assert "-h, --help" in short
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("study", "parallelogram", "--model", "lumped", "--folder", "d", "--json", "-q")
     assert run(*words, *BRIEFLY) == 0

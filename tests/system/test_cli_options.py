@@ -136,6 +136,7 @@ def test_measured_files_are_cut_by_the_same_options(
     assert printed(capsys, "characterise", *log)[figures] != cut[figures]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_models_are_printed_each_by_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
