@@ -99,7 +99,8 @@ html_theme_options = {
 
 # The rooms from low to high. What does not exist yet has no page.
 SUBPACKAGES = [
-    "errors", "units", "estimate", "material", "characteristic", "provenance",
+    "errors", "units", "quantities", "estimate", "material", "characteristic",
+    "provenance",
     "records", "hinges", "stage", "designs", "system", "lumped",
     "fem", "hysteresis",
     "experiment", "centring", "instruments",
@@ -154,6 +155,15 @@ def _display(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+def _whole_text(
+    _app: Any, what: str, _name: str, _of: Any, _options: Any, lines: list[str]
+) -> None:
+    """Keep napoleon from taking what stands before a colon of a field's first line for its type."""
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # an empty comment, which has no colon
+
+
 def setup(app: Any) -> None:
     """Write formulas as MathML, which browsers show by themselves: the manual works offline."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    app.connect("autodoc-process-docstring", _whole_text, priority=400)  # before napoleon's

@@ -56,6 +56,10 @@ def _run(command: Sequence[str]) -> None:
     assert done.returncode == 0, f"{' '.join(command)}\n{done.stderr}"
 
 
+#: Libraries of this process by what they were compiled from.
+_LOADED: dict[tuple[object, ...], ctypes.CDLL] = {}
+
+
 def load_library(
     folder: Path,
     source: str,
@@ -64,7 +68,7 @@ def load_library(
     flags: Sequence[str] = EXACT,
     with_compiler: str = "gcc",
 ) -> ctypes.CDLL:
-    """Compile a source text into a shared library and load it.
+    """Compile a source text into a shared library and load it; the same text is compiled once.
 
     Parameters
     ----------
@@ -85,13 +89,18 @@ def load_library(
         The library.
     """
     found = compiler(with_compiler)
-    write_files(folder, {**(files or {}), "library.c": source.encode()})
+    written = {**(files or {}), "library.c": source.encode()}
+    key = (found, *flags, *sorted(written.items()))
+    if key in _LOADED:
+        return _LOADED[key]
+    write_files(folder, written)
     # one name a library, else the loader gives the first one again
     number = len(list(folder.glob("library*.so")))
     library = folder / f"library{number}.so"
     c = str(folder / "library.c")
     _run([found, *STRICT, *flags, "-shared", "-fPIC", c, "-o", str(library), "-lm"])
-    return ctypes.CDLL(str(library))
+    _LOADED[key] = ctypes.CDLL(str(library))
+    return _LOADED[key]
 
 
 def compile_program(

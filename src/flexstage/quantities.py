@@ -63,6 +63,8 @@ class Quantity:
 
 
 #: Quantities in the order of tables; a new one is one line here, and the place that computes it.
+#:
+#: :meta hide-value:
 QUANTITIES: dict[str, Quantity] = {
     q.name: q
     for q in (

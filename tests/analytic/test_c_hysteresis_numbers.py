@@ -1,6 +1,7 @@
 """Hysteresis in C: against integrators and definitions, in single precision, under sanitizers."""
 
 import itertools
+import re
 import subprocess
 from importlib import resources
 from pathlib import Path
@@ -199,55 +200,63 @@ def test_bits_do_not_depend_on_optimisation(flags: tuple[str, ...], tmp_path: Pa
 
 
 SANITIZED = """
-#include <stdio.h>
-int main(void)
+static void sanitized{number}(void)
 {{
-    static const double p[] = {{{parameters}}}, u[] = {{{inputs}}};
-    fs_real q[{size}], memory[{memory}] = {{0}}, y[{count}], v[{count}];
+    static const double p[] = {{{parameters}}};
+    static fs_real q[{size}], memory[{memory}], y[INPUTS], v[INPUTS];
     int i;
     for (i = 0; i < {size}; i++)
         q[i] = (fs_real)p[i];
-    for (i = 0; i < {count}; i++)
+    for (i = 0; i < INPUTS; i++)
         v[i] = (fs_real)u[i];
-    moves(q, memory, v, {count}, y);
+    moves{number}(q, memory, v, INPUTS, y);
     {lines}
-    for (i = 0; i < {count}; i++)
+    for (i = 0; i < INPUTS; i++)
         printf("%.17g\\n", (double)y[i]);
-    return 0;
 }}
 """
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize(
-    "name",
-    ["bouc-wen n=1", "bouc-wen n=3.7", "asymmetric-bouc-wen n=1.7", "generalised-bouc-wen n=1",
-     "dahl i=0.6", "duhem curved", "duhem straight", "prandtl-ishlinskii 23",
-     "modified-prandtl-ishlinskii", "maxwell-slip bent", "preisach 31 x 12"],
-)  # fmt: skip
-def test_sanitizers_find_nothing(name: str, precision: str, tmp_path: Path) -> None:
-    code = hysteresis_code(CASES[name])
+def test_sanitizers_find_nothing(precision: str, tmp_path: Path) -> None:
+    """One program of all kinds, as each of them by itself costs as much as ten."""
+    names = ["bouc-wen n=1", "bouc-wen n=3.7", "asymmetric-bouc-wen n=1.7",
+             "generalised-bouc-wen n=1", "dahl i=0.6", "duhem curved", "duhem straight",
+             "prandtl-ishlinskii 23", "modified-prandtl-ishlinskii", "maxwell-slip bent",
+             "preisach 31 x 12"]  # fmt: skip
     # huge steps and an input that is no number, too
     inputs = [*walk(59, 400).tolist(), 1e4, -1e4, 1e9, -1e9, 33.3]
-    text = SANITIZED.format(
-        parameters=", ".join(f"{x:.17g}" for x in code.parameters),
-        inputs=", ".join(["NAN", "INFINITY", *(f"{x:.17g}" for x in inputs)]),
-        size=code.parameters.size,
-        memory=code.memory,
-        count=len(inputs) + 2,
-        lines=f"lines(q, memory, v, {len(inputs) + 2}, y);" if code.pieces else "",
-    )
+    count = len(inputs) + 2
+    given = ", ".join(["NAN", "INFINITY", *(f"{x:.17g}" for x in inputs)])
+    parts = [f"#define INPUTS {count}\n#include <math.h>\n#include <stdio.h>\n"]
+    parts.append(f"static const double u[] = {{{given}}};\n")
+    for number, name in enumerate(names):
+        code = hysteresis_code(CASES[name])
+        stepped = re.sub(r"\b(moves|lines?)(?=\()", rf"\g<1>{number}", program(code))
+        parts.append(stepped)
+        parts.append(
+            SANITIZED.format(
+                number=number,
+                parameters=", ".join(f"{x:.17g}" for x in code.parameters),
+                size=code.parameters.size,
+                memory=code.memory,
+                lines=f"lines{number}(q, memory, v, INPUTS, y);" if code.pieces else "",
+            )
+        )
+    calls = "".join(f"sanitized{number}(); " for number in range(len(names)))
+    parts.append(f"int main(void)\n{{\n    {calls}\n    return 0;\n}}\n")
     flags = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     # Overflow of a number that is far too large for single precision is not to be found.
     flags += ["-fsanitize=float-cast-overflow"]
     binary = compile_program(
         tmp_path,
-        program(code) + text,
-        files=headers(code),
+        "".join(parts),
+        files=every_header(),
         flags=(*flags, *(["-DFS_SINGLE"] if precision == "single" else [])),
     )
     done = subprocess.run([binary], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
-    values = np.array([float(x) for x in done.stdout.split()])
-    assert not np.isfinite(values[:2]).any()
-    assert np.isfinite(values[2:402]).all()
+    table = np.array([float(x) for x in done.stdout.split()]).reshape(len(names), count)
+    for name, values in zip(names, table, strict=True):
+        assert not np.isfinite(values[:2]).any(), name
+        assert np.isfinite(values[2:402]).all(), name

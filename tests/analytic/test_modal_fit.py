@@ -108,18 +108,18 @@ def test_overdamped_is_no_mode():
 
 
 def test_delay_and_lag():
-    tau, lag = 130e-6, 420e-6
+    tau, lag, lines = 130e-6, 420e-6, LINES[::4]
     real = np.array([1.0, -0.7, 0.9]) / np.array([2j * pole(*m).imag for m in MODES]) * 1e4
-    s = 2j * np.pi * LINES
-    h = response_of(LINES, MODES, real, above=0.01) * np.exp(-s * tau) / (1.0 + s * lag)
-    fit = fit_modes(measured(LINES, h), delay=True, lag=True, real_modes=True, count=3)
+    s = 2j * np.pi * lines
+    h = response_of(lines, MODES, real, above=0.01) * np.exp(-s * tau) / (1.0 + s * lag)
+    fit = fit_modes(measured(lines, h), delay=True, lag=True, real_modes=True, count=3)
     assert_modes(fit, MODES)
     assert fit.delay is not None
     assert fit.lag is not None
     assert fit.delay.value == pytest.approx(tau, rel=1e-8)
     assert fit.lag.value == pytest.approx(lag, rel=1e-8)
     assert fit.delay.unit == "s"
-    one = fit_modes(measured(LINES, h * (1.0 + s * lag)), delay=True, real_modes=True, count=3)
+    one = fit_modes(measured(lines, h * (1.0 + s * lag)), delay=True, real_modes=True, count=3)
     assert one.delay is not None
     assert one.lag is None
     assert one.delay.value == pytest.approx(tau, rel=1e-8)
@@ -193,8 +193,7 @@ def noisy_case(number, *, seed=11, level=0.01, f=LINES, residues=RESIDUES, modes
     return h + sd * complex_noise(stream(seed, number), *h.shape), sd
 
 
-@pytest.mark.parametrize("number", range(4))
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("number", "known"), [(0, True), (1, False)])
 def test_forty_decibel(number, known):
     modes = ((86.3, 0.0087), (233.0, 0.0158))
     f = np.arange(20.0, 400.0, 0.125)
@@ -208,7 +207,7 @@ def test_forty_decibel(number, known):
 def test_close_modes_are_separated():
     modes = ((211.7, 0.01), (211.7 * 1.02, 0.01))
     residues = np.array([[-40j, 2 + 25j], [-31j, 1 - 43j]])
-    for number in range(4):
+    for number in range(2):
         h, sd = noisy_case(number, seed=12, modes=modes, residues=residues)
         fit = fit_modes(measured(LINES, h, deviation=sd))
         assert_modes(fit, modes, 1e-3, 6e-2)
@@ -222,7 +221,7 @@ def test_close_modes_in_many_responses():
 
 
 def test_noise_alone_has_no_mode():
-    for number in range(6):
+    for number in range(3):
         rng = stream(21, number)
         noise = 0.3 * complex_noise(rng, LINES.size, 2)
         for deviation in (0.3, None):
@@ -242,7 +241,7 @@ def test_mode_at_the_edge_of_the_band():
 
 
 def test_correlated_lines_widen_the_interval():
-    f = np.arange(60.0, 240.0, 0.05)
+    f = np.arange(60.0, 240.0, 0.1)
     h = response_of(f, MODES[:2], RESIDUES[:2])
     sd = 0.01 * np.abs(h).max()
     white = complex_noise(stream(31), f.size + 2, 2)
@@ -282,13 +281,14 @@ def test_correlated_noise_has_no_mode():
 
 def test_noise_in_proportion_is_found():
     """Few lines of a peak show it, and the fit follows half of their noise."""
-    h = response_of(LINES, MODES[:1], RESIDUES[:1, :1])
+    lines = LINES[LINES < 160.0]
+    h = response_of(lines, MODES[:1], RESIDUES[:1, :1])
     peak = int(np.argmax(np.abs(h)))
     sd = np.hypot(1e-4 * np.abs(h).max(), 0.02 * np.abs(h))
     ratios = []
     for number in range(10):
         noisy = h + sd * complex_noise(stream(42, number), *h.shape)
-        found = fit_modes(measured(LINES, noisy), count=1).fitted[0].deviation
+        found = fit_modes(measured(lines, noisy), count=1).fitted[0].deviation
         ratios.append((found[peak, 0, 0] / sd[peak, 0]) ** 2)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.3)
 
@@ -329,12 +329,13 @@ def test_count_and_guess():
 
 def test_weights_matter():
     """Half of the lines are a hundred times as noisy: their variance tells."""
-    h = response_of(LINES, MODES[:1], RESIDUES[:1])
-    sd = np.where(np.arange(LINES.size) % 2 == 0, 1.0, 0.01)[:, None] * 0.05 * np.abs(h).max()
+    lines = LINES[LINES < 160.0]
+    h = response_of(lines, MODES[:1], RESIDUES[:1])
+    sd = np.where(np.arange(lines.size) % 2 == 0, 1.0, 0.01)[:, None] * 0.05 * np.abs(h).max()
     errors = []
     for number in range(12):
         noisy = h + sd * complex_noise(stream(41, number), *h.shape)
-        response = measured(LINES, noisy, deviation=sd[:, :, None])
+        response = measured(lines, noisy, deviation=sd[:, :, None])
         weighted = fit_modes(response, count=1).modes[0].frequency_hz
         plain = fit_modes(response, count=1, weighting="uniform").modes[0].frequency_hz
         assert weighted.uncertainty < 0.05 * plain.uncertainty
@@ -343,14 +344,20 @@ def test_weights_matter():
 
 
 def test_fitted_band_holds_the_truth():
-    inside = []
+    inside, errors = [], []
+    lines = LINES[::2]
     truth = response_of(LINES[::7], MODES, RESIDUES, above=0.01, below=-20.0)
     for number in range(12):
-        h, sd = noisy_case(number, seed=17)
-        fit = fit_modes(measured(LINES, h, deviation=sd), count=3)
+        h, sd = noisy_case(number, seed=17, f=lines)
+        fit = fit_modes(measured(lines, h, deviation=sd), count=3)
+        for mode, (f, zeta) in zip(fit.modes, MODES, strict=True):
+            for found, true in ((mode.frequency_hz, f), (mode.damping_ratio, zeta)):
+                errors.append((found.value - true) / found.uncertainty)
         error = np.abs(fit.response(LINES[::7])[:, :, 0] - truth)
         inside.append(np.mean((error / fit.response_uncertainty(LINES[::7])[:, :, 0]) ** 2))
     assert np.mean(inside) == pytest.approx(1.0, abs=0.25)
+    # frequencies and damping ratios of few fits: `test_coverage` counts those of many
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.25)
 
 
 def covered(fit, modes=MODES) -> np.ndarray:
@@ -390,17 +397,6 @@ def simulated(kind: str, number: int) -> MeasuredResponse:
         outputs=("a", "b"), output_units=("m", "m"), averages=averages,
         variance=None if variance is None else variance[:, :, None],
     )  # fmt: skip
-
-
-def test_errors_are_as_large_as_stated():
-    errors = []
-    for number in range(40):
-        fit = fit_modes(simulated("given", number), count=3)
-        for mode, (f, zeta) in zip(fit.modes, MODES, strict=True):
-            for found, truth in ((mode.frequency_hz, f), (mode.damping_ratio, zeta)):
-                errors.append((found.value - truth) / found.uncertainty)
-    # 240 figures, of which those of close modes go together
-    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.15)
 
 
 def test_uncertainty_of_a_shape_is_its_spread():
@@ -525,10 +521,11 @@ def test_bad_input_is_one_sentence():
         stable_poles(good, orders=[4, 3])
     with pytest.raises(ModelError, match="order 200"):
         stable_poles(good.between(100.0, 150.0), orders=[200])
+    fit = fit_modes(good)
     with pytest.raises(ModelError, match="0 Hz"):
-        fit_modes(good).response([0.0])
+        fit.response([0.0])
     with pytest.raises(ModelError, match="number 3"):
-        fit_modes(good).response([50.0], 3)
+        fit.response([50.0], 3)
     with pytest.raises(ModelError, match="same outputs"):
         modal_assurance(np.ones(3), np.ones(4))
     with pytest.raises(ModelError, match="not zero"):

@@ -2,10 +2,12 @@
 
 import csv
 import ctypes
+import functools
 import io
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -101,11 +103,16 @@ def _stepped(model: DynamicModel, commands: np.ndarray) -> np.ndarray:
     return out
 
 
+def _in_both_precisions(tmp_path: Path, model: DynamicModel) -> ctypes.CDLL:
+    files = realtime_files(model, name="st") | realtime_files(model, name="sf", precision="single")
+    return load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
+
+
 @_NAMES
 def test_double_precision_gives_the_readings_bit_for_bit(name: str, tmp_path: Path) -> None:
     model = _model(name)
     commands = _commands(model, 500)
-    library = load_library(tmp_path, _wrapper("st"), files=realtime_files(model, name="st"))
+    library = _in_both_precisions(tmp_path, model)
     found = _run(library, "st", commands, len(model.probes))
     wanted = _stepped(model, commands)
     assert np.ptp(wanted[:, 0]) > 8e-6
@@ -129,7 +136,7 @@ def test_every_optimisation_gives_the_same_bits(tmp_path: Path) -> None:
     ("name", "creep"),
     [
         pytest.param("vgtu-piezo", 0.0, marks=pytest.mark.slow),
-        ("vgtu-piezo", 0.02),
+        ("vgtu-piezo", 0.017),
         ("vgtu-mechanical", 0.0),
     ],
 )
@@ -138,8 +145,7 @@ def test_single_precision_stays_within_its_bound_for_ten_seconds(
 ) -> None:
     choices = {} if name == "vgtu-mechanical" else {"creep": LogCreep(rate_per_decade=creep)}
     model = _model(name, **choices)
-    files = realtime_files(model, name="st") | realtime_files(model, name="sf", precision="single")
-    library = load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
+    library = _in_both_precisions(tmp_path, model)
     commands = _commands(model, 100_000)
     double = _run(library, "st", commands, 2)
     error = np.abs(_run(library, "sf", commands, 2) - double).max(axis=0)
@@ -157,8 +163,7 @@ def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
     """A lag that moves by some units of its last digit in a step."""
     creep = LogCreep(rate_per_decade=0.2, shortest=30.0, longest=300.0, per_decade=1)
     model = _model("vgtu-piezo", mode_count=1, creep=creep, sensors={})
-    files = realtime_files(model, name="st") | realtime_files(model, name="sf", precision="single")
-    library = load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
+    library = _in_both_precisions(tmp_path, model)
     commands = np.full((800_000, 2), 97.0)
     found, wanted = (_run(library, p, commands, 2)[[1000, -1], 0] for p in ("sf", "st"))
     crept = wanted[1] - wanted[0]
@@ -208,14 +213,15 @@ def test_the_bound_grows_as_damping_falls_and_with_the_step() -> None:
     assert rounding_bound(model, 2.0**-53)[1] == pytest.approx(bound * 2.0**-29, rel=1e-12)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize(
-    "language",
+    ("language", "precision"),
     [
-        "c99",
-        pytest.param("c11", marks=pytest.mark.slow),
-        pytest.param("c++11", marks=pytest.mark.slow),
-        "c++17",
+        ("c99", "double"),
+        ("c++17", "single"),
+        pytest.param("c99", "single", marks=pytest.mark.slow),
+        pytest.param("c11", "double", marks=pytest.mark.slow),
+        pytest.param("c++11", "single", marks=pytest.mark.slow),
+        pytest.param("c++17", "double", marks=pytest.mark.slow),
     ],
 )
 def test_it_compiles_without_a_warning(
@@ -260,19 +266,21 @@ def test_two_stages_stand_in_one_program(tmp_path: Path) -> None:
 
 def test_the_self_test_finds_a_changed_number_and_a_step_that_fails(tmp_path: Path) -> None:
     model = _model("vgtu-piezo", mode_count=5)
-    files = realtime_files(model, name="st")
-    text = files["st.h"].decode()
-    numbers = re.search(r"st_data_transition\[4\]\[ST_MODES\] = \{\s*\{([^,]+),", text)
-    assert numbers is not None
-    changed = str(float(numbers[1]) * 1.001)
-    for at, value in ((numbers[1], changed), (numbers[1], "INFINITY")):
-        broken = text.replace(at, value, 1)
+    made: dict[str, bytes] = {}
+    for prefix in ("off", "no"):
+        files = realtime_files(model, name=prefix)
+        text, big = files[f"{prefix}.h"].decode(), prefix.upper()
+        start = rf"{prefix}_data_transition\[4\]\[{big}_MODES\] = \{{\s*\{{([^,]+),"
+        numbers = re.search(start, text)
+        assert numbers is not None
+        value = str(float(numbers[1]) * 1.001) if prefix == "off" else "INFINITY"
+        broken = text.replace(numbers[1], value, 1)
         assert broken != text
-        made = files | {"st.h": broken.encode()}
-        library = load_library(tmp_path, _wrapper("st"), files=made)
-        library.st_check.restype = ctypes.c_double
-        off = library.st_check()
-        assert 1e-5 < off < 1.0 if value == changed else off == np.inf
+        made |= files | {f"{prefix}.h": broken.encode()}
+    library = load_library(tmp_path, _wrapper("off") + _wrapper("no"), files=made)
+    library.off_check.restype = library.no_check.restype = ctypes.c_double
+    assert 1e-5 < library.off_check() < 1.0
+    assert library.no_check() == np.inf
 
 
 def test_the_table_holds_what_the_self_test_steps_through() -> None:
@@ -309,20 +317,29 @@ def test_the_example_follows_commands_from_its_input(tmp_path: Path) -> None:
     assert (short.returncode, "expected 2 numbers" in short.stderr) == (1, True)
 
 
-def _object(tmp_path: Path, model: DynamicModel, *flags: str) -> Path:
-    write_files(tmp_path, realtime_files(model, name="st"))
-    (tmp_path / "one.c").write_text(_wrapper("st"))
-    command = [compiler(), "-std=c99", "-O2", *flags, "-c", "one.c", "-o", "one.o"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    return tmp_path / "one.o"
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The object file of a stage, with its stack and its calls beside it."""
+
+    @functools.cache
+    def made(name: str) -> Path:
+        folder = tmp_path_factory.mktemp(name)
+        write_files(folder, realtime_files(_model(name), name="st"))
+        (folder / "one.c").write_text(_wrapper("st"))
+        flags = ["-std=c99", "-O2", "-fno-inline", "-fstack-usage", "-fcallgraph-info"]
+        command = [compiler(), *flags, "-c", "one.c", "-o", "one.o"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        return folder / "one.o"
+
+    return made
 
 
 @_NAMES
-def test_it_calls_nothing_but_libm(name: str, tmp_path: Path) -> None:
+def test_it_calls_nothing_but_libm(name: str, objects: Callable[[str], Path]) -> None:
     if shutil.which("nm") is None:
         pytest.skip("nm is not installed")
     listing = subprocess.run(
-        ["nm", "--undefined-only", str(_object(tmp_path, _model(name)))],
+        ["nm", "--undefined-only", str(objects(name))],
         capture_output=True,
         text=True,
         check=True,
@@ -351,21 +368,19 @@ def test_it_calls_nothing_but_libm(name: str, tmp_path: Path) -> None:
 
 
 @_NAMES
-def test_its_stack_is_bounded(name: str, tmp_path: Path) -> None:
-    model = _model(name)
-    _object(tmp_path, model, "-fstack-usage", "-fno-inline")
-    rows = [line.split("\t") for line in (tmp_path / "one.su").read_text().splitlines()]
+def test_its_stack_is_bounded(name: str, objects: Callable[[str], Path]) -> None:
+    text = objects(name).with_suffix(".su").read_text()
+    rows = [line.split("\t") for line in text.splitlines()]
     assert {kind for _, _, kind in rows} == {"static"}
     used = {place.rsplit(":", 1)[-1]: int(size) for place, size, _ in rows}
     assert any(name.startswith("st_drive_step") for name in used)
     # all functions at once, and without recursion no more than that can be in use
-    k = model.omega.size
+    k = _model(name).omega.size
     assert sum(used.values()) < 8 * 12 * k + 6000
 
 
-def test_no_function_calls_itself(tmp_path: Path) -> None:
-    _object(tmp_path, _model("vgtu-piezo"), "-fcallgraph-info", "-fno-inline")
-    text = (tmp_path / "one.ci").read_text()
+def test_no_function_calls_itself(objects: Callable[[str], Path]) -> None:
+    text = objects("vgtu-piezo").with_suffix(".ci").read_text()
     edges: dict[str, set[str]] = {}
     for a, b in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
         edges.setdefault(a, set()).add(b)
