@@ -7,6 +7,13 @@ from typing import Any
 import pytest
 
 from tests.undrawn import undrawn as _undrawn
+from tests.virtual_stages import set_once
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _virtual_stages_are_set_once() -> Iterator[None]:
+    with set_once():
+        yield
 
 
 @pytest.fixture
