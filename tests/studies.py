@@ -1,12 +1,21 @@
-"""Studies of the built-in stages, made once in a test process; tests change nothing in them."""
+"""Studies of the built-in stages and their reports, made once in a test process.
+
+Tests change nothing in them.
+"""
 
 import functools
 
 from flexstage.designs import design
-from flexstage.report import Study, run_study
+from flexstage.report import Study, report_html, run_study
 
 
 @functools.cache
 def study_of(name: str) -> Study:
     """The study of a built-in stage with the models that a study has by default."""
     return run_study(design(name))
+
+
+@functools.cache
+def page_of(name: str) -> str:
+    """The report of that study, with its figures."""
+    return report_html(study_of(name))

@@ -45,6 +45,7 @@ readings = st.builds(
     dataset=st.none() | names,
     delimiter=st.none() | st.sampled_from([",", ";", "\t", " ", "tab", "|"]),
     decimal=st.none() | st.sampled_from([".", ","]),
+    skip_lines=st.integers(0, 40),
 )
 instruments = st.builds(
     SensorSpecification,

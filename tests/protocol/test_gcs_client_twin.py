@@ -351,8 +351,9 @@ def test_a_control_that_swings_is_switched_off_when_its_time_is_over(twin):
     axis = piezo.axes["x"]
     axis.set_closed_loop(True)
     axis.set_servo(ServoSettings(integral=2e10))
-    with pytest.raises(ControllerError, match="its control switched off"):
-        axis.move_to(30e-6)
+    axis.move_to(30e-6, wait=False)
+    with pytest.raises(ControllerError, match=r"after 2 s .* its control switched off"):
+        axis.wait(2.0)
     assert not axis.closed_loop
     piezo.pause(0.3)
     held = axis.voltage()

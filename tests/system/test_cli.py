@@ -35,6 +35,7 @@ def left_behind(directory: Path) -> list[str]:
     return sorted(str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file())
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("less", [BRIEFLY, pytest.param((), marks=pytest.mark.slow)])
 def test_study_prints_a_table_and_writes_a_report(
     elsewhere: Path, capsys: pytest.CaptureFixture[str], less: tuple[str, ...]
@@ -94,6 +95,7 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
         assert "-h, --help" in short
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("study", "parallelogram", "--model", "lumped", "--folder", "d", "--json", "-q")
     assert run(*words, *BRIEFLY) == 0
@@ -150,19 +152,17 @@ def test_every_model_of_a_stage_side_by_side(
 
 
 def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("--model", "plane", "--accuracy", "0.05%", "--stroke", "--json", "--quiet")
+    words = ("--model", "plane", "--accuracy", "0.05%", "--json", "--quiet")
     assert run("analyse", "parallelogram", *words) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
     found = json.loads(captured.out)
     assert found["refinement"]["estimate"] <= 5e-4
-    assert found["bar_buckling_load"].keys() == {"left-leg", "right-leg"}
     rows = {row["quantity"]: row for row in found["characteristics"]}
     assert (
         rows["natural_frequency_hz"]["uncertainty"] < 5e-4 * rows["natural_frequency_hz"]["value"]
     )
     assert rows["max_stress"]["uncertainty"] > 0.0
-    assert {"straightness", "buckling_factor"} <= rows.keys()
 
 
 def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:

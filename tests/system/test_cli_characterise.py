@@ -11,6 +11,7 @@ from flexstage.cli import main
 from flexstage.designs import design
 from flexstage.stage.file import stage_to_text
 from tests.measuring_files import report
+from tests.undrawn import undrawn
 
 STROKE = 63.7
 
@@ -48,7 +49,7 @@ def values(result):
 def made(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("virtual")
     words = ("--stage", request.param, "--virtual", "7", "--models", "lumped")
-    with pytest.raises(SystemExit) as ended:
+    with undrawn(), pytest.raises(SystemExit) as ended:
         main(["characterise", *words, "--out", str(folder)])
     assert ended.value.code == 0
     return request.param, folder
@@ -149,6 +150,7 @@ def test_differences_of_the_mechanical_stage(made):
         assert abs(given["lumped"]["percent"]) < 12.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stage_of_ones_own_with_one_axis(capsys, tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text(stage_to_text(design("parallelogram")))

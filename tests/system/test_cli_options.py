@@ -136,6 +136,7 @@ def test_measured_files_are_cut_by_the_same_options(
     assert printed(capsys, "characterise", *log)[figures] != cut[figures]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_models_are_printed_each_by_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -158,3 +159,7 @@ def test_all_leaves_out_what_is_impossible(capsys: pytest.CaptureFixture[str]) -
     found = printed(capsys, *words)
     assert list(found["models"]) == ["plane"]
     assert set(found["left_out"]) == {"lumped", "superelement", "solid"}
+    plane = found["models"]["plane"]
+    assert plane["bar_buckling_load"].keys() == {"left-leg", "right-leg"}
+    rows = {row["quantity"] for row in plane["characteristics"]}
+    assert {"straightness", "buckling_factor"} <= rows

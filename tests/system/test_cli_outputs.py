@@ -111,6 +111,7 @@ def test_without_hysteresis_it_is_written(without_range: Path) -> None:
     assert list(Path("exported").glob("*.h"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_says_why_there_is_no_hysteresis(
     without_range: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,6 +53,7 @@ def test_stiffness_and_modes_of_a_held_bar(bar: str, capsys: pytest.CaptureFixtu
     assert found["natural_frequency_hz"][0] == pytest.approx(first, rel=0.02)
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("part", bar, "--size", "6", "--modes", "2") == 0
     assert "natural frequencies in Hz, free" in " ".join(capsys.readouterr().out.split())
@@ -108,6 +109,7 @@ def test_a_file_without_a_solid(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "solid" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_own_material_and_both_kinds_of_interfaces(
     bar: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,6 +130,7 @@ def test_own_material_and_both_kinds_of_interfaces(
     assert 0.3 < ratio < 3.0  # some dozen elements
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_the_point_of_the_stiffness(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "x-min", "--move", "x-max", "--size", "8", "--order", "2", "--modes", "0")
     found = []
@@ -141,6 +144,7 @@ def test_the_point_of_the_stiffness(bar: str, capsys: pytest.CaptureFixture[str]
     assert foot == pytest.approx(shift.T @ end @ shift, rel=1e-6, abs=1e-6 * abs(end).max())
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_ratio_of_three_faces(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "y-min", "--ratio", "x-max:x-min:y-max", "--modes", "0", "--size", "6")
     own = ("--material", "E=115 GPa, nu=0.34, rho=8800")
@@ -167,6 +171,7 @@ def chain(tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_an_assembly_of_two_materials(chain: str, capsys: pytest.CaptureFixture[str]) -> None:
     soft, hard = "E=46 GPa, nu=0.3, rho=7600", "E=193 GPa, nu=0.3, rho=7750"
     which = ("--solids", "shell,2", "--material", hard, "--material", f"stack={soft}")

@@ -56,6 +56,7 @@ def run(capsys, *words):
     return ended.value.code, said.out, said.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plan_on_the_twin_gives_the_published_figures(capsys, plan, tmp_path):
     out = tmp_path / "run"
     status, said, err = run(capsys, plan, "--instrument", TWIN, "--out", out, "--json",
@@ -160,6 +161,7 @@ def test_an_instrument_that_is_not_there_is_status_1(capsys, plan, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_is_not_written_over(capsys, plan, tmp_path):
     out = tmp_path / "run"
     words = (plan, "--instrument", TWIN, "--out", out, "--steps", "motion", "--catalogue", "none")
@@ -173,6 +175,7 @@ def test_a_run_is_not_written_over(capsys, plan, tmp_path):
     assert not (tmp_path / "catalogue.sqlite").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(capsys, plan, "--instrument", TWIN, "--steps", "motion")[0] == 0
@@ -184,16 +187,17 @@ def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("by", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow)])
 def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp_path, by):
     more = (
         "  - {name: rest, excite: {kind: hold, axis: x, duration: 1 s}}\n"
         "  - {name: held, measure: {of: rest, test: hold, along: x}}\n  - {name: loops"
     )
-    long = PLAN.replace("rate: 2 Hz, cycles: 3", "rate: 2 Hz, cycles: 60")
+    long = PLAN.replace("rate: 2 Hz, cycles: 3", "rate: 2 Hz, cycles: 20")
     plan.write_text(long.replace("  - {name: loops", more))
     out = tmp_path / "run"
-    # in step with real time, so that the second record takes half a minute
+    # in step with real time, so that the second record takes ten seconds
     address = f"{TWIN}&fast=0"
     words = ["run", str(plan), "--instrument", address, "--out", str(out)]
     started = subprocess.Popen(
@@ -202,7 +206,7 @@ def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp
     )  # fmt: skip
     try:
         stream = out / "records" / "motion.stream"
-        _until(lambda: stream.exists() and stream.stat().st_size > 60_000, started)
+        _until(lambda: stream.exists() and stream.stat().st_size > 45_000, started)
         started.send_signal(getattr(signal, by))
         said, err = started.communicate(timeout=TIMEOUT)
     finally:
@@ -236,6 +240,7 @@ def _until(there, process):
         time.sleep(0.02)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path, monkeypatch):
     from tests.simple_instrument import SimpleInstrument
 

@@ -50,6 +50,7 @@ def run(capsys, folder, *words):
     return said.out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     said = run(capsys, done)
     lines = [line for line in said.splitlines() if line.startswith(" natural frequency")]
@@ -80,6 +81,7 @@ def test_modes_with_the_drives_in_place_are_told_apart(capsys, done):
     assert f">{int(other['value'])}." in row[0]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_is_taken_up_again_tells_the_same_notes_and_units(capsys, done):
     result = json.loads(run(capsys, done, "--resume", "--json"))
     held = next(s for s in result["steps"] if s["name"] == "held")

@@ -173,6 +173,7 @@ def test_a_hinge_takes_numbers_and_texts_alike(notch: HingeResult) -> None:
         fs.hinge(neck_thickness=1e-3, radius=1e-3, plane="strein")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_study_hands_out_its_analyses_and_writes_its_report(
     studied: StageStudy, tmp_path: Path
 ) -> None:

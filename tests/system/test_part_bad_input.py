@@ -83,6 +83,7 @@ def test_a_solid_inside_out(tmp_path: Path) -> None:
         Part.from_shape(plate().Reversed())
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_several_solids(tmp_path: Path) -> None:
     bar = occ.Box((18.0, 1.0, 0.5), (24.0, 5.0, 3.5))
     path = step(occ.Compound([plate(), bar]), tmp_path / "two.step")
@@ -137,6 +138,7 @@ def test_the_suffix_does_not_matter(tmp_path: Path) -> None:
     assert len(read_step(other).faces) == 7
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_faces_by_name_by_point_and_by_axis(tmp_path: Path) -> None:
     shape = plate()
     for face in shape.faces:
@@ -211,6 +213,7 @@ def test_a_mesher_without_end_is_given_up() -> None:
     assert one_sentence(str(caught.value))
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_thin_places_get_small_elements() -> None:
     # two holes with a wall of 0.2 mm between them; elsewhere 3 mm and more
     shape = plate() - occ.Cylinder((6.0, 5.5, 0.0), occ.Z, 1.15, 5.0)
@@ -234,6 +237,7 @@ def test_thin_places_get_small_elements() -> None:
     assert size_at_wall(coarse) > 0.75
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_elements_that_curving_folds_are_straightened() -> None:
     import ngsolve as ng
 
@@ -291,6 +295,7 @@ def test_free_memory_is_found_and_limits_count(
     assert memory.memory_available() > 0.0
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_interfaces_that_are_not_held_as_they_must_be() -> None:
     part = Part.from_shape(plate())
     ends = [part.boundary(part.select("x", end)) for end in ("max", "min")]
@@ -306,6 +311,7 @@ def test_interfaces_that_are_not_held_as_they_must_be() -> None:
         interface_modes(Continuum(mesh, STEEL, order=2), ends, 2)
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_interfaces_of_a_bar_are_those_of_a_beam() -> None:
     # 40 x 3 x 2 mm: Timoshenko's beam with both ends guided; rigid ends hold the cross-section
     # (nu = 0.29) and are stiffer by what two ends of about one width add

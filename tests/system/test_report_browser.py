@@ -14,8 +14,7 @@ from typing import Any
 
 import pytest
 
-from flexstage.report import report_html
-from tests.studies import study_of
+from tests.studies import page_of
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
@@ -129,7 +128,7 @@ var press = text => Array.from(document.querySelectorAll("button")).find(
 
 def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -> None:
     file = tmp_path / "report.html"
-    file.write_text(report_html(study_of("vgtu-piezo")), encoding="utf-8")
+    file.write_text(page_of("vgtu-piezo"), encoding="utf-8")
     browser.call("Page.navigate", url=file.as_uri())
     browser.run(LOADED)
     browser.run(SETUP)

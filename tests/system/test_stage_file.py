@@ -14,6 +14,7 @@ import jsonschema
 import pytest
 import yaml
 
+from flexstage.cli import main
 from flexstage.designs import DESIGNS, build, design
 from flexstage.errors import FlexstageError
 from flexstage.stage import Stage
@@ -511,31 +512,41 @@ def run(*arguments: str) -> subprocess.CompletedProcess:
     )
 
 
-def test_the_command_prints_findings_and_exits_with_their_status(tmp_path: Path) -> None:
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Status, output and errors of the command in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main(["check", *arguments])
+    said = capsys.readouterr()
+    return int(ended.value.code or 0), said.out, said.err
+
+
+def test_the_command_prints_findings_and_exits_with_their_status(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = run("check", str(EXAMPLE))
     assert (good.returncode, good.stderr) == (0, "")
     assert "nothing wrong" in good.stdout
 
     thin = tmp_path / "thin.yaml"
     thin.write_text(TEXT.replace("neck_thickness: 0.5", "neck_thickness: 0.2"), encoding="utf-8")
-    bad = run("check", str(thin))
-    assert (bad.returncode, bad.stdout) == (2, "")
-    lines = bad.stderr.splitlines()
+    status, out, err = told(capsys, str(thin))
+    assert (status, out) == (2, "")
+    lines = err.splitlines()
     assert lines[0].startswith("error: the neck of hinge 'left foot' is 0.2 mm thick")
     assert lines[1:] == ["  the same for 3 more: left head; right foot; right head"]
 
-    machine = run("check", str(thin), "--json")
-    assert (machine.returncode, machine.stderr) == (2, "")
-    told = json.loads(machine.stdout)
-    assert told["ok"] is False
-    assert {f["code"] for f in told["findings"]} == {"thin-neck"}
-    assert told["findings"][0]["what"] == ["left foot"]
+    status, out, err = told(capsys, str(thin), "--json")
+    assert (status, err) == (2, "")
+    found = json.loads(out)
+    assert found["ok"] is False
+    assert {f["code"] for f in found["findings"]} == {"thin-neck"}
+    assert found["findings"][0]["what"] == ["left foot"]
 
     unreadable = tmp_path / "unreadable.yaml"
     unreadable.write_text("a: [", encoding="utf-8")
-    refused = run("check", str(unreadable))
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert len(refused.stderr.splitlines()) == 1
+    status, out, err = told(capsys, str(unreadable))
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1
 
 
 def test_an_outline_of_too_many_points_is_refused() -> None:

@@ -119,6 +119,7 @@ def test_the_report_shows_it_beside_what_was_published() -> None:
     assert '<section id="hysteresis">' not in report_html(without)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(stage: object, system: object, axis: str) -> AxisExperiment:
         raise RecordError(f"axis {axis} & its <record> cannot serve")

@@ -82,6 +82,7 @@ class Decoder:
             str: self._text,
             bool: self._bool,
             float: self._float,
+            int: self._int,
             Loop: self._loop,
             Material: self._material,
             Characteristic: self._characteristic,
@@ -190,6 +191,12 @@ class Decoder:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(node, path, f"expected a number without a unit, got {_show(node)}")
         return float(value)
+
+    def _int(self, node: Node, path: str) -> int:
+        value = node.value if isinstance(node, Scalar) else None
+        if isinstance(value, bool) or not isinstance(value, int):
+            self.refuse(node, path, f"expected a whole number, got {_show(node)}")
+        return value
 
     def _quantity(self, dimension: Dimension, node: Node, path: str) -> float:
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):

@@ -46,7 +46,7 @@ def encode(kind: Any, value: Any, length_unit: str | None) -> Any:
         return [encode(parts[0], v, length_unit) for v in value]
     if kind is float:
         return Number(repr(float(value)))
-    if kind in (str, bool):
+    if kind in (str, bool, int):
         return value
     if isinstance(value, Loop):
         return _loop(value, length_unit)
