@@ -50,7 +50,7 @@ def test_statics_are_those_of_the_mesh(model: StageModel) -> None:
 def test_a_drive_in_place_needs_no_more_modes() -> None:
     stage = design("vgtu-piezo")
     few, many = (
-        plane_model(stage, MeshSettings(order=2, neck_size=2.0), modes=n).system for n in (8, 60)
+        plane_model(stage, MeshSettings(order=2, neck_size=2.0), modes=n).system for n in (8, 24)
     )
     for condition in ("in place", "locked"):
         a, b = (modes(s, drives=condition, count=4).frequency_hz for s in (few, many))

@@ -23,7 +23,12 @@ STACK = PrandtlIshlinskii(
 
 
 def record(
-    *, multisine: bool, mode: StageModes | None, noise: float = 4e-9, delay: float = 0.00031
+    *,
+    multisine: bool,
+    mode: StageModes | None,
+    noise: float = 4e-9,
+    delay: float = 0.00031,
+    duration: float = 15.0,
 ) -> Record:
     made = excitation(
         (0.0, 113.0),
@@ -32,7 +37,7 @@ def record(
         natural_frequency_hz=412.0,
         resonance=multisine,
         hold=2.0,
-        duration=25.0,
+        duration=duration,
     )
     y = LogCreep(rate_per_decade=0.011).simulate(STACK.simulate(made.voltage).values, 1.0 / RATE)
     moved = y.values if mode is None else mode.simulate(y.values, 1.0 / RATE).values
@@ -92,7 +97,8 @@ def test_a_delay_short_of_the_longest_is_found() -> None:
 
 def test_the_chain_holds_what_was_found() -> None:
     mode = StageModes(frequency_hz=(412.7,), damping_ratio=(0.0131,))
-    found = identify(record(multisine=True, mode=mode), "u", "y", model="preisach")
+    made = record(multisine=True, mode=mode, duration=25.0)
+    found = identify(made, "u", "y", model="preisach")
     chain = {e.name: e for e in found.chain}
     assert chain["resonance_hz"].value == pytest.approx(412.7, rel=2e-3)
     assert found.model.modes is not None

@@ -17,7 +17,7 @@ from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(stages())
 def test_round_trip(stage: Stage) -> None:
     again = stage_from_text(stage_to_text(stage))
