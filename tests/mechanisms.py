@@ -1,11 +1,24 @@
 """Small mechanisms of rigid bodies and springs with awkward numbers, for the tests of `lumped`."""
 
+import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.lumped import Mechanism, RigidBody, Sight, SpringHinge
+from flexstage.lumped import (
+    Mechanism,
+    RigidBody,
+    Sight,
+    SpringHinge,
+    reduce_by_symmetry,
+    symbolic_model,
+    transfer_function,
+)
+from flexstage.lumped.reduction import ReducedModel
+from flexstage.lumped.symbolic import SymbolicModel
+from flexstage.lumped.transfer import TransferFunction
 
 LEG = 0.0213
 DISTANCE = 0.0317
@@ -48,6 +61,23 @@ def parallelogram(
             Sight(name="read", bodies=(-1, 3), points=((0.0, LEG), (0.0, LEG)), direction=0.0),
         ),
     )
+
+
+class Derived(NamedTuple):
+    """Equations in symbols, and what was made of them."""
+
+    model: SymbolicModel
+    reduced: ReducedModel
+    transfer: TransferFunction
+
+
+@functools.cache
+def damped_parallelogram() -> Derived:
+    """The parallelogram with damping in its hinges, from the force of its drive to its probe."""
+    values = {"c_{u1}": 310.0, "c_{v1}": 120.0, r"c_{\theta1}": 2e-4, r"c_{v\theta1}": 0.01}
+    model = symbolic_model(parallelogram(coupling=211.0), damping="hinge").with_values(**values)
+    reduced = reduce_by_symmetry(model)
+    return Derived(model, reduced, transfer_function(reduced, "push", "read"))
 
 
 def chain(free: int, *, held: bool = True, seed: int = 4) -> Mechanism:

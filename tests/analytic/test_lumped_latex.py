@@ -11,21 +11,19 @@ from flexstage.lumped import (
     condense,
     equation_sheet,
     mathml,
-    reduce_by_symmetry,
     symbolic_model,
     transfer_function,
 )
 from flexstage.lumped.latex import latex_document, plain_text, sheet_data
 from flexstage.lumped.sheet_items import Formula, SheetSection
 from flexstage.lumped.symbols import upright
-from tests.mechanisms import parallelogram
+from tests.mechanisms import damped_parallelogram
 
 
 @pytest.fixture(scope="module")
 def small() -> tuple[SheetSection, ...]:
-    model = symbolic_model(parallelogram(coupling=211.0), damping="hinge")
-    part = reduce_by_symmetry(model)
-    return equation_sheet(model, reduced=part, transfer=[transfer_function(part, "push", "read")])
+    made = damped_parallelogram()
+    return equation_sheet(made.model, reduced=made.reduced, transfer=[made.transfer])
 
 
 def test_sections_are_all_there(small: tuple[SheetSection, ...]) -> None:

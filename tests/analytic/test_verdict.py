@@ -1,6 +1,5 @@
 """What no model of a drive explains is found, named and placed; clean records show nothing."""
 
-import itertools
 import re
 
 import numpy as np
@@ -129,10 +128,10 @@ def test_spikes_are_taken_out_and_nothing_else(size, length):
 
 
 def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
-    u = drive(7000)
+    u = drive(4000)
     y = stack(u, late=0.012)
     spiked = y.copy()
-    spiked[[1609, 3030, 4444, 6012]] += np.array([90.0, -200.0, 35.0, 60.0])
+    spiked[[909, 1730, 2544, 3412]] += np.array([90.0, -200.0, 35.0, 60.0])
     clean, found = (found_in(u, own, model="dahl", chain=None) for own in (y, spiked))
     assert found.stroke == pytest.approx(clean.stroke, rel=1e-3)
     for one, other in zip(found.chain, clean.chain, strict=True):
@@ -145,8 +144,8 @@ def test_four_spikes_change_neither_stroke_nor_delay_nor_creep():
     assert without == with_spikes
     (finding,) = found.verdict.findings
     assert finding.kind == "spikes"
-    assert finding.at == pytest.approx(np.array([1609, 3030, 4444, 6012]) * DT)
-    assert "4 samples of the output are spikes (at 8.045, 15.15, 22.22, ... s)" in finding.text
+    assert finding.at == pytest.approx(np.array([909, 1730, 2544, 3412]) * DT)
+    assert "4 samples of the output are spikes (at 4.545, 8.65, 12.72, ... s)" in finding.text
 
 
 # -------------------------------------------------------------------------------------- clipping
@@ -406,7 +405,7 @@ def test_creep_behind_a_large_step_is_neither_jump_nor_drift(creep):
 
 def test_clean_records_show_nothing():
     u = U[:4000]
-    for model, seed in itertools.product(("preisach", "dahl"), (1, 2)):
+    for model, seed in (("preisach", 1), ("dahl", 2)):
         found = found_in(u, stack(u, seed), model=model)
         assert kinds(found) == []
         assert found.verdict.fits

@@ -86,8 +86,15 @@ def test_cycles_that_were_held_out(model: str) -> None:
     assert whole.rms_percent > 0.9 * whole.noise_percent
 
 
-@pytest.mark.parametrize("fitted", [0, 1])
-@pytest.mark.parametrize("model", ALLOWED)
+@pytest.mark.parametrize(
+    ("model", "fitted"),
+    [
+        *((model, 0) for model in ALLOWED),
+        ("preisach", 1),
+        pytest.param("modified-prandtl-ishlinskii", 1, marks=pytest.mark.slow),
+        pytest.param("bouc-wen", 1, marks=pytest.mark.slow),
+    ],
+)
 def test_the_other_half_was_held_out(model: str, fitted: int) -> None:
     size = _record().size
     found = _identified(model, _first_half() if fitted == 0 else (size // 2, size))

@@ -136,7 +136,8 @@ def preisach_gram(
     count, points = plays.shape[1], k.size
     hats, mixed = _hat_products(plays, k, more)
     # Values at the knots of a function with unit slope in one interval.
-    at_knots = _ramps(k[:, None], k)
+    # a copy, as plays are: for what cannot be written all is compiled again
+    at_knots = _ramps(k[:, None].copy(), k)
     blocks = hats.reshape(count, points, count, points)
     total = count * (points - 1)
     gram = np.empty((total + more.shape[1],) * 2)
@@ -157,7 +158,7 @@ def _ramps(plays: Array, knots: Array) -> Array:
     """
     intervals = knots.size - 1
     count = plays.shape[1]
-    none, full = np.zeros(intervals), np.diff(knots)
+    none, full = np.zeros(intervals), knots[1:] - knots[:-1]
     zero = _inside(0.0, knots, 0)
     for j in range(intervals):
         at_zero = -knots[j] if j == zero else (full[j] if j < zero else 0.0)

@@ -160,9 +160,9 @@ class _Problem:
         """Return the errors of many simulations in parts of the displacement, shape (m, n)."""
         self.evaluations += len(full)
         motion = np.empty((len(full), self.displacement.size))
-        advance_each(
-            self.pieces, 1.0 / self.rate, full[:, :7], full[:, 7:], ORDER, TOLERANCE, motion
-        )
+        # whatever their number, rows lie alike: for other layouts all is compiled again
+        parameters, initial = (np.ascontiguousarray(part) for part in np.hsplit(full, [7]))
+        advance_each(self.pieces, 1.0 / self.rate, parameters, initial, ORDER, TOLERANCE, motion)
         motion -= self.displacement
         motion /= self.size
         return motion
