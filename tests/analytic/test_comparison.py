@@ -81,7 +81,7 @@ def test_numbers_keep_four_digits(value: float, text: str) -> None:
 
 def test_quantities_are_shown_in_their_prefixed_unit() -> None:
     stress = display("max_stress")
-    assert (stress.unit, stress.text(211.4e6), stress.text(None)) == ("MPa", "211.4", "–")
+    assert (stress.shown_unit, stress.text(211.4e6), stress.text(None)) == ("MPa", "211.4", "–")
     # rounding of the rigid-body model is no motion; a real rotation of a nanoradian is one
     assert display("parasitic_rotation").text(4e-19) == "≈ 0"
     assert display("parasitic_rotation").text(1.3e-9) == "0.001300"

@@ -12,7 +12,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem import MeshSettings, Refinement, StageModel, plane_model, solid_model
+from flexstage.fem import MeshSettings, Refinement, StageModel
 from flexstage.fem.accuracy import RefinementStep
 from flexstage.fem.mesh_regions import MOUNTING
 from flexstage.fem.sampling import Sampler
@@ -23,7 +23,8 @@ from flexstage.report.figures.fe_modes import draw_fe_modes, out_of_plane
 from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.html import SECTIONS
-from flexstage.system import Analysis, analyse
+from flexstage.system import Analysis
+from tests import meshed_stages
 from tests.undrawn import without_figures
 
 STAGE = design("parallelogram")
@@ -31,22 +32,22 @@ STAGE = design("parallelogram")
 
 @pytest.fixture(scope="module")
 def plane() -> StageModel:
-    return plane_model(STAGE, MeshSettings(order=3))
+    return meshed_stages.plane(MeshSettings(order=3))
 
 
 @pytest.fixture(scope="module")
 def solid() -> StageModel:
-    return solid_model(STAGE, MeshSettings(order=2, neck_size=1.5), modes=(4, 4))
+    return meshed_stages.coarse_solid()
 
 
 @pytest.fixture(scope="module")
 def plane_analysis(plane: StageModel) -> Analysis:
-    return analyse(STAGE, plane.system)
+    return meshed_stages.analysed(plane)
 
 
 @pytest.fixture(scope="module")
 def solid_analysis(solid: StageModel) -> Analysis:
-    return analyse(STAGE, solid.system)
+    return meshed_stages.analysed(solid)
 
 
 def _size(model: StageModel) -> float:

@@ -8,18 +8,13 @@ import pytest
 from flexstage import progress
 from flexstage.designs import design
 from flexstage.errors import ConvergenceError, ModelError
-from flexstage.fem import LADDERS, MeshSettings, StageModel, plane_model, refine
+from flexstage.fem import LADDERS, MeshSettings, plane_model, refine
 from flexstage.fem.accuracy import RefinementStep, estimate
 from flexstage.system import analyse
+from tests.meshed_stages import plane
 
 STAGE = design("parallelogram")
 QUANTITY = "natural_frequency_hz"
-
-
-@functools.cache
-def plane(settings: MeshSettings) -> StageModel:
-    """The model of one mesh, which both refinements go through."""
-    return plane_model(STAGE, settings)
 
 
 @functools.cache
@@ -33,6 +28,7 @@ def converged() -> float:
 def test_the_error_is_within_the_estimate_and_the_estimate_within_what_was_asked(
     accuracy: float,
 ) -> None:
+    # both refinements go through the same coarse meshes
     found = refine(plane, LADDERS["plane"], accuracy=accuracy)
     true = converged()
     row = next(r for r in found.analysis.characteristics if r.quantity == QUANTITY)

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from flexstage.designs import design
 from flexstage.elasticity.unit import METRE
 from flexstage.errors import ModelError
-from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
+from flexstage.fem import MeshSettings, StageModel
 from flexstage.fem.vtu import vtu_files
-from flexstage.system import Analysis, analyse
+from flexstage.system import Analysis
+from tests import meshed_stages
 
 STAGE = design("parallelogram")
 _KINDS = {"Float64": "<f8", "Int64": "<i8", "UInt8": "|u1"}
@@ -25,14 +26,14 @@ _KINDS = {"Float64": "<f8", "Int64": "<i8", "UInt8": "|u1"}
 
 @pytest.fixture(scope="module")
 def plane() -> tuple[StageModel, Analysis]:
-    model = plane_model(STAGE, MeshSettings(order=3))
-    return model, analyse(STAGE, model.system)
+    model = meshed_stages.plane(MeshSettings(order=3))
+    return model, meshed_stages.analysed(model)
 
 
 @pytest.fixture(scope="module")
 def solid() -> tuple[StageModel, Analysis]:
-    model = solid_model(STAGE, MeshSettings(order=2, neck_size=1.5), modes=(3, 3))
-    return model, analyse(STAGE, model.system)
+    model = meshed_stages.coarse_solid()
+    return model, meshed_stages.analysed(model)
 
 
 class Grid:
