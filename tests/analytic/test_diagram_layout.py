@@ -1,5 +1,6 @@
 """A drawn diagram can be read: nothing lies on anything else, and every line arrives."""
 
+import functools
 import re
 from dataclasses import replace
 from itertools import combinations
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.export import dynamic_model
+from flexstage.export import DynamicModel, dynamic_model
 from flexstage.export.diagram.cells import Cell, Net, Pin
 from flexstage.export.diagram.files import diagram_files
 from flexstage.export.diagram.graph import Diagram
@@ -26,12 +27,16 @@ Box = tuple[float, float, float, float]
 _FULL = {"bandwidth_hz": 2100.0, "creep": LogCreep(rate_per_decade=0.02)}
 
 
-def _diagram(name: str, axis: str | None, collapse: bool) -> Diagram:
+@functools.cache
+def _model(name: str) -> DynamicModel:
     stage = design(name)
     kinds = _FULL if name == "vgtu-piezo" else {}
     sensors = {"x": Sensor(bandwidth_hz=4000.0)}
-    model = dynamic_model(stage, lumped_system(stage), sensors=sensors, **kinds)
-    return stage_diagram(stage, model=model, axis=axis, collapse=collapse)
+    return dynamic_model(stage, lumped_system(stage), sensors=sensors, **kinds)
+
+
+def _diagram(name: str, axis: str | None, collapse: bool) -> Diagram:
+    return stage_diagram(design(name), model=_model(name), axis=axis, collapse=collapse)
 
 
 CASES = {
