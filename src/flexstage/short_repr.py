@@ -24,6 +24,8 @@ def short_repr(self: Any) -> str:
 
 
 def _empty(value: Any) -> bool:
+    if getattr(value, "shape", None) == ():  # an array of one value, which has no length
+        return False
     return value is None or (isinstance(value, Collection) and len(value) == 0)
 
 

@@ -4,10 +4,12 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 import flexstage as fs
@@ -16,6 +18,7 @@ from flexstage.errors import HingeError, ModelError, StageError
 from flexstage.interactive.hinge_result import HingeResult
 from flexstage.interactive.stage_analysis import StageAnalysis
 from flexstage.interactive.stage_study import StageStudy
+from flexstage.short_repr import short_repr
 from flexstage.stage import write_stage
 
 LONGEST = 600  # characters of a text on a few lines
@@ -70,6 +73,15 @@ def test_texts_are_short(analysed: StageAnalysis, studied: StageStudy, notch: Hi
         assert 10 < len(repr(thing)) < LONGEST, type(thing).__name__
     assert "natural frequency: x 326.0, y 538.7 Hz" in repr(analysed)
     assert "hinges=<32>" in repr(analysis.stage)
+
+
+def test_an_array_is_shown_by_its_size_or_its_one_value() -> None:
+    @dataclass
+    class Pair:
+        many: np.ndarray
+        one: np.ndarray
+
+    assert short_repr(Pair(np.zeros((3, 2)), np.array(2.7))) == "Pair(many=<3 × 2>, one=2.7)"
 
 
 def test_tables_show_the_figures(
