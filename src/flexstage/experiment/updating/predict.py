@@ -8,7 +8,7 @@ from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.system import AxisAnalysis, DriveCondition, MechanicalSystem, analyse_axis, modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 from flexstage.system.mechanical import AxisPort
 
 _MODAL = ("natural_frequency_hz", "damping_ratio")

@@ -26,7 +26,7 @@ from flexstage.instruments.twin.sensors import AxisSensor, SensorBench
 from flexstage.instruments.twin.stack import ChargeDrive
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.system import MechanicalSystem, modes
-from flexstage.system.characteristics import axis_mode
+from flexstage.system.analysis import axis_mode
 
 #: What amplifier and stack are like: bandwidth [Hz], largest current [A], creep per decade [1].
 _BANDWIDTH_HZ = 2000.0
