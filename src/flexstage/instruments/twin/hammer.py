@@ -3,8 +3,7 @@
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt
-from flexstage.experiment.virtual.bench import HammerBench
-from flexstage.experiment.virtual.laboratory import Laboratory
+from flexstage.experiment.virtual.bench import HammerBench, Laboratory
 from flexstage.instruments.twin.stage import Blow
 
 
