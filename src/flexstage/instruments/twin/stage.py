@@ -8,8 +8,7 @@ from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ModelError
 from flexstage.experiment.virtual.as_built import AsBuilt
-from flexstage.experiment.virtual.bench import HammerBench
-from flexstage.experiment.virtual.laboratory import Laboratory
+from flexstage.experiment.virtual.bench import HammerBench, Laboratory
 from flexstage.instruments.limits import AxisLimits
 from flexstage.instruments.servo import ServoSettings
 from flexstage.instruments.twin.device import ChannelDescription
