@@ -9,8 +9,7 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.instruments.twin.build import virtual_stage
-from flexstage.instruments.twin.parasitic_motion import kinds_of
-from flexstage.instruments.twin.sensors import AxisSensor, Disturbances, SensorBench
+from flexstage.instruments.twin.sensors import AxisSensor, Disturbances, SensorBench, kinds_of
 from tests.twin_parts import small_stage
 
 BENCH = SensorBench(

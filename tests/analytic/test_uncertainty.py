@@ -13,13 +13,15 @@ from hypothesis import strategies as st
 from flexstage.errors import ConvergenceError, ModelError, RecordError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiment.uncertainty.budget_file import budget_from_text
-from flexstage.experiment.uncertainty.correlation import (
+from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
+from flexstage.experiment.uncertainty.influence import (
+    DISTRIBUTIONS,
+    Influence,
     correlation_matrix,
     groups,
+    influence_from,
     normal_correlations,
 )
-from flexstage.experiment.uncertainty.expression import FUNCTIONS, Expression, hypot
-from flexstage.experiment.uncertainty.influence import DISTRIBUTIONS, Influence, influence_from
 from flexstage.experiment.uncertainty.monte_carlo import (
     monte_carlo,
     numerical_tolerance,

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flexstage.experiment.uncertainty.propagate import propagate
     from flexstage.experiment.uncertainty.sensor import SensorSetup, measured
     from flexstage.experiment.updating.parameters import UpdateParameter, stage_with
-    from flexstage.experiment.updating.predict import predict
+    from flexstage.experiment.updating.problem import predict
     from flexstage.experiment.updating.update import Updated, update_stage
     from flexstage.experiment.virtual.as_built import AsBuilt
     from flexstage.experiment.virtual.campaign import virtual_campaign
