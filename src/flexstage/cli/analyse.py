@@ -14,8 +14,14 @@ from flexstage.cli.options import (
     model_names,
     relative,
 )
-from flexstage.cli.output_files import figure_option, folder_option
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    folder_option,
+    make_table,
+    print_json,
+    progress_bar,
+)
 from flexstage.errors import FlexstageError, ModelError
 
 if TYPE_CHECKING:
@@ -188,7 +194,7 @@ def _diagrams(
     analysis: "Analysis", figure: Path = Path("bode.svg"), model: str = ""
 ) -> dict[str, bytes]:
     """A Bode diagram of each axis, by the name of the figure, the model and the axis."""
-    from flexstage.cli.output_files import name_for_files
+    from flexstage.cli.output import name_for_files
     from flexstage.report.figures.bode import draw_bode
     from flexstage.report.figures.style import encode
 

@@ -19,7 +19,7 @@ from flexstage.cli.centre_report import change, joined, print_setting, report
 from flexstage.cli.centre_setting import MAGNET, setting
 from flexstage.cli.centre_trial import positions_of, print_trial, trial
 from flexstage.cli.options import JsonOption
-from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.output import console, figure_option, print_json, write_file
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -30,7 +30,6 @@ from flexstage.cli.reading import (
     column,
     read_records,
 )
-from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError, RecordError
 
 _DIRECTIONS = ("ccw", "cw")

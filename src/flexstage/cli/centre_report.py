@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_heads import TURN_WORDS
 from flexstage.cli.centre_setting import Setting
-from flexstage.cli.terminal import console, make_table
+from flexstage.cli.output import console, make_table
 
 if TYPE_CHECKING:
     from flexstage.centring import Eccentricity, Harmonic

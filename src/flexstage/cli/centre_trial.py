@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.centre_setting import MAGNET, Setting
-from flexstage.cli.terminal import console, make_table
+from flexstage.cli.output import console, make_table
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import typer
 
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.options import JsonOption, ModelsOption, QuietOption, model_names, relative
-from flexstage.cli.output_files import folder_option
+from flexstage.cli.output import console, folder_option, print_json, progress_bar
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -19,7 +19,6 @@ from flexstage.cli.reading import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.terminal import make_table
+from flexstage.cli.output import make_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,7 +46,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.report.positioning_tables import positioning_tables
+    from flexstage.report.measurement import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     first, second, *others = tables.axis_heads

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import CurrentOption, JsonOption, SlewOption
-from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.output import console, file_option, print_json, write_file
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
     DatasetOption,
@@ -22,7 +22,6 @@ from flexstage.cli.reading import (
     read_records,
     record_format,
 )
-from flexstage.cli.terminal import console, print_json
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:

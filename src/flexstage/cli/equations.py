@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, StageArgument
-from flexstage.cli.output_files import file_option, write_file
-from flexstage.cli.terminal import print_json
+from flexstage.cli.output import file_option, print_json, write_file
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:

@@ -7,9 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import AxisOption, CurrentOption, JsonOption, SlewOption, designs_like
-from flexstage.cli.output_files import file_option, write_file
+from flexstage.cli.output import (
+    console,
+    count,
+    file_option,
+    make_table,
+    print_json,
+    write_file,
+)
 from flexstage.cli.reading import record_format
-from flexstage.cli.terminal import console, count, make_table, print_json
 from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.export_formats import FORMATS
-from flexstage.cli.export_request import ExportRequest
+from flexstage.cli.export_formats import FORMATS, ExportRequest
 from flexstage.cli.options import (
     CurrentOption,
     JsonOption,
@@ -18,8 +17,7 @@ from flexstage.cli.options import (
     positive_length,
     relative,
 )
-from flexstage.cli.output_files import folder_option
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import console, folder_option, make_table, print_json, progress_bar
 from flexstage.errors import ModelError, StageError
 
 _Fmi = Literal["2.0", "3.0"]

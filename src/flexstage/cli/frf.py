@@ -13,7 +13,14 @@ from flexstage.cli.options import (
     QuietOption,
     positive_frequency,
 )
-from flexstage.cli.output_files import figure_option, file_option, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    file_option,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -28,7 +35,6 @@ from flexstage.cli.reading import (
     read_records,
     record_format,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -374,7 +380,7 @@ def _responded(
 
     def draw() -> Any:
         from flexstage.report.figures.measured_response import draw_response
-        from flexstage.report.figures.stabilisation import draw_modal_fit, draw_stabilisation
+        from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 
         if found is None:
             return {"": draw_response(responses[0])}
@@ -403,7 +409,7 @@ def _decayed(
     found = ring_down(read[0], outputs, count=count)
 
     def draw() -> Any:
-        from flexstage.report.figures.decay import draw_ring_down
+        from flexstage.report.figures.modal_fit import draw_ring_down
 
         return {"": draw_ring_down(found, read[0])}
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cli.terminal import make_table
+from flexstage.cli.output import make_table
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,7 +8,7 @@ import typer
 
 from flexstage.choose import did_you_mean
 from flexstage.cli.options import JsonOption, PlaneOption, positive_length
-from flexstage.cli.terminal import console, make_table, print_json
+from flexstage.cli.output import console, make_table, print_json
 from flexstage.errors import HingeError
 
 if TYPE_CHECKING:

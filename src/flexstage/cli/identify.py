@@ -17,7 +17,14 @@ from flexstage.cli.options import (
     positive_frequency,
     relative,
 )
-from flexstage.cli.output_files import figure_option, file_option, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    file_option,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.predict import (
     on_records,
     prediction_result,
@@ -34,7 +41,6 @@ from flexstage.cli.reading import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.cli.terminal import console, print_json, progress_bar
 from flexstage.errors import ModelError, RecordError
 
 if TYPE_CHECKING:
@@ -201,7 +207,7 @@ def identify(
         )
     tested = on_records(found.model, others, driven, follows)
     if stage is not None:
-        from flexstage.cli.drive_description import against_description
+        from flexstage.cli.identify_result import against_description
 
         said = against_description(found, stage, axis)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))

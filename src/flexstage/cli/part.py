@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.cli.part_materials import DEFAULT, materials_of
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,7 +7,7 @@ import typer
 
 from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.options import InputUnitOption, JsonOption, OutputUnitOption
-from flexstage.cli.output_files import figure_option, write_file
+from flexstage.cli.output import console, figure_option, make_table, print_json, write_file
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -19,7 +19,6 @@ from flexstage.cli.reading import (
     SkipLinesOption,
     TimeOption,
 )
-from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import ModelError, UnitError
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def predict(
     found = on_records(file.model, read, driven, follows, before)
     written = []
     if figure is not None:
-        from flexstage.report.figures.prediction import draw_prediction
+        from flexstage.report.figures.identification import draw_prediction
         from flexstage.report.figures.style import encode
 
         band = file.errors.get("heldout_95")

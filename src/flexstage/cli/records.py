@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption
+from flexstage.cli.output import console, make_table, print_json
 from flexstage.cli.reading import (
     DatasetOption,
     DecimalOption,
@@ -18,7 +19,6 @@ from flexstage.cli.reading import (
     column,
     file_rates,
 )
-from flexstage.cli.terminal import console, make_table, print_json
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:

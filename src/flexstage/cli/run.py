@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import folder_option, name_for_files, write_file
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    name_for_files,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.errors import FlexstageError, PlanError
 
 if TYPE_CHECKING:

@@ -9,8 +9,14 @@ import typer
 
 from flexstage.cli.command import CliCommand, CliGroup
 from flexstage.cli.options import JsonOption
-from flexstage.cli.output_files import file_option, output_path
-from flexstage.cli.terminal import console, count, make_table, print_json
+from flexstage.cli.output import (
+    console,
+    count,
+    file_option,
+    make_table,
+    output_path,
+    print_json,
+)
 from flexstage.errors import RecordError
 
 if TYPE_CHECKING:

@@ -13,8 +13,14 @@ from flexstage.cli.options import (
     StageArgument,
     model_names,
 )
-from flexstage.cli.output_files import folder_option, name_for_files
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    folder_option,
+    make_table,
+    name_for_files,
+    print_json,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table

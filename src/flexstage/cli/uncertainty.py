@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from flexstage.cli.options import JsonOption, QuietOption
-from flexstage.cli.output_files import figure_option, write_file
-from flexstage.cli.terminal import console, make_table, print_json, progress_bar
+from flexstage.cli.output import (
+    console,
+    figure_option,
+    make_table,
+    print_json,
+    progress_bar,
+    write_file,
+)
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
